@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base import csv_file, foreign
+from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.engine.results import arrays, parquet
 from vdfmu.engine.results.results import Results, Signal
 
@@ -15,7 +15,13 @@ ROWS, COLUMNS = 3000, 4
 
 @pytest.fixture
 def long(monkeypatch):
-    for place, name, value in ((csv_file, "_CELLS", 1), (parquet, "_GROUP", 700), (arrays, "_MOST", 20_000), (foreign, "_IN_MEMORY", 1000)):
+    limits = (
+        (csv_file, "_CELLS", 1),
+        (parquet, "_GROUP", 700),
+        (arrays, "_MOST", 20_000),
+        (foreign, "_IN_MEMORY", 1000),
+    )
+    for place, name, value in limits:
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
     signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]

@@ -211,6 +211,11 @@ class Child:
             return os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
         return True
 
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return not (self._done.is_set() or self._gone.is_set() or self._has_ended())
+
     def kill(self) -> None:
         """Kill the process and its children, from any thread."""
         end_group(self._process)

@@ -164,8 +164,10 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
 
 @pytest.mark.parametrize(("source", "content", "match"), [
     ("none.mat", None, "there is no such file"), ("model.txt", "1", "must be model.mat"),
-    ("broken.npz", "1", "broken.npz: expected a file of numpy, got unreadable content"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
-    ("empty.npz", "", "empty.npz: expected a file of numpy, got unreadable content"), ("empty.csv", "", "must have names"),
+    ("broken.npz", "1", "broken.npz: expected a file of numpy, got unreadable content"),
+    ("empty.npz", "", "empty.npz: expected a file of numpy, got unreadable content"),
+    ("broken.casadi", "1", "broken.casadi: cannot be read"),
+    ("empty.csv", "", "must have names"),
     ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
     ("design.py:number", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
     ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
