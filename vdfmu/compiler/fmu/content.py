@@ -160,7 +160,7 @@ class Content:
             "functions": self.interface.functions.digest,
             "tool": self.tool,
             "made_by": dict(self.made_by),
-            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+            "start_values": {name: float(self.interface.find(name).start) for name in sorted(self.start_values)},
             "robot": self._robot,
         }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"

@@ -24,7 +24,6 @@ from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.inspect.abilities import described, make_step, tried
 from vdfmu.engine.inspect.description import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.rules import Findings, finding
 
 # Reference results do not state the solver's tolerance. This is far above usual ones and far below a wrong result.
@@ -63,12 +62,12 @@ def compare(path: Path) -> Findings:
                 signals = _inputs_of(archive, inputs, description)
                 results = _results(path, description, expected, signals)
                 for problem in _differences(expected, results):
-                    findings.problem("RUN003", f"{short}: {problem}")
+                    findings.report("RUN003", f"{short}: {problem}")
                 findings.compared.append(short)
             except _NotComparedError as reason:
                 _leave(findings, name, str(reason))
             except Exception as error:  # foreign files and units
-                findings.problem("RUN003", f"{short}: the reference results cannot be compared: {error}")
+                findings.report("RUN003", f"{short}: the reference results cannot be compared: {error}")
     return findings
 
 
@@ -98,7 +97,7 @@ def _tables(archive: zipfile.ZipFile, findings: Findings) -> dict[str, str | Non
             try:
                 tables |= _experiments(parse_xml(archive.read(name), name), name, names, findings)
             except SspError as error:
-                findings.problems += [finding("RUN003", text) for text in error.problems]
+                findings.entries += [finding("RUN003", text) for text in error.problems]
     return tables
 
 
@@ -117,7 +116,7 @@ def _named(element: Any, owner: str) -> str:
 
 
 def _leave(findings: Findings, name: str, why: str) -> None:
-    findings.note("RUN004", f"{posixpath.basename(name)}: not compared: {why}")
+    findings.report("RUN004", f"{posixpath.basename(name)}: not compared: {why}")
 
 
 def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> dict[str, str | None]:
@@ -155,7 +154,7 @@ def _results_of(archive: zipfile.ZipFile, name: str, description: Description, f
 
     table = read_table(archive.read(name).decode("utf-8-sig"), skip)
     for reason, columns in left.items():
-        findings.note("RUN004", f"{posixpath.basename(name)}: {', '.join(columns)}: not compared: {reason}")
+        findings.report("RUN004", f"{posixpath.basename(name)}: {', '.join(columns)}: not compared: {reason}")
     if not table.columns:
         raise _NotComparedError("it lacks comparable columns")
     return table
@@ -249,7 +248,7 @@ def _results(
             continuous = variables[0].variability == "continuous"
             if continuous or not running:
                 values = zip(variables, (lines if continuous else held)[name].tolist(), strict=True)
-                instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
+                instance.set_all([(v, bool(x) if v.kind == "Boolean" else v.domain.read(x)) for v, x in values])
 
     def steps(instance: Instance, *_: float) -> str:
         memory = {name: np.zeros(len(each), DTYPES[each[0].kind]) for name, each in outputs.items()}
