@@ -2,7 +2,7 @@
 
 DOORS = (
     "arrays", "bars", "cache", "compile", "csv_file", "domain", "errors", "files", "foreign", "interrupt", "measure",
-    "option", "page", "platforms", "plugins", "process", "progress", "standards", "state_space", "style", "text", "toml_file",
-    "toml_tables", "version",
+    "option", "page", "platforms", "plugins", "process", "progress", "standards", "state_space", "style", "text",
+    "toml_file", "toml_tables", "version",
 )  # fmt: skip
 """Modules that other rooms import."""
