@@ -25,6 +25,7 @@ from ctypes import CDLL
 from time import monotonic
 from typing import IO, Any, NoReturn
 
+from vdfmu.base.files import read_json
 from vdfmu.base.text import shown
 
 KEPT = 4096
@@ -203,7 +204,7 @@ class Child:
         head = self._read(SIZE.size)
         size = SIZE.unpack(head)[0] if len(head) == SIZE.size else _LARGEST + 1
         try:
-            message = json.loads(self._read(size) if size <= _LARGEST else b"") if size else None
+            message = read_json(bytes(self._read(size)) if size <= _LARGEST else b"") if size else None
         except ValueError:
             raise EOFError from None
         self.since = math.inf
