@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import secrets
 import stat
@@ -13,7 +14,7 @@ from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 from vdfmu.base.errors import LOG, StorageError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
@@ -181,6 +182,14 @@ def read_text(path: Path) -> str:
     if path.is_char_device():
         raise OSError("a device")
     return path.read_bytes().decode("utf-8-sig")
+
+
+def read_json(source: Path | bytes | str) -> Any:
+    """Return the value in a JSON file, or of JSON text. ValueError for other content, OSError if unreadable."""
+    try:
+        return json.loads(read_text(source) if isinstance(source, Path) else source)
+    except RecursionError:
+        raise ValueError("lists or tables are nested too deeply") from None
 
 
 def read_member(path: Path, name: str) -> bytes | None:

@@ -5,6 +5,7 @@ Each message follows its length. Requests are pickled. Replies are JSON, because
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import io
 import json
@@ -17,11 +18,12 @@ import struct
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
 from time import monotonic
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from vdfmu.base.text import shown
 
@@ -45,6 +47,36 @@ _TICK = 0.1
 """Interval of the watching thread [s]."""
 _FAREWELL = 5.0
 """Time limit [s] of the end of the process after its pipe is closed."""
+_contained = False
+
+
+def is_contained() -> bool:
+    """Whether this process is one for code that may crash, exit or hang."""
+    return _contained
+
+
+def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
+    """Run the task of a process for foreign code, and end it without the destructors of libraries.
+
+    Those of pythonfmu 0.7.0 write into memory that they have freed, after the task is done. Files are flushed and
+    functions registered with `atexit` are called.
+    """
+    global _contained
+    _contained, code = True, 0
+    try:
+        main(*arguments)
+    except SystemExit as error:
+        code = error.code if isinstance(error.code, int) else int(error.code is not None)
+        if isinstance(error.code, str):
+            print(error.code, file=sys.stderr)
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    with suppress(Exception):  # foreign code may have replaced or closed them
+        atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage]
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(code)
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
@@ -60,8 +92,11 @@ def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Pope
     )
 
 
-def limit(kind: str, size: int) -> None:
-    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``."""
+def limit(kind: str, size: int, lasting: bool = True) -> None:
+    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``.
+
+    A limit that is not `lasting` can be raised again.
+    """
     if sys.platform != "win32":
         import resource
 
@@ -69,7 +104,7 @@ def limit(kind: str, size: int) -> None:
         _, most = resource.getrlimit(number)
         size = size if most == resource.RLIM_INFINITY else min(size, most)
         with suppress(OSError, ValueError):  # macOS does not limit the address space
-            resource.setrlimit(number, (size, size))
+            resource.setrlimit(number, (size, size if lasting else most))
 
 
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
@@ -207,6 +242,11 @@ class Child:
         with suppress(ChildProcessError):  # its exit code has just been collected
             return os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
         return True
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return not (self._done.is_set() or self._gone.is_set() or self._has_ended())
 
     def kill(self) -> None:
         """Kill the process and its children, from any thread."""

@@ -1,6 +1,7 @@
 """A drive of one's own, by a file: its laws in plant, inverse and energies, in a robot file and in a scenario."""
 
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from vdfmu.base.files import data_path
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.load import CodeNotRunError, reading_only
+from vdfmu.system.inspect_source import inspect_source
 from vdfmu.system.scenario import load_scenario
 
 EPS = np.finfo(float).eps
@@ -153,6 +155,7 @@ def test_the_example_runs_as_its_reference():
 
 HEAD = "from dataclasses import dataclass\nfrom vdfmu.drive import *\n"
 ROWS = HEAD + "@dataclass(frozen=True, eq=False, kw_only=True)\nclass Rows:\n    {}: Array = row('mine', '1', 'x')\n"
+LAW = "def law(friction, robot, sliding, state):\n    return {}\nMINE = DriveOption(friction=law)\n"
 STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 
 
@@ -166,6 +169,19 @@ STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 def test_a_file_that_is_no_drive_is_refused(text, message):
     with pytest.raises(ModelError, match=message):
         robot_from_dict(data_of(text, mine={}))
+
+
+@pytest.mark.parametrize("law", [
+    "friction._replace(dry=0.1 * sliding)",  # a record, not an array
+    "friction._replace(dry=friction.dry if sliding.velocity[0] > 0.0 else friction.dry)",  # works on numbers alone
+])  # fmt: skip
+def test_a_law_that_fails_has_its_own_line_in_the_message_and_check_finds_it(tmp_path, law):
+    (tmp_path / "my_drive.py").write_text(HEAD + LAW.format(law))
+    track = (EXAMPLE / "track.toml").read_text(encoding="utf-8")
+    track = re.sub(r"(?m)^(cubic|warm) = .*$", "", track).replace("cubic_drive.py", "my_drive.py")
+    (tmp_path / "track.toml").write_text(track)
+    (problem,) = inspect_source(tmp_path / "track.toml", "planar_2dof").problems
+    assert re.search(r"drive(\.py)?, line 4: \w+\(\) of (Feedforward|Plant) (fails|cannot be traced): ", problem)
 
 
 @pytest.mark.parametrize(

@@ -37,11 +37,11 @@ def robot_class(text: str) -> type[Robot]:
     module = ModuleType(f"_vdfmu_drive_{sha256(text.encode()).hexdigest()[:12]}")
     sys.modules[module.__name__] = module
     try:
-        exec(compile(text, module.__name__, "exec"), vars(module))
+        exec(compile(text, "drive", "exec"), vars(module))
     except SyntaxError as error:
         raise UnitError(f"drive, line {error.lineno}: {error.msg}.") from None
     except Exception as error:  # whatever code of others raises
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == module.__name__]
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == "drive"]
         raise UnitError(f"drive, line {lines[-1]}: {kind_text(error)}." if lines else f"drive: {error}.") from None
     members: dict[str, Any] = dict(vars(module))
     options = {n: value for n, value in members.items() if isinstance(value, DriveOption) and not n.startswith("_")}

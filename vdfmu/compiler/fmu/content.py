@@ -8,14 +8,14 @@ import tomllib
 import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import built_as
 from vdfmu.base.errors import FmuError, VdfmuError
-from vdfmu.base.files import data_path, source_bytes
+from vdfmu.base.files import data_path, read_json, source_bytes
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
@@ -160,7 +160,7 @@ class Content:
             "functions": self.interface.functions.digest,
             "tool": self.tool,
             "made_by": dict(self.made_by),
-            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+            "start_values": {name: float(self.interface.find(name).start) for name in sorted(self.start_values)},
             "robot": self._robot,
         }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
@@ -170,7 +170,7 @@ class Content:
         """Content of a Python FMU from its folder ``resources``; FmuError if damaged or built by another vdfmu."""
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
-            data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
+            data = read_json(resources / CONTENT_FILE)
             name, version, digest = (str(data[key]) for key in ("unit", "version", "digest"))
             if version != __version__:
                 raise FmuError(
@@ -205,25 +205,12 @@ def _named(place: str) -> Any:
     return getattr(import_module(module), name, None)
 
 
-def keep_record(path: Path, guid: str) -> None:
-    """Store the digest of an FMU with its GUID or instantiation token in the user's cache."""
-    store(_record(path), guid.encode())
-
-
 def is_built(path: Path, guid: str) -> bool:
-    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token.
-
-    The GUID inside does not prove it: it stays the same when a library is changed.
-    """
+    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token."""
     try:
-        return path.is_file() and load(_record(path)) == guid.encode()
+        return path.is_file() and built_as(path) == guid
     except OSError:
         return False
-
-
-def _record(path: Path) -> Path:
-    with path.open("rb") as file:
-        return cache_folder() / "built" / file_digest(file, "sha256").hexdigest()
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Generator, Iterable, Sequence
@@ -13,7 +12,7 @@ from threading import Lock
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.files import exists, make_folder, sync
+from vdfmu.base.files import exists, make_folder, read_json, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.measure import inches
 from vdfmu.base.text import to_json
@@ -182,7 +181,7 @@ def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
 def _ours(folder: Path) -> set[str]:
     """Return the names of the files of the last run."""
     try:
-        names = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"]
+        names = read_json(folder / "summary.json")["files"]
         return {name for name in names if name == os.path.basename(name)}
     except (OSError, ValueError, KeyError, TypeError):
         return set()

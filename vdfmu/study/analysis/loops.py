@@ -19,7 +19,7 @@ from vdfmu.base.option import with_options
 from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run import Simulator
+from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import LoopOptions
@@ -130,12 +130,12 @@ def run_along(
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
     scenario = system if package else scenario_of(system, names=options.get("settings") or ())
     with packaged(scenario, **options) as (path, taken):
-        with Simulator(path, isolate=False, **taken) as simulator:
+        with Simulator(path, **taken) as simulator:
             grid = simulator.grid(None, None, None)
-            rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
-            if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
+            places = [(t - grid.begin) / grid.step for t in at]
+            if beyond := [f"{t:g}" for t, place in zip(at, places, strict=True) if not -0.5 < place < grid.n + 0.5]:
                 raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
-            asked: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
+            asked: dict[str, Any] = {"opened": opened, "more": [*map(round, places)], "again": again, "noted": True}
             if isinstance(scenario, Scenario):
                 poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **asked)
             else:
@@ -144,7 +144,7 @@ def run_along(
             try:
                 simulator.run(record=(), taps=[poses])
             except CosimError as error:
-                if poses.lacking:
+                if poses.lacking or not poses.seconds or isinstance(error, LostProcessError):
                     raise
                 grid, failed = grid._replace(end=error.time), f"the run fails: {error}"
             if poses.lacking:

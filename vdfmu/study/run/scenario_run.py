@@ -168,6 +168,9 @@ class ScenarioRun:
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             unstable = explain(error, self.poses)
+            if isinstance(error, CosimError) and error.results:
+                for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
+                    error.add_note(f"A likely cause: {note.removesuffix('.')}")
             if written:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
@@ -260,7 +263,7 @@ class ScenarioRun:
             report(stage, 0, 1)
             solution = reference_blocks(
                 name, self.system, step=scenario.step, stop=scenario.stop,
-                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot), overlap=1,
                 progress=partial(report, stage),
             )  # fmt: skip
             try:

@@ -15,6 +15,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
+from vdfmu.base.option import checks_types
 from vdfmu.base.platforms import native_available, this_platform
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
@@ -69,6 +70,7 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
     return sorted(there)
 
 
+@checks_types
 def write_ssp(
     scenario: Scenario, fmus: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str],
     values: Mapping[str, Mapping[str, Any]] | None = None, *, version: str = SSP_1.name, mixed: bool = False,
