@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, TypeVarTuple
 
 from vdfmu.base.errors import LOG, UsageError
+from vdfmu.base.files import open_regular
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
 
@@ -109,7 +110,7 @@ def _private() -> tempfile.TemporaryDirectory[str]:
 def load(path: Path) -> bytes | None:
     """Return the content of an entry. None if it is missing, untrusted, damaged or stored under another name."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             if _fault(os.fstat(file.fileno())):
                 return None
             data = file.read()
@@ -172,7 +173,7 @@ def entries(cache: Path) -> list[_CachedFile]:
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
-                with path.open("rb") as file:
+                with open_regular(path) as file:
                     head, status = file.read(_LINE), os.fstat(file.fileno())
                 if _HEAD.fullmatch(head):
                     listed.append(_CachedFile(status.st_mtime, status.st_size, path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import stat
@@ -146,11 +147,69 @@ def inside(folder: Path, file: Path) -> Path:
     return file
 
 
-def read_text(path: Path) -> str:
-    """Return the content of a file or pipe in UTF-8. OSError if it is unreadable or a device without end."""
-    if path.is_char_device():
-        raise OSError("a device")
-    return path.read_bytes().decode("utf-8-sig")
+SPECIAL = "it is a pipe, a device or another special file, not a regular file"
+"""Reason why `open_regular` refuses a file."""
+
+
+def open_regular(path: str | os.PathLike[str], largest: int | None = None) -> BinaryIO:
+    """Open a file for reading in binary mode, for a name that came from a data file.
+
+    A pipe, a device, a socket or a folder is refused before it is opened, because opening a pipe waits for its writer
+    and reading a device may never end.
+
+    Parameters
+    ----------
+    path : path
+    largest : int [byte], optional
+        Largest size at the time of opening. A reader of a file that may still grow has to count, as `read_regular` does.
+
+    Returns
+    -------
+    BinaryIO
+
+    Raises
+    ------
+    OSError
+        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, EFBIG for a file that is too
+        large, and whatever the system raises.
+    """
+    _check_regular(os.stat(path), path, largest)
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    handle = os.open(path, flags)
+    try:
+        _check_regular(os.fstat(handle), path, largest)  # another process may have replaced it
+        return os.fdopen(handle, "rb")
+    except BaseException:
+        os.close(handle)
+        raise
+
+
+def _check_regular(status: os.stat_result, path: str | os.PathLike[str], largest: int | None) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, SPECIAL, os.fspath(path))
+    if largest is not None and status.st_size > largest:
+        raise _too_large(path, status.st_size, largest)
+
+
+def _too_large(path: str | os.PathLike[str], size: int, largest: int) -> OSError:
+    reason = f"it has {size / 2**20:.3g} MiB, more than the {largest / 2**20:g} MiB that are read"
+    return OSError(errno.EFBIG, reason, os.fspath(path))
+
+
+def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> bytes:
+    """Return the content of a file of at most `largest` bytes. OSError: see `open_regular`."""
+    with open_regular(path, largest) as stream:
+        content = stream.read(-1 if largest is None else largest + 1)
+    if largest is not None and len(content) > largest:
+        raise _too_large(path, len(content), largest)
+    return content
+
+
+def read_text(path: Path, largest: int | None = None) -> str:
+    """Return the content of a file in UTF-8, without its byte order mark. OSError: see `open_regular`."""
+    return read_regular(path, largest).decode("utf-8-sig")
 
 
 def read_member(path: Path, name: str) -> bytes | None:
