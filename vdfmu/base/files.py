@@ -161,7 +161,7 @@ def open_regular(path: str | os.PathLike[str], largest: int | None = None) -> Bi
     ----------
     path : path
     largest : int [byte], optional
-        Largest size at the time of opening. A reader of a file that may still grow has to count, as `read_regular` does.
+        Largest size at the time of opening. A reader of a file that may still grow counts too, as `read_regular` does.
 
     Returns
     -------

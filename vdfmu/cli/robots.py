@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.markup import escape
 
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App
-from vdfmu.cli.options import JsonOption, OverwriteOption, RobotArgument, target_file
+from vdfmu.base.trust import CodeNotRunError
+from vdfmu.cli.app import App, looks_only, runs_code
+from vdfmu.cli.options import JsonOption, OverwriteOption, RobotArgument, TrustOption, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_written, table
+
+if TYPE_CHECKING:
+    from vdfmu.arm.robot import Robot
 
 app = App("robot", no_args_is_help=True, help="List, show, import and export robots.")
 
@@ -27,14 +31,14 @@ def list_robots(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", example="vdfmu robot show manipulator_6dof")
-def show_robot(name: RobotArgument) -> None:
+@looks_only
+def show_robot(name: RobotArgument, trust: TrustOption = False) -> None:
     """Show the parameters of a robot, with their sources."""
     import numpy as np
 
-    from vdfmu.arm.robot import load_robot
     from vdfmu.arm.robot.parameters import OPTIONAL, section
 
-    robot = load_robot(name)
+    robot = _looked_at(name, "its tables are not shown")
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):
         source, array = robot.source_of(row.path), getattr(robot, row.name)
@@ -96,12 +100,14 @@ def import_file(
 
 
 @app.command("export", example="vdfmu robot export ur5e_6dof --to mjcf")
+@looks_only
 def export_file(
     robot: RobotArgument,
     to: Annotated[str | None, Option("Default by the suffix of -o, else mjcf.", choices=("mjcf", "urdf"))] = None,
     out: Annotated[Path | None, Option("File to write (default ROBOT.xml or ROBOT.urdf).")] = None,
     rigid: Annotated[bool, Option("MJCF without springs; rotors are armature.")] = False,
     overwrite: OverwriteOption = False,
+    trust: TrustOption = False,
 ) -> None:
     """Write a robot as MJCF or URDF.
 
@@ -112,12 +118,14 @@ def export_file(
 
     suffix = ".urdf" if to == "urdf" else ".xml"
     target = target_file(out, f"{locate(robot, 'robots').stem}{suffix}", overwrite)
-    notes = export_robot(robot, target, to, rigid=rigid)
+    arm = _looked_at(robot, "springs and friction are those of an arm without it")
+    notes = export_robot(arm, target, to, rigid=rigid)
     say_notes([f"not in {target.name}: {note}" for note in notes])
     say_written(target)
 
 
 @app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")
+@runs_code
 def reach(
     robot: RobotArgument,
     out: Annotated[Path | None, Option("Scenario to write (default ROBOT_reach.toml).")] = None,
@@ -180,6 +188,18 @@ def list_drives(
     console.print(shown)
     rows = ((key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no") for key, motor in motors.items())
     console.print(table("motor", "inertia\nkg.m2", "winding", title=" ", rows=rows))
+
+
+def _looked_at(name: str, missing: str) -> Robot:
+    """Return a robot; if the drive of its own may not run without it, with a note on what is missing then."""
+    from vdfmu.arm.robot import load_robot
+
+    try:
+        return load_robot(name)
+    except CodeNotRunError as error:
+        robot = load_robot(name, own_drive=False)
+        say_notes([f"drive {error.code} was not run, so {missing}; --trust runs it."])
+        return robot
 
 
 def _number(value: Any) -> str:

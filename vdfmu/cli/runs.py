@@ -15,6 +15,7 @@ from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
+from vdfmu.cli.app import looks_only, runs_code
 from vdfmu.cli.options import ForeignOption, ScenarioArgument, UnpackOption, load, refuse
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_error, say_notes, say_written, tell, unit_messages
@@ -26,6 +27,7 @@ _POINT, _FEDERATES = "One point of a study", "Federates"
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
 
 
+@runs_code
 def run(
     scenario: ScenarioArgument = "tracking", *,
     study: Annotated[Path | None, Option(
@@ -35,7 +37,7 @@ def run(
     by: Annotated[str | None, Option(
         "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
     trust: Annotated[bool, Option(
-        "Run files that a study of others names.", group=_POINT, more="They have your rights.")] = False,
+        "Run the code that a study of others names.", group=_POINT, more="It runs with your permissions.")] = False,
     live: LiveOption = False, port: PortOption = None, opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:  # fmt: skip
@@ -116,6 +118,7 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         raise SystemExit(1)
 
 
+@runs_code
 def run_package(
     parts: Annotated[list[str], Positional(
         "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
@@ -218,6 +221,7 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
     return system.path, " ".join(parts), system
 
 
+@looks_only
 def report(
     folders: Annotated[list[Path] | None, Positional(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",

@@ -12,6 +12,7 @@ import click
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import Option
+from vdfmu.cli.app import runs_code
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_error, say_notes
 from vdfmu.study.options import known_robots
@@ -30,6 +31,7 @@ PortOption = Annotated[int | None, Option("Port of the view on 127.0.0.1 (defaul
 LiveOption = Annotated[bool, Option("Show the arm and its errors while the run goes on.")]
 
 
+@runs_code
 def view(
     robot: Annotated[str, Positional("Name of a robot, a TOML file, URDF or MJCF.", names=known_robots)],
     base: Annotated[str | None, Option("Fixed link of a URDF or MJCF.", metavar="LINK")] = None,

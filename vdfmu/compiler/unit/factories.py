@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.trust import before_code
 from vdfmu.compiler.scalar.generic import clip, lookup
 from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
@@ -120,6 +121,7 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
                 f"{function}: a CasADi file can hold code that runs. If you trust its author, give --trust, or "
                 "trust=True in Python."
             )
+        before_code(function)
         function = ca.Function.load(str(function))
     scalar = _scalar(function)
     arguments, results = scalar.name_in(), scalar.name_out()

@@ -40,4 +40,4 @@ def build_python_fmu(content: Content, path: Path) -> None:
         with zipfile.ZipFile(raw) as archive:
             names = [name for name in archive.namelist() if not name.startswith(_LEFT_OUT)]
             members = {name: archive.read(name) for name in names}
-    pack_zip(path, members | documentation_files(content))
+    pack_zip(path, members | content.robot_files | documentation_files(content))
