@@ -203,7 +203,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
         except own_process.OwnProcessNeeded as needed:
             sys.exit(own_process.run_again(words, needed.code))
         except SystemExit as end:
-            if place := own_process.foreign_exit(end, PACKAGE):
+            if not isinstance(end.code, str) and (place := own_process.foreign_exit(end, PACKAGE)):
                 fail(f"{place}: ended the command by sys.exit({end.code!r}). Raise an error, or return.", 1)
             raise
         except click.exceptions.NoArgsIsHelpError as error:
