@@ -147,10 +147,6 @@ def inside(folder: Path, file: Path) -> Path:
     return file
 
 
-SPECIAL = "it is a pipe, a device or another special file, not a regular file"
-"""Reason why `open_regular` refuses a file."""
-
-
 def open_regular(path: str | os.PathLike[str], largest: int | None = None) -> BinaryIO:
     """Open a file for reading in binary mode, for a name that came from a data file.
 
@@ -188,7 +184,8 @@ def _check_regular(status: os.stat_result, path: str | os.PathLike[str], largest
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
     if not stat.S_ISREG(status.st_mode):
-        raise OSError(errno.EINVAL, SPECIAL, os.fspath(path))
+        reason = "it is a pipe, a device or another special file, not a regular file"
+        raise OSError(errno.EINVAL, reason, os.fspath(path))
     if largest is not None and status.st_size > largest:
         raise _too_large(path, status.st_size, largest)
 

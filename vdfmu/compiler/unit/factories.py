@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.files import open_regular, read_text
 from vdfmu.base.trust import before_code
 from vdfmu.compiler.scalar.generic import clip, lookup
 from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
@@ -122,6 +123,7 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
                 "trust=True in Python."
             )
         before_code(function)
+        open_regular(function).close()  # CasADi would wait for a pipe
         function = ca.Function.load(str(function))
     scalar = _scalar(function)
     arguments, results = scalar.name_in(), scalar.name_out()
@@ -250,7 +252,7 @@ def _scalar(function: ca.Function) -> ca.Function:
 
 def _columns(path: Path) -> list[tuple[str, Sequence[float]]]:
     """Return names, with units in brackets, and numbers of the columns of a CSV file."""
-    text = path.read_text(encoding="utf-8-sig")
+    text = read_text(path)
     separator = ";" if ";" in text.partition("\n")[0] else ","
     heads, *lines = [line for line in csv.reader(text.splitlines(), delimiter=separator) if any(line)] or [[""]]
     rows = [_numbers(line, decimal="," if separator == ";" else ".") for line in lines]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import re
 from collections import Counter
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import read_text
 from vdfmu.base.option import check_type
 from vdfmu.study.options import SAMPLES
 
@@ -234,11 +236,14 @@ def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:
     return {"num_vars": d, "names": list(names or [f"x{i}" for i in range(d)]), "bounds": [[0.0, 1.0]] * d}
 
 
+_LARGEST = 2**28
+"""Largest file of points [byte]."""
+
+
 def _read(path: str) -> tuple[list[Axis], Points]:
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if row]
+        reader = csv.reader(io.StringIO(read_text(Path(path), _LARGEST), newline=""))
+        rows = [(reader.line_num, row) for row in reader if row]
     except FileNotFoundError:
         raise UsageError(f"sample: expected {', '.join(SAMPLES)} or a CSV file, got {path}.") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
