@@ -130,13 +130,12 @@ class Child:
     """Process of a module that uses :class:`Parent`, seen from the starting process.
 
     A thread kills the process if a reply takes longer than `limit` [s], or if `stop`, called every tenth of a second,
-    returns True. It calls `gone` if the process ends before `end`. `show` copies the output.
+    returns True. `show` copies the output.
     """
 
     def __init__(
-        self, module: str, *arguments: str, limit: float, show: bool = False,
-        stop: Callable[[], bool] = lambda: False, gone: Callable[[], None] = lambda: None,
-    ) -> None:  # fmt: skip
+        self, module: str, *arguments: str, limit: float, show: bool = False, stop: Callable[[], bool] = lambda: False
+    ) -> None:
         self._process = process = started(module, *arguments)
         assert process.stdin is not None
         assert process.stdout is not None
@@ -148,7 +147,7 @@ class Child:
             self._poll.register(process.stdout, select.POLLIN)
         self.limit, self.late, self.since = limit, False, monotonic()
         """`since`: time of the last request, infinite after its reply."""
-        self._stop, self._report = stop, gone
+        self._stop = stop
         self._done, self._gone = threading.Event(), threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
@@ -199,7 +198,6 @@ class Child:
             if self.late or stopped or self._has_ended():
                 self.kill()
                 self._gone.set()
-                self._report()
                 return
 
     def _has_ended(self) -> bool:
@@ -209,11 +207,6 @@ class Child:
         with suppress(ChildProcessError):  # its exit code has just been collected
             return os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
         return True
-
-    @property
-    def alive(self) -> bool:
-        """Whether the process still runs."""
-        return not (self._done.is_set() or self._gone.is_set() or self._has_ended())
 
     def kill(self) -> None:
         """Kill the process and its children, from any thread."""

@@ -9,12 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.markup import escape
 
+from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option
 from vdfmu.base.trust import CodeNotRunError
 from vdfmu.cli.app import App, looks_only, runs_code
-from vdfmu.cli.options import JsonOption, OverwriteOption, RobotArgument, TrustOption, target_file
+from vdfmu.cli.options import (
+    ForeignOption,
+    JsonOption,
+    OpenOption,
+    OverwriteOption,
+    RobotArgument,
+    TrustOption,
+    refuse,
+    target_file,
+)
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_written, table
+from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_page, say_written, table
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -30,15 +40,42 @@ def list_robots(as_json: JsonOption = False) -> None:
     say_list("robot", {name: load_robot(name).description for name in robot_names()}, as_json)
 
 
-@app.command("show", example="vdfmu robot show manipulator_6dof")
+@app.command("show", example="vdfmu robot show panda_7dof --page -o panda.html")
 @looks_only
-def show_robot(name: RobotArgument, trust: TrustOption = False) -> None:
-    """Show the parameters of a robot, with their sources."""
+def show_robot(
+    name: RobotArgument,
+    page: Annotated[bool, Option("Write a page with sliders of the joints.",
+        more="It shows the end effector, frames, masses and modes in a browser, and needs no network.")] = False,
+    pose: Annotated[str | None, Option("Start of the page in rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
+    out: Annotated[Path | None, Option("Page to write (default NAME.html).")] = None,
+    opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
+) -> None:  # fmt: skip
+    """Show the parameters of a robot, or write its page.
+
+    Each parameter is shown with its source.
+    """
+    robot = _looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
+    if page:
+        from vdfmu.base.toml_file import locate
+        from vdfmu.cli.analysis import read_pose
+        from vdfmu.study.report.robot_page import write_robot_page
+
+        target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_pose("--pose", pose)
+        with replacing_foreign(overwrite):
+            say_notes(write_robot_page(robot, target, pose=start, folder=locate(name, "robots").parent))
+        say_written(target)
+        say_page(target, opened)
+    else:
+        refuse({"--pose": pose, "-o": out, "--open": opened, "--overwrite": overwrite}, "goes with --page")
+        _show_parameters(robot)
+
+
+def _show_parameters(robot: Robot) -> None:
+    """Print the parameters of a robot, with their sources."""
     import numpy as np
 
     from vdfmu.arm.robot.parameters import OPTIONAL, section
 
-    robot = _looked_at(name, "its tables are not shown")
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):
         source, array = robot.source_of(row.path), getattr(robot, row.name)

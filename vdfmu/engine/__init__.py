@@ -4,7 +4,7 @@ It imports nothing of the package but errors, files, processes and units of meas
 """
 
 DOORS = (
-    "algorithms", "container", "federation", "fmu.access", "fmu.variables", "inspect.inspection", "inspect.trial",
+    "algorithms", "container", "fmu.access", "fmu.variables", "inspect.inspection", "inspect.trial",
     "linear.growth", "linear.linearise", "linear.loops", "linear.system", "masters.components", "masters.observer",
     "masters.sampled", "options", "package.archive", "package.join", "package.limits", "package.parse",
     "package.read", "package.system", "package.writing", "package_run", "plan.check", "plan.grid", "plan.inputs",

@@ -63,7 +63,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     scenario = prepare(scenario, **pick(ScenarioOptions, options))
     known_formats(options["formats"])
     width = known_pictures(options["pictures"], options["width"])
-    out, observer = options["out"], options["observer"]
+    out = options["out"]
     folder = Path(out or "") if out is not None else Path("results") / scenario.name
     place = (
         temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
@@ -89,7 +89,6 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("page"):
             shown = ShownRun(scenario.name, results, summary, job.package, job.poses)
             write_report([shown], made / NAME, simulate=bool(options["simulate"]))
-            getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results
 

@@ -9,7 +9,6 @@ import pytest
 
 import vdfmu
 from tests.conftest import ran, refused
-from vdfmu.cli import runs
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.verdict import line_of
 from vdfmu.study.report.shown_run import gallery_page, is_gallery, read_run
@@ -134,6 +133,6 @@ def test_a_file_of_others_is_not_replaced(results):
 
 def test_the_page_of_several_is_opened(results, monkeypatch):
     opened = []
-    monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
     done = ran("report", results, "--open")
     assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output

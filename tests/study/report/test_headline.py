@@ -12,7 +12,6 @@ from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
-from vdfmu.cli import runs
 from vdfmu.engine.results.verdict import Check, checks_line, line_of, state_of, verdict_of
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.page import report_page, run_command
@@ -244,7 +243,7 @@ def test_the_command_has_each_option_that_differs(planar, tmp_path):
 
 def test_a_command_ends_with_the_verdict_and_what_opens_the_page(planar, monkeypatch):
     opened = []
-    monkeypatch.setattr(runs.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
     said = ran("report", planar[1], "--no-simulate", "--open")
     page = planar[1] / "report.html"
     assert said.output.splitlines()[-1] == f"Open {page}" and opened == [page.as_uri()]

@@ -78,8 +78,6 @@ class Components:
     `Instance`.
     """
 
-    exchanges = Exchange
-
     def __init__(
         self,
         checked: Checked,
@@ -90,7 +88,7 @@ class Components:
     ) -> None:
         self.checked, self.folders, self.box = checked, folders, box
         self.instances: dict[str, Instance] = {}
-        self.exchange = self.exchanges(checked, self.instances, box, words)
+        self.exchange = Exchange(checked, self.instances, box, words)
         self._watch = watch
         self._events: Events | None = None
         self._stepper: Stepper | None = None

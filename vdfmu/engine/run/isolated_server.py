@@ -25,8 +25,6 @@ from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 class Server:
     """Serves requests of `Isolated` in the process, by methods of itself, the stepper or the components."""
 
-    components = Components
-
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
@@ -53,7 +51,7 @@ class Server:
 
             return noted
 
-        self._components = self.components(checked, folders, self._box, self._words, watch)
+        self._components = Components(checked, folders, self._box, self._words, watch)
         self._components.load()
 
     def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
@@ -114,17 +112,17 @@ def _fault(error: Exception) -> str:
     return f"{kind_text(error)} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
-def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
+def serve(memory: str, most: str) -> None:
     """Serve requests until their end; `memory` is a file, `most` in MB."""
     parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))
     logging.getLogger("vdfmu.compiler.fmu").addHandler(logging.NullHandler())  # its log comes back as messages
-    server = make(memory)
+    server = Server(memory)
     parent.reply()  # it has started
     for request in parent.requests():
         parent.reply(server.answer(request, parent))
 
 
 if __name__ == "__main__":
-    serve(Server, *sys.argv[1:])
+    serve(*sys.argv[1:])

@@ -29,32 +29,31 @@ from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.exits import report_exits
-from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making
+from vdfmu.engine.run.isolated import Isolated, Limits
 
 
 class Session:
     """The components of a system for runs in a row; its exit frees them and removes the unpacked FMUs.
 
-    For `isolate` and `limits` see `simulate`; `apart`, if given, replaces `Isolated`.
+    For `isolate` and `limits` see `simulate`.
     """
 
-    components: Components | Elsewhere
+    components: Components | Isolated
 
     def __init__(
         self, checked: Checked, log: Callable[[LogMessage], None] | None, isolate: bool | None, limits: Limits,
-        apart: Making | None = None, coupling: tuple[float | None, float | None] = (None, None),
+        coupling: tuple[float | None, float | None] = (None, None),
     ) -> None:  # fmt: skip
         self.checked, self.box, self._limits, self._coupling = checked, MessageBox(log), limits, coupling
         self.resting = False
         """Whether no run uses the components."""
         self.plan: RunPlan | None = None
         """Plan of the last run, if the next run may take it."""
-        self.isolated = isolate if apart is None else True
+        self.isolated = isolate
         self.results: Results | None = None
         """Results of the last run."""
         self.save: Callable[[], str] = lambda: ""
         """Saves the rows of the current run; returns a text about them."""
-        self._apart = apart or Isolated
         self._stack = ExitStack()
 
     def __enter__(self) -> Session:
@@ -68,7 +67,7 @@ class Session:
             once = any(each.once_per_process for each in self.checked.descriptions.values())
             self.isolated = isolated if self.isolated is None else self.isolated
             if self.isolated:
-                self.components = self._apart(self.checked, folders, self.box, folder, self._limits)
+                self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
                 self._stack.enter_context(report_exits(self.box, lambda: self._left(folder), lambda: self.resting))
                 self.components = Components(self.checked, folders, self.box)

@@ -102,8 +102,6 @@ class Simulator:
     def __init__(self, system: FlatSystem | str | Path, **options: Unpack[SimulatorOptions]) -> None:
         self._system = system if isinstance(system, FlatSystem) else load_ssp(system)
         experiment, tolerance = self._system.experiment, options["tolerance"]
-        if options["federation"] is not None:
-            options["algorithm"] = options["federation"].algorithm(options["algorithm"])
         if options["algorithm"] is None:
             options["algorithm"] = experiment.algorithm
             if options["adaptive"] is None:
@@ -125,15 +123,12 @@ class Simulator:
             repeats=options["adaptive"] is not None, strict=options["strict"],
             ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
-        self._apart = None
         self.sizes = {
             f"{name}.{v.name}"
             for name, each in self._checked.descriptions.items()
             for v in each.named("structuralParameter")
         }
         """Parameters that are sizes of arrays."""
-        if options["federation"] is not None:
-            self._checked, self._apart = options["federation"].apart(self._checked)
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
@@ -315,8 +310,7 @@ class Simulator:
             return self._session
         options = self._options
         self._session = Session(
-            checked, options["log"], options["isolate"], self._limits, self._apart,
-            (options["adaptive"], options["convergence"]),
+            checked, options["log"], options["isolate"], self._limits, (options["adaptive"], options["convergence"]),
         ).__enter__()  # fmt: skip
         return self._session
 

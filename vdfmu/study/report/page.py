@@ -101,14 +101,11 @@ def write_failed(
 
 
 def report_page(
-    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None,
-    live: Mapping[str, Any] | None = None,
-) -> bytes:  # fmt: skip
+    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None
+) -> bytes:
     """Return the page of one run or of several, or of their arms alone.
 
-    `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario. `live`: of a run that has
-    begun, ``names`` of the signals of the rows to come, and its times ``start`` and ``stop`` [s]; empty for a run that
-    has ended without a verdict.
+    `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario.
     """
     names = _names(runs)
     wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
@@ -126,10 +123,8 @@ def report_page(
     ]
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
-    if live is not None:
-        parts = [part | {"simulation": None, "command": ""} | ({"signals": []} if live else {}) for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
-    data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
+    data |= {"study": study.content} if study else {}
     diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
     summaries = [run.summary for run in runs]
     settings = difference_sheet(names, runs) if len(runs) > 1 and not arm_alone else None

@@ -138,7 +138,6 @@ KEYS: Mapping[str, Any] = {
     "order": _LINES,  # components in the order of their steps
     "isolated": FLAG,  # whether each component had a separate process
     "stepper": TEXT,  # language of the loop over the steps, with the reason if it is Python
-    "federates": Keyed(ANY),  # components of each process of a distributed run, and how long it waited
     "core": TEXT,  # how the processes of a distributed run exchanged values
     "ended": {"component": TEXT, "time": NUMBER},  # event that ended the run before its stop time, and its time [s]
     "notes": _LINES,  # notes on the run

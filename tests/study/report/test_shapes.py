@@ -1,5 +1,6 @@
-"""What a 3D view draws, against closed forms and the equations."""
+"""What a page draws of an arm, against closed forms and the equations."""
 
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 
 import vdfmu
 from vdfmu.study.analysis.modes import middle_pose
-from vdfmu.study.report.shapes import Chain, half_axes, inertia_parts, own_shapes, turn_to
+from vdfmu.study.report.robot_page import mode_facts
+from vdfmu.study.report.shapes import Chain, half_axes, inertia_parts, mesh_parts, own_shapes, turn_to
 from vdfmu.study.run.scene import arm_of
-from vdfmu.study.view.robot import mode_facts
 
 ROBOTS = vdfmu.robot_names()
 
@@ -106,3 +107,39 @@ def test_shapes_of_the_file_keep_their_place_and_that_of_a_mode_has_a_largest_pa
         assert np.abs(shape).max() == pytest.approx(1.0, rel=4 * np.finfo(float).eps)
         np.testing.assert_allclose(shape * np.abs(modes.links[k]).max(), modes.links[k], rtol=1e-15)
         assert facts["joint"] == modes.joint[k] + 1
+
+
+MESH = {"shape": "mesh", "size": [1, 1, 1], "color": [1, 0, 0, 1], "offset": [0, 0, 0], "rotation": np.eye(3)}
+
+
+class Mesh:
+    """A mesh of a robot."""
+
+    def __init__(self, joint, file):
+        vars(self).update(MESH | {"size": np.full(3, 0.5), "joint": joint, "file": file})
+
+
+class OfMeshes:
+    """A robot of two meshes."""
+
+    visuals = (Mesh(1, "mesh_1.stl"), Mesh(2, "mesh_2.obj"))
+
+
+def test_meshes_are_shown_if_all_can_be_and_those_that_cannot_are_named(tmp_path, monkeypatch):
+    parts, notes = mesh_parts(OfMeshes, tmp_path)
+    assert [note.partition(" cannot")[0] for note in notes] == ["mesh mesh_1.stl", "mesh mesh_2.obj"]
+    (tmp_path / "mesh_2.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert len(mesh_parts(OfMeshes, tmp_path)[1]) == 1
+    corners = ("vertex 0 0 0", "vertex 0 0 2", "vertex 0 2 0")
+    (tmp_path / "mesh_1.stl").write_text("\n".join(["solid a", "facet normal 1 0 0", "outer loop", *corners, "endloop",
+                                                    "endfacet", "endsolid a"]))  # fmt: skip
+    parts, notes = mesh_parts(OfMeshes, tmp_path)
+    assert notes == []
+    assert [(part["body"], part["colour"]) for part in parts] == [(1, "#ff0000"), (2, "#ff0000")]
+    triangles, corners = (parts[0]["mesh"][name] for name in ("triangles", "corners"))
+    corners = corners.reshape(-1, 3)
+    np.testing.assert_array_equal(np.sort(corners[triangles].sum(axis=1)), [0.0, 1.0, 1.0])  # half as large
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    parts, notes = mesh_parts(OfMeshes, tmp_path)
+    assert parts == []
+    assert "'pip install vdfmu[view]'" in notes[0]
