@@ -7,8 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.arm.imports import import_robot
 from vdfmu.base.cache import load, store
+from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.files import open_regular, read_regular, read_text
+from vdfmu.study.run.summary_keys import read_summary
+from vdfmu.study.sweeps.axes import draw
+from vdfmu.study.sweeps.ledger import readable
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the platform has no pipes in folders")
 
@@ -51,3 +56,23 @@ def test_a_special_file_is_no_entry_of_the_cache(special):
     entry.unlink()
     special.rename(entry)
     assert load(entry) is None
+
+
+@pytest.mark.parametrize("text", [
+    '<mujoco><include file="special"/></mujoco>',
+    '<mujoco><include file="more.xml"/></mujoco>',
+    '<mujoco><compiler meshdir="meshes"/><asset><mesh name="a" file="../special"/></asset></mujoco>',
+])  # fmt: skip
+def test_a_special_file_is_no_part_of_a_model(special, text):
+    pytest.importorskip("mujoco")
+    Path("meshes").mkdir()
+    Path("more.xml").write_text('<mujoco><include file="special"/></mujoco>')
+    Path("arm.xml").write_text(text)
+    with pytest.raises(ModelError, match=r"special must be a regular file, but"):
+        import_robot(Path("arm.xml"))
+
+
+@pytest.mark.parametrize("read", [read_summary, readable, lambda path: draw([], str(path), None, 0)])
+def test_a_special_file_is_no_summary_no_study_and_no_points(special, read):
+    with pytest.raises(UsageError, match=r"special|Is a directory"):
+        read(special)

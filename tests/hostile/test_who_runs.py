@@ -131,7 +131,7 @@ def words_of(command: str, folder: Path, head: str) -> list[str]:
     """Return the words of a command, after its files are written."""
     (folder / "log.csv").write_text("t,q1\n0,0\n")
     names = {word: make(folder, head) for word, make in FILES.items() if re.search(rf"\b{word}\b", command)}
-    return [names.get(word, word) for word in command.removeprefix("vdfmu ").split()]
+    return [re.sub(r"^[A-Z]+", lambda word: names.get(word[0], word[0]), word) for word in command.split()]
 
 
 def plugin(folder: Path) -> Path:
@@ -203,6 +203,8 @@ def test_a_command_that_computes_runs_it_in_another_process(command, head, tmp_p
     )  # fmt: skip
     said, _ = process.communicate(timeout=300)
     assert (tmp_path / "mark").exists(), said
-    assert process.returncode != 0, said  # the code has failed, in words
-    assert "Traceback" not in said
+    if {head, *words} & {"FMU", "f.casadi"}:  # libraries do not raise
+        assert process.returncode >= 0 and "Traceback" not in said, said
+    else:
+        assert "RuntimeError: it ran" in said.replace("\n", " ") and "Traceback" not in said, said
     assert str(process.pid) not in (tmp_path / "mark").read_text().split()
