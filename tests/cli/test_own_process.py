@@ -4,12 +4,12 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from tests.docs.pages import ROOT
 from vdfmu.cli.own_process import code_named, foreign_exit
+from vdfmu.cli.terminal import fail
 
 UNIT = """
 from vdfmu.unit import Output, Unit
@@ -34,9 +34,9 @@ def command(folder, code, *words, **options):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(("code", "says"), [
-    ("import os; os.abort()", "my_unit.py: this code, or what it called, crashed its process (SIGABRT)"),
-    ("import os; os._exit(0)", "my_unit.py: this code, or what it called, ended its process (exit code 0)"),
-    ("import ctypes; ctypes.CDLL(None).exit(0)", "ended its process (exit code 0) before the command was complete"),
+    ("import os; os.abort()", "my_unit.py: the process that ran this code crashed (Aborted) before the command"),
+    ("import os; os._exit(0)", "my_unit.py: the process that ran this code was ended (exit code 0)"),
+    ("import ctypes; ctypes.CDLL(None).exit(0)", "was ended (exit code 0) before the command was complete"),
     ("import sys; sys.exit(0)", "my_unit.py, line 1: SystemExit: 0"),
     ("import atexit, sys; atexit.register(sys.exit, 0); 1 / 0", "my_unit.py, line 1: ZeroDivisionError"),
 ])  # fmt: skip
@@ -88,27 +88,29 @@ def test_a_signal_ends_both_processes(tmp_path, number):
 
 def test_names_of_code_are_found_in_arguments_and_in_files_that_they_name(tmp_path):
     files = {
-        "arm.toml": 'drive = "my_drive"\n',
+        "arm.toml": 'drive = "my_drive.py"\n',
         "scenario.toml": 'robot = "arm.toml"\nsystem = "more/system.toml"\n',
         "plain.toml": 'robot = "planar_2dof"\nsystem = "plain.toml"\n[controller]\nK_p = 1.0\n',
         "more/system.toml": '[components]\na = { unit = "law.py:A", robot = "../plain.toml" }\n',
         "units.toml": 'extends = "more/system.toml"\n',
-        "broken.toml": "x = \n",
+        "broken.toml": "x = \n\udcff",
     }
     (tmp_path / "more").mkdir()
     for name, text in files.items():
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_text(text, errors="surrogateescape")
     named = {name: code_named([name], tmp_path) for name in [*files, "missing.toml", "tracking"]}
     assert named == dict.fromkeys(named, "") | {
-        "arm.toml": "my_drive", "scenario.toml": "my_drive", "more/system.toml": "law.py", "units.toml": "law.py",
+        "arm.toml": "my_drive.py", "scenario.toml": "my_drive.py", "more/system.toml": "law.py", "units.toml": "law.py",
     }  # fmt: skip
-    assert code_named([None, 3, {"controller": "my_law.py:Law"}]) == "my_law.py"
-    assert code_named([["a=A.fmu", "b=low_pass.py"], Path("f.casadi")]) == "low_pass.py"
-    assert not code_named(["planar_2dof", "results/x", {"controller.K_p": "1500"}, ["a=A.fmu"]])
+    assert code_named(["run", "--unit=controller=my_law.py:Law"]) == "my_law.py"
+    assert code_named(["a=A.fmu", "b=low_pass.py", "f.casadi"]) == "low_pass.py"
+    assert not code_named(["run", "planar_2dof", "results/x", "--set", "controller.K_p=1500", "a=A.fmu"])
 
 
 def test_an_exit_of_the_command_itself_is_not_one_of_its_code():
     with pytest.raises(SystemExit) as end:
         sys.exit(0)
-    assert foreign_exit(end.value, ROOT / "vdfmu") == f"{__file__}, line {end.traceback[-1].lineno + 1}"
-    assert not foreign_exit(end.value, Path(__file__).parents[1])
+    assert foreign_exit(end.value) == f"{__file__}, line {end.traceback[-1].lineno + 1}"
+    with pytest.raises(SystemExit) as end:
+        fail("words", 1)
+    assert not foreign_exit(end.value)

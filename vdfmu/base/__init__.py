@@ -3,6 +3,6 @@
 DOORS = (
     "arrays", "bars", "cache", "compile", "errors", "files", "interrupt", "measure", "option", "page", "platforms",
     "plugins", "process", "progress", "standards", "state_space", "style", "text", "toml_file", "toml_tables",
-    "unpack", "version",
+    "trust", "unpack", "version",
 )  # fmt: skip
 """Modules that other rooms import."""

@@ -147,60 +147,45 @@ def inside(folder: Path, file: Path) -> Path:
     return file
 
 
-def open_regular(path: str | os.PathLike[str], largest: int | None = None) -> BinaryIO:
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     """Open a file for reading in binary mode, for a name that came from a data file.
 
     A pipe, a device, a socket or a folder is refused before it is opened, because opening a pipe waits for its writer
     and reading a device may never end.
 
-    Parameters
-    ----------
-    path : path
-    largest : int [byte], optional
-        Largest size at the time of opening. A reader of a file that may still grow counts too, as `read_regular` does.
-
-    Returns
-    -------
-    BinaryIO
-
     Raises
     ------
     OSError
-        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, EFBIG for a file that is too
-        large, and whatever the system raises.
+        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, and whatever the system raises.
     """
-    _check_regular(os.stat(path), path, largest)
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    handle = os.open(path, flags)
+    _require_regular(os.stat(path), path)
+    stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - the caller closes it
     try:
-        _check_regular(os.fstat(handle), path, largest)  # another process may have replaced it
-        return os.fdopen(handle, "rb")
-    except BaseException:
-        os.close(handle)
+        _require_regular(os.fstat(stream.fileno()), path)  # another process may have replaced it
+    except OSError:
+        stream.close()
         raise
+    return stream
 
 
-def _check_regular(status: os.stat_result, path: str | os.PathLike[str], largest: int | None) -> None:
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _require_regular(status: os.stat_result, path: str | os.PathLike[str]) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
     if not stat.S_ISREG(status.st_mode):
         reason = "it is a pipe, a device or another special file, not a regular file"
         raise OSError(errno.EINVAL, reason, os.fspath(path))
-    if largest is not None and status.st_size > largest:
-        raise _too_large(path, status.st_size, largest)
-
-
-def _too_large(path: str | os.PathLike[str], size: int, largest: int) -> OSError:
-    reason = f"it has {size / 2**20:.3g} MiB, more than the {largest / 2**20:g} MiB that are read"
-    return OSError(errno.EFBIG, reason, os.fspath(path))
 
 
 def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> bytes:
-    """Return the content of a file of at most `largest` bytes. OSError: see `open_regular`."""
-    with open_regular(path, largest) as stream:
+    """Return the content of a file. OSError: see `open_regular`; EFBIG for more than `largest` bytes."""
+    with open_regular(path) as stream:
         content = stream.read(-1 if largest is None else largest + 1)
     if largest is not None and len(content) > largest:
-        raise _too_large(path, len(content), largest)
+        raise OSError(errno.EFBIG, f"it has more than the {largest / 2**20:g} MiB that are read", os.fspath(path))
     return content
 
 

@@ -10,48 +10,42 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
-
-_reading: ContextVar[bool] = ContextVar("_reading", default=False)
-_watching: list[Callable[[str], None]] = []
+from typing import NoReturn
 
 
 class CodeNotRunError(Exception):
     """Code was to run within `reading_only`."""
 
     def __init__(self, code: object) -> None:
+        super().__init__(code)
         self.code = code
         """Its file, or the package of a plugin."""
-        super().__init__(code)
+
+
+def reading_only(code: object) -> NoReturn:
+    """Refuse code, in ``with told(reading_only)``."""
+    raise CodeNotRunError(code)
+
+
+_told: ContextVar[Callable[[object], None] | None] = ContextVar("_told", default=None)
 
 
 @contextmanager
-def reading_only() -> Generator[None]:
-    """Run no code in the block: `before_code` raises CodeNotRunError."""
-    token = _reading.set(True)
+def told(tell: Callable[[object], None]) -> Generator[None]:
+    """Call a function with the name of each file, or plugin, whose code is about to run; it may raise."""
+    token = _told.set(tell)
     try:
         yield
     finally:
-        _reading.reset(token)
+        _told.reset(token)
 
 
 def is_reading_only() -> bool:
-    """Whether this is within `reading_only`."""
-    return _reading.get()
-
-
-@contextmanager
-def watched(watch: Callable[[str], None]) -> Generator[None]:
-    """Call a function with the name of each file, or plugin, before its code runs in this process."""
-    _watching.append(watch)
-    try:
-        yield
-    finally:
-        _watching.remove(watch)
+    """Whether no code may run."""
+    return _told.get() is reading_only
 
 
 def before_code(code: object) -> None:
-    """Announce that code of a file, or of a plugin, is about to run. CodeNotRunError within `reading_only`."""
-    if _reading.get():
-        raise CodeNotRunError(code)
-    for watch in _watching:
-        watch(str(code))
+    """Announce that code of a file, or of a plugin, is about to run. CodeNotRunError if none may run."""
+    if (tell := _told.get()) is not None:
+        tell(code)

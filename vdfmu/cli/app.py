@@ -21,10 +21,9 @@ import click
 
 from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import LOG, UsageError
-from vdfmu.base.files import PACKAGE
 from vdfmu.base.option import Option
 from vdfmu.base.progress import showing
-from vdfmu.base.trust import CodeNotRunError, reading_only, watched
+from vdfmu.base.trust import CodeNotRunError, reading_only, told
 from vdfmu.base.version import __version__
 from vdfmu.cli import own_process
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
@@ -32,6 +31,8 @@ from vdfmu.cli.terminal import console, fail
 
 _FMUS = re.compile(r"[^-].*\.(ssp|fmu)|\w+=.*\.(fmu|py)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
+_words: list[str] = []
+"""Words of the command line."""
 _F = TypeVar("_F", bound=Callable[..., Any])
 COMPLETE = "_VDFMU_COMPLETE"
 """Variable of the shell that asks for completions."""
@@ -47,16 +48,18 @@ LOOKS, RUNS = "looks", "runs"
 """What a command does with files that name code."""
 
 
-def looks_only(function: _F) -> _F:
-    """Mark a command that looks at files: it runs no code that they name, unless its option ``--trust`` asks for it."""
-    function.code = LOOKS  # type: ignore[attr-defined]
-    return function
+def meets_code(kind: str) -> Callable[[_F], _F]:
+    """Mark a command that meets files which name code.
 
+    One that looks runs none of it, unless its option ``--trust`` asks for it. One that computes runs it in a process of
+    its own.
+    """
 
-def runs_code(function: _F) -> _F:
-    """Mark a command that computes: it runs the code that files name, in a process of its own."""
-    function.code = RUNS  # type: ignore[attr-defined]
-    return function
+    def mark(function: _F) -> _F:
+        function.code = kind  # type: ignore[attr-defined]
+        return function
+
+    return mark
 
 
 class Described(click.Command):
@@ -78,17 +81,14 @@ class Described(click.Command):
     def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Its parameters, made at first use."""
         declared: Sequence[click.Parameter] = self._declare()
+        names = {each.name for each in declared}
         return [
             *declared,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in declared) else []),
-            *([parameter("no_isolate", bool, NO_ISOLATE)] if self._chooses(declared) else []),
+            *([parameter("compiler", str, COMPILER)] if "backend" in names else []),
+            *([parameter("no_isolate", bool, NO_ISOLATE)] if self.code == RUNS and "isolate" not in names else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
-
-    def _chooses(self, declared: Sequence[click.Parameter]) -> bool:
-        """Whether it takes `NO_ISOLATE`; a command that can isolate FMUs has an option of this name."""
-        return self.code == RUNS and all(each.name != "isolate" for each in declared)
 
     @property
     def summary(self) -> str:
@@ -117,11 +117,11 @@ class Described(click.Command):
             if isinstance(self, click.Group):
                 return self._run(ctx)
             if self.code == LOOKS and not ctx.params.get("trust"):
-                rules.enter_context(reading_only())
+                rules.enter_context(told(reading_only))
             elif not in_place and own_process.wanted():
-                if self.code and (code := own_process.code_named(ctx.params.values())):
+                if self.code and not own_process.is_second() and (code := own_process.code_named(_words)):
                     own_process.require(code)  # before anything that takes long is imported
-                rules.enter_context(watched(own_process.require))
+                rules.enter_context(told(own_process.require))
             try:
                 return self._run(ctx, moves=not in_place and not own_process.is_second())
             except CodeNotRunError as error:
@@ -190,7 +190,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
     def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
         """Run the command that the words name; wrong usage is an error as any other."""
         reset_verbosity()
-        words = list(sys.argv[1:] if args is None else args)
+        _words[:] = words = list(sys.argv[1:] if args is None else args)
         if os.name == "nt":
             words = [each for word in words for each in glob(word) or [word]]
         if COMPLETE in os.environ:
@@ -203,7 +203,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
         except own_process.OwnProcessNeeded as needed:
             sys.exit(own_process.run_again(words, needed.code))
         except SystemExit as end:
-            if not isinstance(end.code, str) and (place := own_process.foreign_exit(end, PACKAGE)):
+            if place := own_process.foreign_exit(end):
                 fail(f"{place}: ended the command by sys.exit({end.code!r}). Raise an error, or return.", 1)
             raise
         except click.exceptions.NoArgsIsHelpError as error:

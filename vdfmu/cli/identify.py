@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.option import Option, option_of, read_settings
-from vdfmu.cli.app import runs_code
+from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import OverwriteOption, refuse, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
@@ -26,7 +26,7 @@ _CLOSE = 0.5
 """Smallest correlation that a note names."""
 
 
-@runs_code
+@meets_code(RUNS)
 def identify(
     log: Annotated[Path | None, Positional("Log of a motion.",
         more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.")] = None,

@@ -11,11 +11,11 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, cast
 
-from vdfmu.base.errors import ModelError
+from vdfmu.base.files import PACKAGE, read_text
 from vdfmu.base.interrupt import SIGNALS
 from vdfmu.base.process import end_with_parent
 
@@ -25,11 +25,13 @@ _END = b"\0"
 """Byte before the exit code of a command that came to its end."""
 _MOST = 4096
 """Most bytes of names that are sent: a pipe holds more, so that nobody has to read it before the end."""
-_CODE = re.compile(r"(?:\w+=)?(.+\.(?:py|casadi))(?::\w*)?", re.IGNORECASE | re.DOTALL)
-"""A word that names a file of code, such as ``controller=my_units.py:Name``."""
+_CODE = re.compile(r"(.+\.(?:py|casadi))(?::\w*)?", re.IGNORECASE)
+"""A name of a file of code, such as ``my_units.py:Name``."""
+_LARGEST = 2**20
+"""Largest file in which names are searched [byte]."""
 _wanted = False
 _pipe: int | None = None
-_sent = 0
+_sent: list[bytes] = []
 
 
 class OwnProcessNeeded(BaseException):  # noqa: N818 - no error, and no handler of errors may take it
@@ -40,14 +42,13 @@ class OwnProcessNeeded(BaseException):  # noqa: N818 - no error, and no handler 
         super().__init__(code)
 
 
-def require(code: str) -> None:
+def require(code: object) -> None:
     """Raise OwnProcessNeeded, or tell the first process which code runs if this is the second."""
-    global _sent
     if _pipe is None:
-        raise OwnProcessNeeded(code)
+        raise OwnProcessNeeded(str(code))
     message = f"{code}\n".encode(errors="replace").replace(_END, b"")
-    if _sent + len(message) <= _MOST:
-        _sent += len(message)
+    if message not in _sent and sum(map(len, _sent)) + len(message) <= _MOST:
+        _sent.append(message)
         os.write(_pipe, message)
 
 
@@ -65,10 +66,10 @@ def begin() -> None:
     """Find out whether this process is the second; then it ends with the first, where the system can do that."""
     global _pipe, _wanted
     _wanted = True
-    given = os.environ.pop(_PIPE, None)
-    if given is None:
+    handle = os.environ.pop(_PIPE, None)
+    if handle is None:
         return
-    _pipe = int(given)
+    _pipe = int(handle)
     if sys.platform == "win32":
         import msvcrt
 
@@ -83,39 +84,21 @@ def finished(code: int) -> None:
         os.write(_pipe, _END + bytes([code % 256]))
 
 
-def code_named(values: Iterable[object], folder: Path = Path(), seen: set[Path] | None = None) -> str:
-    """Return a file of code that arguments name, or that TOML files which they name name in turn; empty without one.
+def code_named(words: Iterable[str], folder: Path = Path(), seen: Collection[Path] = ()) -> str:
+    """Return a file of code that words name, or that TOML files which they name name in turn; empty without one.
 
-    Files are read, nothing is run. Names that only become known later, such as those of a study, are met by `require`.
+    Texts are searched for names, nothing is run. Names that show later, such as those of a study, are met by `require`.
     """
-    seen = set() if seen is None else seen
-    for value in values:
-        if isinstance(value, Mapping):
-            table = cast("Mapping[str, object]", value)
-            drive = table.get("drive")
-            named = drive if isinstance(drive, str) else code_named(table.values(), folder, seen)
-        elif isinstance(value, (list, tuple)):
-            named = code_named(cast("Sequence[object]", value), folder, seen)
-        elif isinstance(value, (str, Path)):
-            match = _CODE.fullmatch(text := str(value))
-            named = match[1] if match else _code_in(folder / text, seen) if text.lower().endswith(".toml") else ""
-        else:
-            continue
-        if named:
-            return named
+    for name in (word.rpartition("=")[2] for word in words):
+        path = folder / name
+        if code := _CODE.fullmatch(name):
+            return code[1]
+        if name.lower().endswith(".toml") and path not in seen:
+            with suppress(OSError, ValueError):  # the command reports it
+                quoted = re.findall(r"""["']([^"'\n]+)["']""", read_text(path, _LARGEST))
+                if inner := code_named(quoted, path.parent, {*seen, path}):
+                    return inner
     return ""
-
-
-def _code_in(path: Path, seen: set[Path]) -> str:
-    from vdfmu.base.toml_file import read_toml
-
-    if path in seen:
-        return ""
-    seen.add(path)
-    try:
-        return code_named([read_toml(path)], path.parent, seen)
-    except ModelError:  # the command reports it
-        return ""
 
 
 def run_again(words: Sequence[str], code: str) -> int:
@@ -124,73 +107,50 @@ def run_again(words: Sequence[str], code: str) -> int:
 
     reader, writer = os.pipe()
     os.set_inheritable(writer, True)
-    handle = writer
+    handle, inherited = writer, {"pass_fds": (writer,)}
     if sys.platform == "win32":
         import msvcrt
 
-        handle = msvcrt.get_osfhandle(writer)
+        handle, inherited = msvcrt.get_osfhandle(writer), {"close_fds": False}
     start = f"import sys; sys.path[:] = {sys.path!r}; from vdfmu.cli import main; main()"
-    process: Any = None
-    passed: list[int] = []
+    environment = {**os.environ, _PIPE: str(handle)}
+    process = subprocess.Popen([sys.executable, "-P", "-c", start, *words], env=environment, **inherited)  # pyright: ignore
+    os.close(writer)
 
     def pass_on(number: int, *_: object) -> None:
-        passed.append(number)
-        send()
+        if os.name == "posix":  # on Windows the console sends it to all processes
+            process.send_signal(number)
 
-    def send() -> None:
-        if process is not None and passed and os.name == "posix":  # on Windows the console sends it to all
-            process.send_signal(passed[-1])
-
-    handlers = {n: signal.signal(n, pass_on) for n in SIGNALS if signal.getsignal(n) != signal.SIG_IGN}
-    try:
-        with subprocess.Popen(
-            [sys.executable, "-P", "-c", start, *words],
-            env={**os.environ, _PIPE: str(handle)},
-            **({"pass_fds": (writer,)} if os.name == "posix" else {"close_fds": False}),  # pyright: ignore
-        ) as process:
-            os.close(writer)
-            send()
-            returned = process.wait()
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+    for number in SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, pass_on)
+    returned = process.wait()
     os.set_blocking(reader, False)
-    try:
+    said = b""
+    with suppress(BlockingIOError):  # a process that the code left behind still holds the pipe
         said = os.read(reader, 2 * _MOST)
-    except BlockingIOError:  # a process that the code left behind still holds the pipe
-        said = b""
-    os.close(reader)
     names, end, result = said.partition(_END)
     if end:
         return returned if 0 <= returned < 256 else result[0]
-    if passed and returned == -passed[0]:  # before it could say so
+    if -returned in SIGNALS:  # before it could say so
         sys.stderr.write("stopped\n")
-        return 128 + passed[0]
-    _say_end(returned, list(dict.fromkeys(names.decode(errors="replace").splitlines())) or [code])
+        return 128 - returned
+    from vdfmu.cli.terminal import say_error
+
+    how = f"crashed ({signal.strsignal(-returned)})" if returned < 0 else f"was ended (exit code {returned})"
+    files = ", ".join(names.decode(errors="replace").splitlines()) or code
+    say_error(
+        f"{files}: the process that ran this code {how} before the command was complete. --no-isolate runs the code in "
+        "the process of the command, for a debugger."
+    )
     return 1
 
 
-def _say_end(returned: int, names: Sequence[str]) -> None:
-    """Print how a process ended that ran code of files."""
-    from vdfmu.cli.terminal import say_error
-
-    how = f"ended its process (exit code {returned})"
-    if returned < 0:
-        try:
-            how = f"crashed its process ({signal.Signals(-returned).name})"
-        except ValueError:
-            how = f"crashed its process (signal {-returned})"
-    say_error(
-        f"{', '.join(names)}: this code, or what it called, {how} before the command was complete. --no-isolate runs "
-        "it in the process of the command, for a debugger."
-    )
-
-
-def foreign_exit(end: SystemExit, package: Path) -> str:
-    """Return the place in code of the user that called ``sys.exit``; empty if the command itself did."""
+def foreign_exit(end: SystemExit) -> str:
+    """Return the place in code of the user that called ``sys.exit`` without words; empty if the command itself did."""
     trace, place = end.__traceback__, ""
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename
-        place = "" if Path(file).is_relative_to(package) else f"{file}, line {trace.tb_lineno}"
+        place = "" if Path(file).is_relative_to(PACKAGE) else f"{file}, line {trace.tb_lineno}"
         trace = trace.tb_next
-    return place
+    return "" if isinstance(end.code, str) else place

@@ -12,7 +12,7 @@ from rich.markup import escape
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option
 from vdfmu.base.trust import CodeNotRunError
-from vdfmu.cli.app import App, looks_only, runs_code
+from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import (
     ForeignOption,
     JsonOption,
@@ -41,7 +41,7 @@ def list_robots(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", example="vdfmu robot show panda_7dof --page -o panda.html")
-@looks_only
+@meets_code(LOOKS)
 def show_robot(
     name: RobotArgument,
     page: Annotated[bool, Option("Write a page with sliders of the joints.",
@@ -137,7 +137,7 @@ def import_file(
 
 
 @app.command("export", example="vdfmu robot export ur5e_6dof --to mjcf")
-@looks_only
+@meets_code(LOOKS)
 def export_file(
     robot: RobotArgument,
     to: Annotated[str | None, Option("Default by the suffix of -o, else mjcf.", choices=("mjcf", "urdf"))] = None,
@@ -162,7 +162,7 @@ def export_file(
 
 
 @app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")
-@runs_code
+@meets_code(RUNS)
 def reach(
     robot: RobotArgument,
     out: Annotated[Path | None, Option("Scenario to write (default ROBOT_reach.toml).")] = None,

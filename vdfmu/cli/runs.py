@@ -13,7 +13,7 @@ from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
-from vdfmu.cli.app import looks_only, runs_code
+from vdfmu.cli.app import LOOKS, RUNS, meets_code
 from vdfmu.cli.options import ForeignOption, OpenOption, ScenarioArgument, UnpackOption, load
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
@@ -23,7 +23,7 @@ from vdfmu.study.options import JudgeOptions, ScenarioOptions, ScenarioRunOption
 _POINT = "One point of a study"
 
 
-@runs_code
+@meets_code(RUNS)
 def run(
     scenario: ScenarioArgument = "tracking", *,
     study: Annotated[Path | None, Option(
@@ -113,7 +113,7 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         raise SystemExit(1)
 
 
-@runs_code
+@meets_code(RUNS)
 def run_package(
     parts: Annotated[list[str], Positional(
         "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
@@ -191,7 +191,7 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
     return system.path, " ".join(parts), system
 
 
-@looks_only
+@meets_code(LOOKS)
 def report(
     folders: Annotated[list[Path] | None, Positional(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App, looks_only, runs_code
+from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_json, say_list, say_notes, say_written, table
@@ -23,7 +23,7 @@ def list_scenarios(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", example="vdfmu scenario show tracking")
-@looks_only
+@meets_code(LOOKS)
 def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.", names=known_scenarios)]) -> None:
     """Show the file of a scenario."""
     from vdfmu.base.errors import UsageError
@@ -37,7 +37,7 @@ def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.",
 
 
 @app.command("motion", example="vdfmu scenario motion path.toml --robot planar_2dof -o path.png")
-@runs_code
+@meets_code(RUNS)
 def motion(
     file: Annotated[str, Positional("Scenario, TOML file with a motion, or CSV samples.", names=known_scenarios)],
     robot: RobotOption = None,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Unpack
 
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App, looks_only, runs_code
+from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import ForeignOption, JsonOption, ScenarioArgument, TrustOption, known_scenarios
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
@@ -33,7 +33,7 @@ app = _SweepGroup(
     example="vdfmu sweep tracking --vary 'controller.K_p[2]=*lin(0.5, 2, 20)' "
     "--measure 'error=rms(trajectory.q_d - plant.q)'"
 )
-@runs_code
+@meets_code(RUNS)
 def run(
     scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
     vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
@@ -62,7 +62,7 @@ ByOption = Annotated[str | None, Option("Measure or column (default the first)."
 
 
 @app.command(example="vdfmu sweep plot results/sweep_tracking --by error")
-@looks_only
+@meets_code(LOOKS)
 def plot(
     study: StudyArgument,
     by: ByOption = None,
@@ -77,7 +77,7 @@ def plot(
 
 
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
-@looks_only
+@meets_code(LOOKS)
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
     """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
     from vdfmu.study.sweeps.sweep import Sweep
@@ -92,7 +92,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")
-@runs_code
+@meets_code(RUNS)
 def report(
     study: StudyArgument,
     out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
@@ -126,7 +126,7 @@ def _say_answer(study: Any) -> None:
     tell(*rest)
 
 
-@runs_code
+@meets_code(RUNS)
 def tune(
     scenario: ScenarioArgument = "tracking",
     *,

@@ -12,7 +12,7 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.toml_file import kind_of, read_toml
-from vdfmu.base.trust import CodeNotRunError, reading_only
+from vdfmu.base.trust import CodeNotRunError, reading_only, told
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.engine.inspect.inspection import Report
@@ -35,7 +35,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
         findings.problems += _findings("SRC001", str(error).splitlines(), path)
         return Report.of(findings, path, kind)
     try:
-        with reading_only():
+        with told(reading_only):
             findings = _run(f"{kind} {robot}", path)
     except CodeNotRunError as code:
         if run:

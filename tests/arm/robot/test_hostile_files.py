@@ -38,7 +38,7 @@ def test_a_device_and_a_large_file_are_refused(tmp_path):
     large = tmp_path / "large.toml"
     with large.open("wb") as stream:
         stream.truncate(114 * 2**20)
-    with pytest.raises(ModelError, match="it has 114 MiB, more than the 1 MiB that are read"):
+    with pytest.raises(ModelError, match="it has more than the 1 MiB that are read"):
         load_robot(large)
 
 

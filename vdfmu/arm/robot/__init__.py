@@ -1,6 +1,6 @@
 """Robots as frozen dataclasses, and their loading from TOML files."""
 
-from vdfmu.arm.robot.own_drive import DriveFile
+from vdfmu.arm.robot.drive_file import DriveFile
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.robot_file import check_robot, load_robot, robot_from_dict, robot_names, section_numbers
 from vdfmu.arm.robot.visual import SHAPES

@@ -9,13 +9,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
 from vdfmu.arm.drive.option import Array, DriveOption
+from vdfmu.arm.robot.drive_file import DriveFile
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, OPTIONAL, PARAMETERS, Parameters, Row, Section, read_only
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.visual import Visual
@@ -25,9 +26,6 @@ from vdfmu.base.errors import UsageError
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar import ZERO, Symbol
 from vdfmu.compiler.unit.declaration import Entry
-
-if TYPE_CHECKING:
-    from vdfmu.arm.robot.own_drive import DriveFile
 
 JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")

@@ -12,7 +12,8 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
-from vdfmu.arm.robot.own_drive import DriveFile, robot_class
+from vdfmu.arm.robot.drive_file import DriveFile
+from vdfmu.arm.robot.own_drive import robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.plain import PLAIN, in_paper_words
@@ -37,11 +38,13 @@ ROBOT_KEYS = (
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
 
 
-def robot_from_dict(data: Mapping[str, Any], where: str = "robot", files: Mapping[str, str] | None = None) -> Robot:
+def robot_from_dict(
+    data: Mapping[str, Any], where: str = "robot", files: Mapping[str, str] | None = None, *, own_drive: bool = True
+) -> Robot:
     """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError has every problem of `where`.
 
     `files` are the texts of the files that the data names, see `Robot.files`. By default they are read from the folder
-    of `where`. The file of a drive is run.
+    of `where`. The file of a drive is run, unless `own_drive` is False: the drive and its tables are left out then.
     """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
@@ -57,7 +60,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot", files: Mappin
     for row in section("robot"):
         if row.shape == (3, 3):
             check_rotation(problems, row.key, np.asarray(whole[row.name]))
-    own = _class(problems, file, Path(where).parent, files or {})
+    own = _class(problems, file, Path(where).parent, files or {}) if own_drive else None
     made = own or Robot
     sources = _sources(file, made)
     expected = "one table [[joints]] for each joint"
@@ -123,24 +126,9 @@ def load_robot(path_or_name: str | os.PathLike[str], *, own_drive: bool = True) 
         If the file cannot be read or describes no physical robot; it lists every problem.
     """
     path = locate(path_or_name, "robots")
-    data = read_toml(path)
-    robot = robot_from_dict(data if own_drive else without_drive(data)[0], str(path))
+    robot = robot_from_dict(read_toml(path), str(path), own_drive=own_drive)
     shipped = str(path_or_name) in shipped_names("robots") and path != Path(path_or_name)
     return robot if shipped else replace(robot, file=str(path_or_name))
-
-
-def without_drive(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Return the content of a robot file without its own drive, and the names of the tables that are left out."""
-    joints, tables = data.get("joints"), dict[str, None]()
-    plain = {key: value for key, value in data.items() if key != "drive"}
-    if "drive" in data and isinstance(joints, list):
-        for joint in cast("list[Any]", joints):
-            tables |= dict.fromkeys(key for key in joint if key not in JOINT_KEYS) if isinstance(joint, dict) else {}
-        plain["joints"] = [
-            {key: value for key, value in joint.items() if key not in tables} if isinstance(joint, dict) else joint
-            for joint in cast("list[Any]", joints)
-        ]
-    return plain, list(tables)
 
 
 def check_robot(robot: Robot, where: str = "") -> Robot:
