@@ -5,7 +5,9 @@ Python API
 ``build``, ``connect``, ``load``
     One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
 ``load_robot``, ``load_scenario``, ``load_motion``
-    A robot, scenario or motion of a file, shipped ones by name; ``vdfmu.motion`` has functions that make motions.
+    A robot, scenario or motion of a file, shipped ones by name.
+``vdfmu.motion``, ``vdfmu.unit``, ``vdfmu.drive``, ``vdfmu.plugin``
+    Functions that make motions, and what own units, drives and plugins are made of.
 ``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``
     An arm of a file of another tool, and a robot as such a file.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
@@ -92,6 +94,7 @@ _NAMES = {
     "vdfmu.study.tuning.tune": ("tune",),
     "vdfmu.study.environment.environments": ("ArmEnv", "ArmVectorEnv", "Environment"),
 }  # fmt: skip
+_MODULES = ("drive", "motion", "plugin", "unit")
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
@@ -106,6 +109,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a name of the API when it is first used, so that an FMU does not load the master or the plots."""
+    if name in _MODULES:
+        return import_module(f"{__name__}.{name}")
     if name not in _WHERE:
         raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
     value = globals()[name] = getattr(import_module(_WHERE[name]), name)
@@ -114,4 +119,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Names of the API."""
-    return sorted(__all__)
+    return sorted([*__all__, *_MODULES])

@@ -42,7 +42,7 @@ def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
     assert moved.options(0, trust=True)["settings"] == study.options(0)["settings"]
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "_NEW_KEY", b"key of another process")
-    assert "not made with this cache" in simulation_of(run, None)["reason"]
+    assert "this cache has no simulation of it" in simulation_of(run, None)["reason"]
     with pytest.raises(UsageError, match="--trust"):
         study.options(0)
 

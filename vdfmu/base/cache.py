@@ -23,7 +23,7 @@ from contextvars import ContextVar
 from functools import lru_cache, wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, TypeVarTuple
+from typing import Any, NamedTuple, TypeVar, TypeVarTuple, overload
 
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.files import open_regular
@@ -107,8 +107,16 @@ def _private() -> tempfile.TemporaryDirectory[str]:
         return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
 
 
-def load(path: Path) -> bytes | None:
-    """Return the content of an entry. None if it is missing, untrusted, damaged or stored under another name."""
+@overload
+def load(path: Path) -> bytes | None: ...
+@overload
+def load(path: Path, read: Callable[[bytes], Made]) -> Made | None: ...
+def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
+    """Return the content of an entry as `read` gives it.
+
+    None if the entry is missing, untrusted, damaged, stored under another name, or not what `read` expects: whatever
+    `read` raises, the entry is made anew.
+    """
     try:
         with open_regular(path) as file:
             if _fault(os.fstat(file.fileno())):
@@ -119,20 +127,26 @@ def load(path: Path) -> bytes | None:
     LOG.info("from the cache: %s/%s", path.parent.name, path.name[:16])
     if data[:_LINE] != _digest(path, data[_LINE:]):
         return None
+    try:
+        content = read(data[_LINE:])
+    except Exception as error:
+        LOG.info("made anew, since the cache has something else: %s: %s", path, error)
+        return None
     with suppress(OSError):  # another process may have removed it
         os.utime(path)
-    return data[_LINE:]
-
-
-def load_or_make(path: Path, make: Callable[[], bytes]) -> bytes:
-    """Return the content of an entry, made and stored if it is not there."""
-    if (content := load(path)) is None:
-        store(path, content := make())
     return content
 
 
+def load_or_make(path: Path, make: Callable[[], bytes], read: Callable[[bytes], Made]) -> Made:
+    """Return the content of an entry as `read` gives it, made and stored if it is not there."""
+    if (loaded := load(path, read)) is not None:
+        return loaded
+    store(path, content := make())
+    return read(content)
+
+
 def store(path: Path, content: bytes) -> None:
-    """Write an entry ``cache / kind / name`` atomically and evict old entries. Ignore errors of the disk."""
+    """Write an entry ``cache / kind / name`` atomically and evict old entries. Warn once of errors of the disk."""
     temporary = None
     try:
         for folder in (path.parent.parent, path.parent):
@@ -143,8 +157,12 @@ def store(path: Path, content: bytes) -> None:
         os.replace(temporary, path)
         temporary = None
         _evict(path.parent.parent, path, _LINE + len(content))
-    except OSError:
-        pass
+    except OSError as error:
+        warn_once(
+            f"the cache {path.parent.parent} cannot be written: {error.strerror or error}. Later commands compile and "
+            "trace again what it lacks, and 'vdfmu report' makes pages without sliders. Free space, or choose another "
+            "folder with VDFMU_CACHE_DIR."
+        )
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)

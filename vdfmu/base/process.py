@@ -60,8 +60,11 @@ def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Pope
     )
 
 
-def limit(kind: str, size: int) -> None:
-    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``."""
+def limit(kind: str, size: int, lasting: bool = True) -> None:
+    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``.
+
+    A limit that is not `lasting` can be raised again.
+    """
     if sys.platform != "win32":
         import resource
 
@@ -69,7 +72,7 @@ def limit(kind: str, size: int) -> None:
         _, most = resource.getrlimit(number)
         size = size if most == resource.RLIM_INFINITY else min(size, most)
         with suppress(OSError, ValueError):  # macOS does not limit the address space
-            resource.setrlimit(number, (size, size))
+            resource.setrlimit(number, (size, size if lasting else most))
 
 
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:

@@ -94,8 +94,8 @@ def identify(
     targets = {path: target_file(path, "", overwrite) for path in wanted}
     if len(targets) < len(wanted):
         raise UsageError(f"identify: expected files of different names, got {', '.join(map(str, wanted))}.")
-    if true is not None and not _same_chain(arm, true):
-        raise UsageError(f"identify: --truth: expected a robot with the joints of {arm.name}, got {true.name}.")
+    if true is not None and (difference := _difference(arm, true)):
+        raise UsageError(f"identify: --truth must have the joints of --robot, got {difference}.")
     columns = column or {}
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
@@ -206,12 +206,13 @@ def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None
     say_notes(fit.advice)
 
 
-def _same_chain(robot: Robot, other: Robot) -> bool:
+def _difference(robot: Robot, other: Robot) -> str:
+    """Return the first difference between the joints of two robots in words; empty if they are the same."""
     import numpy as np
 
-    return robot.joint_types == other.joint_types and all(
-        np.array_equal(getattr(robot, name), getattr(other, name)) for name in ("rotation", "offset", "ell")
-    )
+    words = {"joint_types": "types", "ell": "gear ratios", "offset": "offsets", "rotation": "rotations"}
+    pairs = ((name, *(np.array(getattr(each, name)).tolist() for each in (other, robot))) for name in words)
+    return next((f"{words[name]} {got} instead of {expected}" for name, got, expected in pairs if got != expected), "")
 
 
 def _weak(fit: Identified) -> list[str]:

@@ -44,8 +44,9 @@ def run(
 ) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
-    After Ctrl-C or a kill the same command resumes.
+    After Ctrl-C or a kill the same command resumes. The exit code is 1 if no point has a value.
     """
+    from vdfmu.engine.results.verdict import FAILED
     from vdfmu.study.report.sheets import sheet_table
     from vdfmu.study.sweeps.sweep import sweep
 
@@ -54,6 +55,8 @@ def run(
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
     say_written(study.path, study.report(), more=f"; {len(study)} points")
+    if study.answer.state == FAILED:
+        raise SystemExit(1)
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]

@@ -8,7 +8,7 @@ DOORS = (
     "linear.growth", "linear.linearise", "linear.loops", "linear.system", "masters.components", "masters.observer",
     "masters.sampled", "options", "package.archive", "package.join", "package.limits", "package.parse",
     "package.read", "package.system", "package.writing", "package_run", "plan.check", "plan.grid", "plan.inputs",
-    "results.figure", "results.folder", "results.formats", "results.parquet", "results.picture", "results.results",
-    "results.verdict", "rules", "run",
+"results.csv_file", "results.figure", "results.folder", "results.formats", "results.mat_file", "results.parquet",
+    "results.picture", "results.results", "results.verdict", "rules", "run",
 )  # fmt: skip
 """Modules that other rooms import."""

@@ -15,6 +15,7 @@ from vdfmu.arm.fmus import build
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
+from vdfmu.base.option import checks_types
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import Report, inspect_file
@@ -96,6 +97,7 @@ class System:
         lines += [f"  free inputs: {', '.join(_shortened(texts)) or 'none'}"]
         return "\n".join(lines)
 
+    @checks_types
     def run(
         self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
         **options: Any,
@@ -118,18 +120,22 @@ class System:
         """
         return self._runs.run(**self._with(values, stop=stop, step=step, **options))
 
+    @checks_types
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
         """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
         return Simulator(self.path, **self._with(values, **options))
 
+    @checks_types
     def check(self, run: bool = True) -> Report:
         """Check FMUs and system by the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
         return inspect_file(self.path, run)
 
+    @checks_types
     def margins(self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Any) -> Any:
         """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
         return margins_along(self.path, opened, at, **options)
 
+    @checks_types
     def judge(
         self, wanted: float = 0.01, stop: float | None = None, step: float | None = None, *,
         values: Mapping[str, Any] | None = None, **options: Any,
@@ -137,6 +143,7 @@ class System:
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
 
+    @checks_types
     def environment(
         self, actions: Mapping[str, Any], observations: Any, reward: Callable[[Any, Any], float], **options: Any
     ) -> Any:
@@ -145,6 +152,7 @@ class System:
 
         return Environment(self, actions, observations, reward, **options)
 
+    @checks_types
     def sweep(
         self, vary: Mapping[str, Any] | Sequence[str], *, values: Mapping[str, Any] | None = None, **options: Any
     ) -> Sweep:
@@ -155,17 +163,19 @@ class System:
             chosen.setdefault("master", chosen.pop("algorithm"))
         return sweep(self.path, vary, settings=settings, **chosen)
 
+    @checks_types
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the system as a package (SSP); return its path."""
         path = Path(path)
         if path.suffix.lower() != ".ssp":
-            raise UsageError(f"path must end in .ssp, got {path}. Write {path.with_suffix('.ssp')}.")
+            raise UsageError(f"path must end in .ssp, got {path}. Write {path.parent / (path.stem or 'system')}.ssp.")
         require_ours(path)
         with storing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(self.path, path)
         return path
 
+    @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
         """Write the system as one FMU, see :func:`vdfmu.write_container`; the default step is the system's."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
@@ -187,6 +197,7 @@ def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
     return list(texts) if len(texts) <= most else [*texts[: most - 1], f"and {len(texts) - most + 1} more"]
 
 
+@checks_types
 def connect(
     components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
     fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
@@ -242,6 +253,7 @@ def connect(
     return System(package, keep=folder)
 
 
+@checks_types
 def load(source: Scenario | str | os.PathLike[str]) -> System:
     """Load a system: a package (``.ssp``), one FMU (``.fmu``), or a scenario by name or file.
 

@@ -72,13 +72,12 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     with place as made:
         made = Path(made)
         job.pack(made)
-        if out is not False:
-            keep_program(job.system, job.package)
+        program = None if out is False else keep_program(job.system, job.package)
         try:
             results = job.simulate()
         except (CosimError, Interrupted) as error:
             if out is not False:
-                write_failed(scenario.name, job.package, made, error, simulate=bool(options["simulate"]))
+                write_failed(scenario.name, job.package, made, error, program, simulate=bool(options["simulate"]))
             raise
         summary = results.summary
         job.judge(results)
@@ -87,7 +86,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("figures"):
             write_pictures(results, scenario.robot, made, options["pictures"], width)
         with doing("page"):
-            shown = ShownRun(scenario.name, results, summary, job.package, job.poses)
+            shown = ShownRun(scenario.name, results, summary, job.package, job.poses, program)
             write_report([shown], made / NAME, simulate=bool(options["simulate"]))
         write_summary(summary, made)
         return results

@@ -10,6 +10,7 @@ from typing import Any
 
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
+from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.toml_file import kind_of, read_toml
 from vdfmu.base.trust import CodeNotRunError, reading_only, told
@@ -32,7 +33,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
         if kind == "TOML":
             kind = kind_of(read_toml(path))
     except ModelError as error:
-        findings.problems += _findings("SRC001", str(error).splitlines(), path)
+        findings.entries += _findings("SRC001", str(error).splitlines(), path)
         return Report.of(findings, path, kind)
     try:
         with told(reading_only):
@@ -46,7 +47,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
             text = f"{code.code} is code and was not run (--no-run): only its syntax was read"
             if code.code != path:
                 text += f"; the parts of {path.name} that depend on it were not checked"
-            findings.notes.append(finding("RUN006", text, (str(path), 0)))
+            findings.entries.append(finding("RUN006", text, (str(path), 0)))
     return Report.of(findings, path, kind)
 
 
@@ -62,14 +63,20 @@ def _run(words: str, path: Path, *_: Any) -> Findings:
     kind, robot = words.split(" ", 1)
     default = load_robot(robot)
     try:
-        return Findings(notes=[*_findings("SRC002", _CHECKS[kind](path, default), path)])
+        return Findings([*_findings("SRC002", _CHECKS[kind](path, default), path)])
     except VdfmuError as error:
         return Findings([*_findings("SRC001", str(error).splitlines(), path)])
+
+
+def _robot(path: Path, robot: Robot) -> list[str]:
+    _trace_drive(robot := load_robot(path))
+    return robot_notes(robot)
 
 
 def _scenario(path: Path, robot: Robot) -> list[str]:
     scenario = load_scenario(path)
     _ = SystemDescription(scenario).links
+    _trace_drive(scenario.robot)
     return model_notes(scenario)
 
 
@@ -89,13 +96,20 @@ def _units(path: Path, robot: Robot) -> list[str]:
     return []
 
 
+def _trace_drive(robot: Robot | None) -> None:
+    """Trace the laws of a robot's own drive, in the units that use them."""
+    if robot is not None and robot.own_options:
+        for name in ("feedforward", "plant"):
+            _trace(interface_of(find_unit(name), robot))
+
+
 def _trace(interface: Interface) -> None:
     if interface.unit.backend != "python":
         _ = interface.program
 
 
 _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
-    "robot": lambda path, robot: robot_notes(load_robot(path)), "scenario": _scenario, "system": _system, "unit": _units
+    "robot": _robot, "scenario": _scenario, "system": _system, "unit": _units
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import re
 import zipfile
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from vdfmu.base.trust import CodeNotRunError, reading_only, told
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.system.inspect_source import inspect_source
 from vdfmu.system.scenario import load_scenario
 
 EPS = np.finfo(float).eps
@@ -158,6 +160,7 @@ def test_the_example_runs_as_its_reference():
 
 HEAD = "from dataclasses import dataclass\nfrom vdfmu.drive import *\n"
 ROWS = HEAD + "@dataclass(frozen=True, eq=False, kw_only=True)\nclass Rows:\n    {}: Array = row('mine', '1', 'x')\n"
+LAW = "def law(friction, robot, sliding, state):\n    return {}\nMINE = DriveOption(friction=law)\n"
 STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 
 
@@ -201,6 +204,19 @@ def test_an_fmu_carries_the_drive_as_a_file_and_no_code_in_its_data(robot, tmp_p
     if backend == "python":
         again = Content.read(tmp_path / "unpacked" / "resources", "Feedforward").robot
         assert again.to_dict() == robot.to_dict(looks=False) and again.files == robot.files
+
+
+@pytest.mark.parametrize("law", [
+    "friction._replace(dry=0.1 * sliding)",  # a record, not an array
+    "friction._replace(dry=friction.dry if sliding.velocity[0] > 0.0 else friction.dry)",  # works on numbers alone
+])  # fmt: skip
+def test_a_law_that_fails_has_its_own_line_in_the_message_and_check_finds_it(tmp_path, law):
+    (tmp_path / "my_drive.py").write_text(HEAD + LAW.format(law))
+    track = (EXAMPLE / "track.toml").read_text(encoding="utf-8")
+    track = re.sub(r"(?m)^(cubic|warm) = .*$", "", track).replace("cubic_drive.py", "my_drive.py")
+    (tmp_path / "track.toml").write_text(track)
+    (problem,) = inspect_source(tmp_path / "track.toml", "planar_2dof").problems
+    assert re.search(r"drive(\.py)?, line 4: \w+\(\) of (Feedforward|Plant) (fails|cannot be traced): ", problem)
 
 
 @pytest.mark.parametrize(

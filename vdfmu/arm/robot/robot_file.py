@@ -22,6 +22,7 @@ from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import POSITIVE
+from vdfmu.base.option import checks_types
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
@@ -102,6 +103,7 @@ def robot_names() -> list[str]:
     return toml_names("robots")
 
 
+@checks_types
 def load_robot(path_or_name: str | os.PathLike[str], *, own_drive: bool = True) -> Robot:
     """Load a robot by the name of a shipped one or by the path of a TOML file.
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import FmuError, VdfmuError
-from vdfmu.base.files import data_path, read_text, source_bytes
+from vdfmu.base.files import data_path, read_json, read_text, source_bytes
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
@@ -173,7 +173,7 @@ class Content:
             "functions": self.interface.functions.digest,
             "tool": self.tool,
             "made_by": dict(self.made_by),
-            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+            "start_values": {name: float(self.interface.find(name).start) for name in sorted(self.start_values)},
             "robot": self._robot,
             **({"robot_files": self._digests} if self.robot_files else {}),
         }
@@ -184,7 +184,7 @@ class Content:
         """Content of a Python FMU from its folder ``resources``; FmuError if damaged or built by another vdfmu."""
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
-            data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
+            data = read_json(resources / CONTENT_FILE)
             name, version, digest = (str(data[key]) for key in ("unit", "version", "digest"))
             if version != __version__:
                 raise FmuError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import files as installed_files
@@ -11,7 +10,7 @@ from pathlib import Path
 
 from vdfmu.base.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.base.errors import FmuError
-from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_bytes, storing
+from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_json, read_member, source_bytes, storing
 from vdfmu.base.platforms import binaries, chosen_platforms
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.generate import generated_sources
@@ -98,7 +97,7 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
     if not is_built(path, content.guid):
         return False
     try:
-        inside = json.loads(read_member(path, _CONTENT) or b"{}").get("platforms", [])
+        inside = read_json(read_member(path, _CONTENT) or b"{}").get("platforms", [])
     except (ValueError, AttributeError):
         return False
     return set(platforms) <= set(inside)

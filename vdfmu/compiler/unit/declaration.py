@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Literal, Protocol, Self, overload
 import numpy as np
 
 from vdfmu.base.arrays import Floats, element_name
+from vdfmu.base.domain import NO_LIMIT as NO_LIMIT  # units import it from here
 from vdfmu.base.errors import UnitError
 
 
@@ -31,8 +32,6 @@ class _Joints:
 
 JOINTS = _Joints()
 """Length of an axis: the number of joints, or links, of the robot."""
-NO_LIMIT = 1e12
-"""Start value of a limit that does not limit; FMI lacks a portable infinity."""
 SOLVER_TOLERANCE = 1e-7
 """Default tolerance of the plant's solver, relative and absolute in SI units."""
 SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))

@@ -34,6 +34,7 @@ _UNIT = "resources/unit.py"
 """Member of a Python FMU of this project with the code of a user's unit."""
 _TRUE = {"true", "1"}
 _SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
+_CHOICES = "{urn:org.vdfmu.choices}Choice"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 
 
@@ -227,12 +228,16 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
     )
     clocks = {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
+    names = {
+        listed.get("variable"): {each.get("name", ""): i for i, each in enumerate(listed.iterfind(_CHOICES))}
+        for listed in root.iterfind(f".//{_CHOICES}s")
+    }
     return Description(
         source=source,
         identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
         once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
-        variables=read_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit")), clocks),
+        variables=read_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit")), clocks, names),
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),

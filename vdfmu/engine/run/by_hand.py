@@ -17,7 +17,6 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.system import Value, spread
 from vdfmu.engine.plan.checker import overrides
-from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import group_of
 from vdfmu.engine.run.session import Session
@@ -90,7 +89,7 @@ class ByHand:
         sinks = self._sinks.get(name) or self._sinks.setdefault(name, self._sinks_of(name, value))
         try:
             values = spread(value, [variable.name for _, variable in sinks])
-            made = [(v, as_type(x, v)) for (_, v), x in zip(sinks, values, strict=True)]
+            made = [(v, v.domain.read(x)) for (_, v), x in zip(sinks, values, strict=True)]
         except ValueError as error:
             raise UsageError(f"{name!r}: {error}") from None
         sinks[0][0].set_all(made)

@@ -23,6 +23,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
@@ -39,9 +40,12 @@ class Limits:
         if memory is None:
             with suppress(AttributeError, ValueError, OSError):  # unknown
                 self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
-            if not value > 0.0:
-                raise UsageError(f"{name} must be positive, got {value:g} {unit}")
+        if not 0.0 < self.time < math.inf:
+            raise UsageError(
+                f"wait_limit must be a positive, finite time in s, got {self.time:g}. The default is 300 s."
+            )
+        if not self.memory > 0.0:
+            raise UsageError(f"memory_limit must be positive, got {self.memory:g} MB")
 
 
 STEP = struct.Struct("<ddd")
@@ -65,7 +69,8 @@ class Isolated(Stepper):
         self.box, self.limits = box, limits
         self._names = list(checked.descriptions)
         self._memory = folder / "memory"
-        self._memory.write_bytes(bytes(8 * words_of(checked)))
+        with storing(self._memory):
+            self._memory.write_bytes(bytes(8 * words_of(checked)))
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
         self._content = pickle.dumps((checked, dict(folders)))
         self._child: Child | None = None

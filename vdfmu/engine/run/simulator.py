@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import check_type, lists_options, pick, with_options
+from vdfmu.base.option import check_type, checks_types, lists_options, pick, with_options
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
@@ -19,7 +19,7 @@ from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.check import Checked, check_system, with_parameters, with_steps
+from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
@@ -120,7 +120,7 @@ class Simulator:
         self._tables = read_inputs(options["inputs"], bool(options["input_hold"]))
         self._checked = check_system(
             self._system, options["parameters"], inputs=self._tables, algorithm=options["algorithm"],
-            repeats=options["adaptive"] is not None, strict=options["strict"],
+            repeats=options["adaptive"] is not None,
             ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
         self.sizes = {
@@ -193,6 +193,7 @@ class Simulator:
         if failure is not None:
             raise failure
 
+    @checks_types
     def reset(
         self, *, start: float | None = None, stop: float | None = None, step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
@@ -217,6 +218,7 @@ class Simulator:
             self._initialize(session, grid)
             self._by_hand, self._begun = ByHand(session, grid), wanted
 
+    @checks_types
     def step(self, count: int = 1) -> None:
         """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
         steps = self._by_hand or self._stepped
@@ -226,6 +228,7 @@ class Simulator:
             self._free(error)
             raise
 
+    @checks_types
     def set(self, name: str, value: Any) -> None:
         """Set an unconnected input, or a tunable parameter, ``component.variable``, for the next steps.
 
@@ -233,6 +236,7 @@ class Simulator:
         """
         self._stepped.set(name, value)
 
+    @checks_types
     def get(self, name: str) -> Any:
         """Return the current value of ``component.variable``; without an index all elements of an array."""
         return self._stepped.get(name)
@@ -267,6 +271,8 @@ class Simulator:
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'.")
         checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
+        if self._options["strict"]:
+            require_values(checked)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")

@@ -132,10 +132,10 @@ def run_along(
     with packaged(scenario, **options) as (path, taken):
         with Simulator(path, isolate=False, **taken) as simulator:
             grid = simulator.grid(None, None, None)
-            rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
-            if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
+            places = [(t - grid.begin) / grid.step for t in at]
+            if beyond := [f"{t:g}" for t, place in zip(at, places, strict=True) if not -0.5 < place < grid.n + 0.5]:
                 raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
-            asked: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
+            asked: dict[str, Any] = {"opened": opened, "more": [*map(round, places)], "again": again, "noted": True}
             if isinstance(scenario, Scenario):
                 poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **asked)
             else:

@@ -15,7 +15,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.errors import LOG, CosimError, UsageError, VdfmuError
 from vdfmu.base.files import inside, require_ours, write_whole
 from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
@@ -88,12 +88,13 @@ def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: boo
 
 
 def write_failed(
-    name: str, package: Path, folder: Path, error: CosimError | Interrupted, *, simulate: bool = False
-) -> None:
+    name: str, package: Path, folder: Path, error: CosimError | Interrupted,
+    program: Mapping[str, Any] | None = None, *, simulate: bool = False,
+) -> None:  # fmt: skip
     """Write the page of a failed run that has rows, see `write_report`. A second failure is noted in the error."""
     try:
         if error.results is not None and len(error.results):
-            run = ShownRun(name, error.results, error.results.summary, package)
+            run = ShownRun(name, error.results, error.results.summary, package, program=program)
             write_report([run], folder / NAME, simulate=simulate)
             write_summary(error.results.summary, folder)
     except Exception as other:
@@ -121,6 +122,9 @@ def report_page(
         }
         for name, run in zip(names, runs, strict=True)
     ]
+    for reason in dict.fromkeys(part["simulation"].get("reason") for part in parts if simulate):
+        if reason:
+            LOG.warning("the page has no sliders. %s", reason)
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})

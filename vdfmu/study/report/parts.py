@@ -98,7 +98,7 @@ def tiles_of(summary: Summary) -> list[Tile]:
         )
         note = form
         name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
-        if "limit" in figure:
+        if figure.get("limit"):
             note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
         tiles.append(Tile(name, value_of(key, figure), note, shown, measure, figure["at_s"]))
     return tiles[:MOST_TILES]

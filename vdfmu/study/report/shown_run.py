@@ -36,6 +36,8 @@ class ShownRun(NamedTuple):
     """Its ``system.ssp``; a diagram needs it."""
     poses: Poses | None = None
     """Its loops, if this process made it."""
+    program: Mapping[str, Any] | None = None
+    """Its simulation, see `vdfmu.study.report.simulation.keep_program`, if this process made it."""
 
 
 def _run_folders(folder: Path) -> list[Path]:

@@ -119,9 +119,15 @@ class _Peaks:
         self.most, self.at = np.where(higher, largest, self.most), np.where(higher, time[rows], self.at)
 
     def worst(self, units: list[str], limit: Floats | None = None) -> dict[str, Any]:
-        """Return the joint with the largest share of its limit, or the largest value of the first joint's unit."""
-        comparable = [unit == units[0] for unit in units]
-        share = self.most[: len(units)] * comparable if limit is None else self.most[: len(units)] / limit
+        """Return the joint with the largest share of its limit, or the largest value of the first joint's unit.
+
+        A limit of 0, of a motor without torque, has no share.
+        """
+        most = self.most[: len(units)]
+        if limit is None:
+            share = most * [unit == units[0] for unit in units]
+        else:
+            share = np.divide(most, limit, out=np.zeros_like(most), where=limit > 0.0)
         i = int(share.argmax())
         more = {} if limit is None else {"limit": float(limit[i]), "limits": limit.tolist()}
         return {"value": float(self.most[i]), "unit": units[i], "joint": i + 1, "at_s": float(self.at[i])} | more

@@ -142,7 +142,7 @@ class ScenarioRun:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
         self._place = self._place_of_loops()
-        self._loops = LoopCheck.read(load(self._place)) if self._place else None
+        self._loops = load(self._place, LoopCheck.read) if self._place else None
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
@@ -168,6 +168,9 @@ class ScenarioRun:
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
             unstable = explain(error, self.poses)
+            if isinstance(error, CosimError) and error.results:
+                for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
+                    error.add_note(f"A likely cause: {note.removesuffix('.')}")
             if written:
                 if error.results is not None and unstable:
                     error.results.summary["key_figures"] = unstable[0].figures
@@ -260,7 +263,7 @@ class ScenarioRun:
             report(stage, 0, 1)
             solution = reference_blocks(
                 name, self.system, step=scenario.step, stop=scenario.stop,
-                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot), overlap=1,
                 progress=partial(report, stage),
             )  # fmt: skip
             try:

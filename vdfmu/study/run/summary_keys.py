@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import read_regular
+from vdfmu.base.files import read_json
 from vdfmu.base.text import elided
 from vdfmu.base.version import format_problem
 from vdfmu.engine.results.formats import result_files
@@ -174,8 +174,6 @@ KEYS: Mapping[str, Any] = {
 """Types of all keys that a run may write: a tuple for some texts, a mapping for a table of optional keys."""
 
 
-_LARGEST = 2**28
-"""Largest summary that is read [byte]."""
 _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 """Texts in JSON for numbers that are not finite."""
 
@@ -183,9 +181,7 @@ _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 def read_summary(file: Path) -> dict[str, Any]:
     """Return a summary of the types of `KEYS`, without null keys. UsageError has every problem."""
     try:
-        content = json.loads(read_regular(file, _LARGEST))
-    except RecursionError:
-        raise UsageError(f"{file}: expected a table of facts, got lists within lists.") from None
+        content = read_json(file)
     except (OSError, ValueError) as error:
         raise UsageError(
             f"{file.parent}: expected the folder of a run, with summary.json and {' or '.join(result_files())}: "

@@ -42,9 +42,9 @@ class LoopCheck(NamedTuple):
     """Entries of ``key_figures`` of a summary: ``margin``; if disturbances grow, ``unstable``."""
 
     @classmethod
-    def read(cls, stored: bytes | None) -> list[LoopCheck] | None:
-        """Return checks from the cache, None if they are not there."""
-        return None if stored is None else [cls(Check(*check), figures) for check, figures in json.loads(stored)]
+    def read(cls, stored: bytes) -> list[LoopCheck]:
+        """Return checks from the cache."""
+        return [cls(Check(*check), figures) for check, figures in json.loads(stored)]
 
 
 def explain(error: CosimError | Interrupted, poses: Poses) -> list[LoopCheck]:

@@ -24,6 +24,7 @@ from vdfmu.arm.robot import (
 from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import locate, read_toml, toml_names
 from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, value_text
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
@@ -40,6 +41,7 @@ def scenario_names() -> list[str]:
     return toml_names("scenarios")
 
 
+@checks_types
 def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | None = None) -> Scenario:
     """Load a scenario by the name of a shipped one or by the path of a TOML file.
 
