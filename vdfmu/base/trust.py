@@ -23,29 +23,29 @@ class CodeNotRunError(Exception):
 
 
 def reading_only(code: object) -> NoReturn:
-    """Refuse code, in ``with told(reading_only)``."""
+    """Refuse code, in ``with announced_to(reading_only)``."""
     raise CodeNotRunError(code)
 
 
-_told: ContextVar[Callable[[object], None] | None] = ContextVar("_told", default=None)
+_listener: ContextVar[Callable[[object], None] | None] = ContextVar("_listener", default=None)
 
 
 @contextmanager
-def told(tell: Callable[[object], None]) -> Generator[None]:
+def announced_to(tell: Callable[[object], None]) -> Generator[None]:
     """Call a function with the name of each file, or plugin, whose code is about to run; it may raise."""
-    token = _told.set(tell)
+    token = _listener.set(tell)
     try:
         yield
     finally:
-        _told.reset(token)
+        _listener.reset(token)
 
 
 def is_reading_only() -> bool:
     """Whether no code may run."""
-    return _told.get() is reading_only
+    return _listener.get() is reading_only
 
 
 def before_code(code: object) -> None:
     """Announce that code of a file, or of a plugin, is about to run. CodeNotRunError if none may run."""
-    if (tell := _told.get()) is not None:
+    if (tell := _listener.get()) is not None:
         tell(code)

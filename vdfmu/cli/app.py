@@ -23,7 +23,7 @@ from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import Option
 from vdfmu.base.progress import showing
-from vdfmu.base.trust import CodeNotRunError, reading_only, told
+from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.base.version import __version__
 from vdfmu.cli import own_process
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
@@ -117,11 +117,11 @@ class Described(click.Command):
             if isinstance(self, click.Group):
                 return self._run(ctx)
             if self.code == LOOKS and not ctx.params.get("trust"):
-                rules.enter_context(told(reading_only))
+                rules.enter_context(announced_to(reading_only))
             elif not in_place and own_process.wanted():
                 if self.code and not own_process.is_second() and (code := own_process.code_named(_words)):
                     own_process.require(code)  # before anything that takes long is imported
-                rules.enter_context(told(own_process.require))
+                rules.enter_context(announced_to(own_process.require))
             try:
                 return self._run(ctx, moves=not in_place and not own_process.is_second())
             except CodeNotRunError as error:

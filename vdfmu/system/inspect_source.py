@@ -13,7 +13,7 @@ from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.toml_file import kind_of, read_toml
-from vdfmu.base.trust import CodeNotRunError, reading_only, told
+from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
 from vdfmu.engine.inspect.inspection import Report
@@ -36,7 +36,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
         findings.entries += _findings("SRC001", str(error).splitlines(), path)
         return Report.of(findings, path, kind)
     try:
-        with told(reading_only):
+        with announced_to(reading_only):
             findings = _run(f"{kind} {robot}", path)
     except CodeNotRunError as code:
         if run:

@@ -23,7 +23,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import ModelError, UnitError
 from vdfmu.base.files import data_path
-from vdfmu.base.trust import CodeNotRunError, reading_only, told
+from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.interface import Interface
@@ -231,7 +231,7 @@ def test_a_name_of_the_plant_is_refused(text, name):
 def test_a_number_that_is_missing_has_its_place_and_no_drive_is_run_where_files_are_only_read(robot, planar):
     with pytest.raises(ModelError, match=r"joints\[2\]\.cubic\.K_1: expected a finite number > 0 in N\.m/rad"):
         made(cubic={}, warm={"T_s": 30.0})
-    with told(reading_only), pytest.raises(CodeNotRunError):
+    with announced_to(reading_only), pytest.raises(CodeNotRunError):
         made(TEXT + "# another\n")
     speed = np.array([0.3, -0.4])
     warm, cold = (joint_friction(arm, speed, speed)[1] for arm in (robot, planar))
