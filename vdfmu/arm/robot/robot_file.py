@@ -61,8 +61,8 @@ def robot_from_dict(
     for row in section("robot"):
         if row.shape == (3, 3):
             check_rotation(problems, row.key, np.asarray(whole[row.name]))
-    own = _class(problems, file, Path(where).parent, files or {}) if own_drive else None
-    made = own or Robot
+    drive_class = _class(problems, file, Path(where).parent, files or {}) if own_drive else None
+    made = drive_class or Robot
     sources = _sources(file, made)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
@@ -75,7 +75,7 @@ def robot_from_dict(
         joint, of_words = in_paper_words(problems, joint, f"joints[{i}]")
         joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
         of_catalogue |= where_from | of_words
-        read.append(_joint(problems, joint, f"joints[{i}]", own))
+        read.append(_joint(problems, joint, f"joints[{i}]", drive_class))
     names = [joint["name"] for joint in read]
     for i, name_of in enumerate(names, 1):
         if name_of and names.index(name_of) < i - 1:
@@ -153,11 +153,11 @@ def _class(problems: Problems, file: Table, folder: Path, files: Mapping[str, st
     return None
 
 
-def _joint(problems: Problems, data: object, path: str, own: type[Robot] | None) -> dict[str, Any]:
+def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot] | None) -> dict[str, Any]:
     """Read one [[joints]] table: field of `Robot` to this joint's value. Without a class it may have any tables."""
-    made = own or Robot
+    made = drive_class or Robot
     sections: Any = made.own_sections()
-    table = Table(problems, data, path, None if own is None else (*JOINT_KEYS, *sections))
+    table = Table(problems, data, path, None if drive_class is None else (*JOINT_KEYS, *sections))
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
     name = table.label("name") if "name" in table.data else ""
