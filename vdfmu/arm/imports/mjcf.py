@@ -63,7 +63,7 @@ def _require_regular(path: Path) -> None:
     texts, folders, names = [read_bytes(path, "an MJCF file", _LARGEST)], {path.parent}, dict[str, None]()
     for text in texts:  # those of includes are added below
         folders |= {path.parent / html.unescape(name.decode(errors="replace")) for name in _FOLDERS.findall(text)}
-        for name in (html.unescape(found.decode(errors="replace")) for found in _NAMED.findall(text)):
+        for name in (html.unescape(quoted.decode(errors="replace")) for quoted in _NAMED.findall(text)):
             if name not in names and Path(name).suffix.lower() == ".xml" and (path.parent / name).exists():
                 texts.append(read_bytes(path.parent / name, "an MJCF file", _LARGEST))
             names[name] = None
