@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, TypeVarTuple, overload
 
 from vdfmu.base.errors import LOG, UsageError
+from vdfmu.base.files import open_regular
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
 
@@ -119,7 +120,7 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
     `read` raises, the entry is made anew.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             if _fault(os.fstat(file.fileno())):
                 return None
             data = file.read()
@@ -192,7 +193,7 @@ def entries(cache: Path) -> list[_CachedFile]:
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
-                with path.open("rb") as file:
+                with open_regular(path) as file:
                     head, status = file.read(_LINE), os.fstat(file.fileno())
                 if _HEAD.fullmatch(head):
                     listed.append(_CachedFile(status.st_mtime, status.st_size, path))

@@ -274,6 +274,12 @@ class Child:
         return code, peak, output
 
 
+def end_with_parent() -> None:
+    """Let this process end with the thread that started it, which only Linux can do."""
+    if sys.platform == "linux":
+        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+
+
 class Parent:
     """The starting process, seen from the process of a :class:`Child`.
 
@@ -285,8 +291,7 @@ class Parent:
         self._requests, self._replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.dup2(2, 1)
-        if sys.platform == "linux":
-            CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+        end_with_parent()
 
     def read(self, size: int) -> bytes:
         """Read bytes, fewer at the end."""

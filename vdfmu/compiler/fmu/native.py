@@ -122,6 +122,7 @@ def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[
         **documentation_files(content),
         **reference_files(content),
         "documentation/licenses/license.txt": (_terms_of_unit(content) + _license() + THIRD_PARTY).encode(),
+        **content.robot_files,
         _CONTENT: content.to_json(platforms=list(libraries)).encode(),
     }
 
