@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from vdfmu.base.option import Option, option_of
+from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, refuse, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table, tell
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _MODES, _MARGINS = "Modes", "Margins"
 
 
+@meets_code(RUNS)
 def linear(
     system: Annotated[str, Positional("Robot, scenario or system package.", metavar="[ROBOT|SCENARIO|FILE.ssp]",
         names=lambda: [*known_scenarios(), *known_robots()])] = "tracking",
@@ -227,6 +229,7 @@ def _margins(
         say(f"{words[:1].upper()}{words[1:]}.")
 
 
+@meets_code(RUNS)
 def judge(
     system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO",
         names=known_scenarios)],

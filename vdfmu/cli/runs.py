@@ -13,6 +13,7 @@ from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
+from vdfmu.cli.app import LOOKS, RUNS, meets_code
 from vdfmu.cli.options import ForeignOption, OpenOption, ScenarioArgument, UnpackOption, load
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
@@ -22,6 +23,7 @@ from vdfmu.study.options import JudgeOptions, ScenarioOptions, ScenarioRunOption
 _POINT = "One point of a study"
 
 
+@meets_code(RUNS)
 def run(
     scenario: ScenarioArgument = "tracking", *,
     study: Annotated[Path | None, Option(
@@ -31,7 +33,7 @@ def run(
     by: Annotated[str | None, Option(
         "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
     trust: Annotated[bool, Option(
-        "Run files that a study of others names.", group=_POINT, more="They have your rights.")] = False,
+        "Run the code that a study of others names.", group=_POINT, more="It runs with your permissions.")] = False,
     opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:  # fmt: skip
@@ -109,6 +111,7 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         raise SystemExit(1)
 
 
+@meets_code(RUNS)
 def run_package(
     parts: Annotated[list[str], Positional(
         "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
@@ -186,6 +189,7 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
     return system.path, " ".join(parts), system
 
 
+@meets_code(LOOKS)
 def report(
     folders: Annotated[list[Path] | None, Positional(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",

@@ -20,7 +20,7 @@ from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run import Simulator
+from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import LoopOptions
@@ -129,7 +129,7 @@ def run_along(
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
     scenario = system if package else scenario_of(system, names=options.get("settings") or ())
     with packaged(scenario, **options) as (path, taken):
-        with Simulator(path, isolate=False, **taken) as simulator:
+        with Simulator(path, **taken) as simulator:
             grid = simulator.grid(None, None, None)
             places = [(t - grid.begin) / grid.step for t in at]
             if beyond := [f"{t:g}" for t, place in zip(at, places, strict=True) if not -0.5 < place < grid.n + 0.5]:
@@ -143,7 +143,7 @@ def run_along(
             try:
                 simulator.run(record=(), taps=[poses])
             except CosimError as error:
-                if poses.lacking:
+                if poses.lacking or not poses.seconds or isinstance(error, LostProcessError):
                     raise
                 grid, failed = grid._replace(end=error.time), f"the run fails: {error}"
             if poses.lacking:

@@ -112,17 +112,18 @@ def report_page(
     wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
+    simulations = [simulation_of(run, binaries if simulate else None) for run in runs]
     parts = [
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(run, binaries if simulate else None),
+            "simulation": simulation,
             "command": run_command(run.summary),
             "marks": marks(run.summary),
         }
-        for name, run in zip(names, runs, strict=True)
+        for name, run, simulation in zip(names, runs, simulations, strict=True)
     ]
-    for reason in dict.fromkeys(part["simulation"].get("reason") for part in parts if simulate):
+    for reason in dict.fromkeys(simulation.get("reason") for simulation in simulations if simulate):
         if reason:
             LOG.warning("the page has no sliders. %s", reason)
     if arm_alone:

@@ -152,7 +152,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
-            content = program | digests | _judged(run, program)
+            content = {**program, **digests, **_judged(run, program)}
         except VdfmuError as error:
             reason = _reason(error)
         else:

@@ -84,8 +84,8 @@ def tracks(
     start, stop, step = span
     made = [list[Track | None]([None]) for _ in knobs]
     try:
-        with Simulator(package, isolate=False, algorithm=algorithm) as simulator:
-            if poses is None or not poses.seconds:  # or its components had processes
+        with Simulator(package, algorithm=algorithm) as simulator:
+            if poses is None or not poses.seconds:
                 poses = Poses("tau", TIED, again=True)
                 simulator.run(start=start, stop=stop, step=step, record=(), taps=[poses])
             elif not poses.lacking:
@@ -104,7 +104,8 @@ class _MovedLoops:
 
     def __init__(self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
-        self.components, self.parameters, self.still, self._poses = poses.components, parameters, still, poses
+        self.checked = poses.components.exchange.checked
+        self.parameters, self.still, self._poses = parameters, still, poses
         along = poses.changed(still) if still else poses.loops
         nearest = along.nearest()
         if nearest is None:
@@ -196,7 +197,7 @@ def _margins(loops: Iterable[Loop]) -> list[float]:
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
     rows = loops.rows
-    able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
+    able = all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return

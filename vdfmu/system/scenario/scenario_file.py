@@ -14,9 +14,9 @@ import numpy as np
 from vdfmu.arm.motion import read_motion, rest
 from vdfmu.arm.robot import (
     FRICTION_ARRANGEMENTS,
+    DriveFile,
     Robot,
     check_robot,
-    drive_text,
     load_robot,
     robot_from_dict,
     section_numbers,
@@ -101,7 +101,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
 def _numbers(robot: Robot) -> dict[str, Any]:
     """Return the values of a robot that results depend on."""
     texts = ("name", "description", "sources")
-    return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts}
+    return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts} | robot.files
 
 
 def load_system(
@@ -259,12 +259,13 @@ def _with_drive(table: Table, robot: Robot) -> Robot:
     """Return a robot with the drive of a table [joints] and its numbers, each for all joints or a list."""
     where = table.problems.where
     try:
-        data: dict[str, Any] = robot.to_dict() | {"drive": drive_text(table.text("drive"), Path(where).parent)}
+        drive = DriveFile.read(table.text("drive"), Path(where).parent)
+        data: dict[str, Any] = robot.to_dict() | {"drive": drive.name}
         for i, joint in enumerate(data["joints"]):
             for part in (key for key in table.data if key != "drive"):
                 numbers = table.optional_table(part).data.items()
                 joint[part] = {key: value[i] if isinstance(value, list) else value for key, value in numbers}
-        return dataclasses.replace(robot_from_dict(data, where), file=robot.file)
+        return dataclasses.replace(robot_from_dict(data, where, {drive.name: drive.text}), file=robot.file)
     except IndexError:
         table.problems.add("joints", f"lists of {robot.n} numbers", "a shorter one", "Give a number for each joint.")
     except (ModelError, UsageError) as error:
