@@ -43,9 +43,9 @@ class Power:
         for call in names:
             patch.setattr(os, call, recorded(call))
 
-    def done(self, what: Any) -> None:
+    def done(self, promise: Any) -> None:
         """Note that the program has promised something: it holds in all states from here on."""
-        self._events.append(("done", what))
+        self._events.append(("done", promise))
 
     def _place(self, path: str) -> str | None:
         path = os.path.abspath(path)
@@ -81,8 +81,8 @@ class Power:
             promised: list[Any] = []
             for event in self._events[:end]:
                 match event:
-                    case ("done", what):
-                        promised.append(what)
+                    case ("done", promise):
+                        promised.append(promise)
                     case ("sync", inode, content):
                         contents[inode] = content
                     case ("sync folder", place):

@@ -35,7 +35,7 @@ def made(monkeypatch):
 @pytest.fixture
 def ours(monkeypatch):
     """Let all FMUs be of this project, so that they last."""
-    monkeypatch.setattr(session, "is_ours", lambda names: True)
+    monkeypatch.setattr(session, "is_own", lambda unit: True)
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_foreign_fmus_and_those_of_one_instance_are_freed_after_each_run(pack, x
     once = edited(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])
     for extra, options in (({"resources/once.fmu": once}, {}), ({"resources/once.fmu": fmus["Gain"].read_bytes()}, {})):
         if extra["resources/once.fmu"] is not once:
-            monkeypatch.setattr(session, "is_ours", lambda names: False)
+            monkeypatch.setattr(session, "is_own", lambda unit: False)
             options = {"isolate": False}
         runs = KeptRuns(pack([xml.component("a", "Gain").replace("Gain.fmu", "once.fmu")], extra=extra))
         for _ in range(3):

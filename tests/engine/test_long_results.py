@@ -15,12 +15,13 @@ ROWS, COLUMNS = 3000, 4
 
 @pytest.fixture
 def long(monkeypatch):
-    for place, name, value in (
+    limits = (
         (csv_file, "_CELLS", 1),
         (parquet, "_GROUP", 700),
         (arrays, "_MOST", 20_000),
         (foreign, "_IN_MEMORY", 1000),
-    ):
+    )
+    for place, name, value in limits:
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
     signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]

@@ -66,7 +66,7 @@ def test_a_run_that_fails_leaves_its_rows_in_parquet(tmp_path):
     with pytest.raises(CosimError) as caught:
         vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9}, formats=["parquet"])
     verdict, rows = caught.value.__notes__
-    assert verdict.startswith("Sampled loops: unstable from the start, joint")
+    assert verdict.startswith("Stability: Unstable from the start, joint")
     assert rows == f"Rows up to {caught.value.time:.9g} s are in {tmp_path / 'partial' / 'results.parquet'}."
     assert_same_bits(Results.read(tmp_path / "partial" / "results.parquet"), caught.value.results)
 

@@ -22,7 +22,7 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
   <ModelVariables>
     <Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
     <Float64 name="way" valueReference="1" causality="parameter" variability="fixed" start="0"/>
-    <Float64 name="told" valueReference="2" causality="parameter" variability="fixed" start="0"/>
+    <Float64 name="reported" valueReference="2" causality="parameter" variability="fixed" start="0"/>
     <Float64 name="from" valueReference="3" causality="parameter" variability="fixed" start="0"/>
     <Float64 name="y" valueReference="4" causality="output"/>
     <Boolean name="b" valueReference="5" causality="output"/>
@@ -53,23 +53,24 @@ def package(library, pack, xml, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("told", "way", "isolate"),
-    [(told, way, False) for told in (4.0, 1e308, math.nan, -1.0) for way in (ENDS, EARLY)] + [(4.0, EARLY, True)],
+    ("reported", "way", "isolate"),
+    [(reported, way, False) for reported in (4.0, 1e308, math.nan, -1.0) for way in (ENDS, EARLY)]
+    + [(4.0, EARLY, True)],
 )
-def test_a_time_outside_of_the_step_ends_the_run_with_its_component(package, told, way, isolate):
-    """In C steps, without isolation, and in those of Python. A step is 0.25 s; `told` counts steps from its begin."""
-    parameters = {"unit.way": way, "unit.from": 0.5, "unit.told": told}
+def test_a_time_outside_of_the_step_ends_the_run_with_its_component(package, reported, way, isolate):
+    """In C steps, without isolation, and in those of Python. A step is 0.25 s; `reported` counts steps."""
+    parameters = {"unit.way": way, "unit.from": 0.5, "unit.reported": reported}
     with pytest.raises(CosimError) as failed:
         simulate(package(False), stop=1.0, step=0.25, parameters=parameters, isolate=isolate)
-    shown = f"{0.5 + told * 0.25:.9g}"
+    shown = f"{0.5 + reported * 0.25:.9g}"
     assert (failed.value.unit, failed.value.call) == ("unit", "doStep")
     assert f"it reports that the step from t = 0.5 s to t = 0.75 s ended at t = {shown} s" in str(failed.value)
 
 
-@pytest.mark.parametrize("told", [1.0 + 4e-10, 1.0, 1.0 - 4e-10])
-def test_a_time_within_the_rounding_of_the_step_is_its_end(package, told):
+@pytest.mark.parametrize("reported", [1.0 + 4e-10, 1.0, 1.0 - 4e-10])
+def test_a_time_within_the_rounding_of_the_step_is_its_end(package, reported):
     """4e-10 of a step is less than what a clock loses that adds up steps, 1e-9 of its time. Flags have all bits set."""
-    parameters = {"unit.way": EARLY, "unit.told": told}
+    parameters = {"unit.way": EARLY, "unit.reported": reported}
     results = simulate(package(False), stop=1.0, step=0.25, parameters=parameters, isolate=False)
     assert results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert results["unit.b"].tolist() == [1] * 5
@@ -81,7 +82,7 @@ def test_a_time_within_the_rounding_of_the_step_is_its_end(package, told):
     [(EARLY, "it returned early at t = 0.5 s, where it began"), (EVENT, "it returned early 1000 times")],
 )
 def test_a_step_that_never_advances_ends_the_run(package, way, words):
-    parameters = {"unit.way": way, "unit.from": 0.5, "unit.told": 0.0}
+    parameters = {"unit.way": way, "unit.from": 0.5, "unit.reported": 0.0}
     with pytest.raises(CosimError, match=words):
         simulate(package(True), stop=1.0, step=0.25, parameters=parameters, isolate=False)
 
@@ -90,8 +91,8 @@ def box():
     return SimpleNamespace(time=2.0, ended={}, pending=[])
 
 
-@pytest.mark.parametrize(("told", "ended"), [(1.5, 1.5), (2.0, 2.0), (3.0, None), (0.9, None), (1e308, None)])
-def test_the_last_successful_time_of_fmi_2_lies_in_the_discarded_step(told, ended):
+@pytest.mark.parametrize(("reported", "ended"), [(1.5, 1.5), (2.0, 2.0), (3.0, None), (0.9, None), (1e308, None)])
+def test_the_last_successful_time_of_fmi_2_lies_in_the_discarded_step(reported, ended):
     class Discards(Instance2):
         def __init__(self):
             self.name, self.box, self.argument = "unit", box(), None
@@ -99,7 +100,7 @@ def test_the_last_successful_time_of_fmi_2_lies_in_the_discarded_step(told, ende
 
         def function(self, name):
             def answer(component, kind, value):
-                value._obj.value = 1 if name == "GetBooleanStatus" else told
+                value._obj.value = 1 if name == "GetBooleanStatus" else reported
                 return 0
 
             return answer
@@ -162,8 +163,8 @@ def test_the_check_has_a_rule_for_such_numbers(tmp_path):
     path = tmp_path / "M.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", description)
-    found = inspect_file(path, run=False).problems
-    assert [str(each) for each in found if each.rule.number == "FMI023"] == [
+    problems = inspect_file(path, run=False).problems
+    assert [str(each) for each in problems if each.rule.number == "FMI023"] == [
         "modelDescription.xml, line 1: the model has 0 continuous states and 4294967295 event indicators; expected "
         "10000000 at most of each"
     ]

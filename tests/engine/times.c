@@ -7,7 +7,7 @@
 
 enum { WELL, ENDS, EARLY, EVENT };
 typedef struct {
-    double way, told, from, time; /* `told`: last successful time in steps from the begin of the step from `from` on */
+    double way, reported, from, time; /* `reported`: last successful time in steps from the begin of the step from `from` on */
     int steps;
 } Unit;
 static const char *version = "3.0";
@@ -41,7 +41,7 @@ fmi3Status fmi3Terminate(fmi3Instance c) { return (void)c, fmi3OK; }
 fmi3Status fmi3Reset(fmi3Instance c) { return *(Unit *)c = (Unit){0}, fmi3OK; }
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3Float64 x[], size_t m) {
     for (size_t i = 0; i < n && i < m; i++)
-        *(r[i] == 1 ? &((Unit *)c)->way : r[i] == 2 ? &((Unit *)c)->told : &((Unit *)c)->from) = x[i];
+        *(r[i] == 1 ? &((Unit *)c)->way : r[i] == 2 ? &((Unit *)c)->reported : &((Unit *)c)->from) = x[i];
     return fmi3OK;
 }
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Float64 x[], size_t m) {
@@ -60,7 +60,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
     (void)keep;
     *event = *end = *early = fmi3False, *last = m->time = t + h;
     if (t < m->from || m->way == WELL) return fmi3OK;
-    *last = t + m->told * h;
+    *last = t + m->reported * h;
     set(m->way == ENDS ? end : early);
     if (m->way == EVENT) set(event);
     return fmi3OK;

@@ -4,6 +4,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -175,7 +176,7 @@ def _plain(kind: str, folder: Path) -> Path:
     """Write an undamaged file of a log."""
     path = folder / f"log.{kind}"
     t = 1e-3 * np.arange(600.0)
-    log = {"time": t, **{f"{name}[{i}]": np.sin(t + i) for name in ("kappa", "tau") for i in (1, 2)}}
+    log: dict[str, Any] = {"time": t, **{f"{name}[{i}]": np.sin(t + i) for name in ("kappa", "tau") for i in (1, 2)}}
     if kind == "parquet":
         parquet.write_table(pa.table(log), path)
     elif kind == "npz":

@@ -18,14 +18,15 @@ import secrets
 import stat
 import tempfile
 from collections.abc import Callable, Generator, Hashable
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import lru_cache, wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, TypeVarTuple, overload
+from typing import IO, Any, NamedTuple, TypeVar, TypeVarTuple, overload
 
 from vdfmu.base.errors import LOG, UsageError
+from vdfmu.base.files import open_regular
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
 
@@ -38,6 +39,8 @@ _NEW_KEY = secrets.token_bytes(32)
 """Key that this process stores if the cache has no key, and uses if it cannot be stored."""
 _PROCESSES = 8
 """Processes that may share the room in a cache before one of them measures it. A full cache takes 70 ms to measure."""
+_built: dict[str, str] = {}
+"""Digests of FMUs that this process built, for caches that cannot be written, to their GUIDs."""
 _room: dict[Path, float] = {}
 """Bytes that this process may store in a cache before it measures it again."""
 _made: ContextVar[dict[Hashable, Any] | None] = ContextVar("_made", default=None)
@@ -117,7 +120,7 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
     `read` raises, the entry is made anew.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             if _fault(os.fstat(file.fileno())):
                 return None
             data = file.read()
@@ -190,7 +193,7 @@ def entries(cache: Path) -> list[_CachedFile]:
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
-                with path.open("rb") as file:
+                with open_regular(path) as file:
                     head, status = file.read(_LINE), os.fstat(file.fileno())
                 if _HEAD.fullmatch(head):
                     listed.append(_CachedFile(status.st_mtime, status.st_size, path))
@@ -235,13 +238,31 @@ def is_own(text: object, *content: Any) -> bool:
     return any(hmac.compare_digest(_sealed(key, content).encode(), str(text).encode()) for key in _keys())
 
 
+def keep_built(path: Path, guid: str) -> None:
+    """Remember an FMU that was built here, to the byte, with its GUID or instantiation token."""
+    digest = _file_digest(path)
+    _built[digest] = guid
+    store(cache_folder() / "built" / digest, guid.encode())
+
+
+def built_as(file: Path | IO[bytes]) -> str | None:
+    """Return the GUID or token with which this user built an FMU here; None for any other file.
+
+    What an FMU says about itself does not prove it: the GUID stays the same when a library is changed.
+    """
+    digest = _file_digest(file)
+    content = load(cache_folder() / "built" / digest)
+    return _built.get(digest) if content is None else content.decode()
+
+
 def _sealed(key: bytes, content: Any) -> str:
     return hmac.new(key, json.dumps(content, sort_keys=True, default=_file_digest).encode(), "sha256").hexdigest()
 
 
-def _file_digest(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _file_digest(file: Path | IO[bytes]) -> str:
+    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
+        stream.seek(0)
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
 def _keys() -> list[bytes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import open_regular
 
 _QUOTED = re.compile(r'"[^"]*"')
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -165,9 +167,7 @@ class CsvFile:
 def open_csv(path: Path) -> Generator[CsvFile]:
     """Open a CSV file in UTF-8. UsageError if it cannot be read, also for rows that are read in the block."""
     try:
-        if path.is_char_device():
-            raise OSError("a device")
-        with path.open(encoding="utf-8-sig", newline="") as stream:
+        with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as stream:
             yield CsvFile(stream)
     except (OSError, UnicodeDecodeError, CsvError) as error:
         why = getattr(error, "strerror", None) or error

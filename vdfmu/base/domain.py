@@ -117,7 +117,7 @@ def _number(value: Any, whole: bool) -> float | None:
                 return kind(value)
     if isinstance(value, bool | complex) or not isinstance(value, Number):
         return None
-    if whole and isinstance(value, Integral) and abs(value) < 2**64:
+    if whole and isinstance(value, Integral) and abs(int(value)) < 2**64:
         return int(value)
     try:
         return float(value)  # pyright: ignore[reportArgumentType]  # real numbers have __float__

@@ -177,11 +177,51 @@ def inside(folder: Path, file: Path) -> Path:
     return file
 
 
-def read_text(path: Path) -> str:
-    """Return the content of a file or pipe in UTF-8. OSError if it is unreadable or a device without end."""
-    if path.is_char_device():
-        raise OSError("a device")
-    return path.read_bytes().decode("utf-8-sig")
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a file for reading in binary mode, for a name that came from a data file.
+
+    A pipe, a device, a socket or a folder is refused before it is opened, because opening a pipe waits for its writer
+    and reading a device may never end.
+
+    Raises
+    ------
+    OSError
+        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, and whatever the system raises.
+    """
+    _require_regular(os.stat(path), path)
+    stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - the caller closes it
+    try:
+        _require_regular(os.fstat(stream.fileno()), path)  # another process may have replaced it
+    except OSError:
+        stream.close()
+        raise
+    return stream
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _require_regular(status: os.stat_result, path: str | os.PathLike[str]) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    if not stat.S_ISREG(status.st_mode):
+        reason = "it is a pipe, a device or another special file, not a regular file"
+        raise OSError(errno.EINVAL, reason, os.fspath(path))
+
+
+def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> bytes:
+    """Return the content of a file. OSError: see `open_regular`; EFBIG for more than `largest` bytes."""
+    with open_regular(path) as stream:
+        content = stream.read(-1 if largest is None else largest + 1)
+    if largest is not None and len(content) > largest:
+        raise OSError(errno.EFBIG, f"it has more than the {largest / 2**20:g} MiB that are read", os.fspath(path))
+    return content
+
+
+def read_text(path: Path, largest: int | None = None) -> str:
+    """Return the content of a file in UTF-8, without its byte order mark. OSError: see `open_regular`."""
+    return read_regular(path, largest).decode("utf-8-sig")
 
 
 def read_json(source: Path | bytes | str) -> Any:

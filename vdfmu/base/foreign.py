@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import open_regular, temporary_folder
 from vdfmu.base.process import Child
 
 LEAST, RATIO = 256 * 2**20, 20
@@ -127,9 +127,7 @@ def read_arrow(path: Path, columns: Sequence[str] | None = None) -> bytes:
 def _answer(path: Path, title: str, folder: str, columns: Any) -> dict[str, Any]:
     """Return the answer of the process that reads."""
     try:
-        if path.exists() and not path.is_file():
-            raise OSError("it is a folder, a device or a pipe")
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror or error}") from None

@@ -92,9 +92,9 @@ class Handover:
         elif array.size:
             self.leave(name, "an array of structs" if array.dtype.names else "a cell array")
 
-    def leave(self, name: str, what: str) -> None:
+    def leave(self, name: str, kind: str) -> None:
         """Leave a variable out."""
-        self.left_out.append(f"{name} ({what})")
+        self.left_out.append(f"{name} ({kind})")
 
     def close(self) -> None:
         """Close the files."""

@@ -106,7 +106,9 @@ def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] =
     """Add to a function, with `options`, a UsageError for all arguments of other types, by `_TYPES`."""
     parameters = inspect.signature(function).parameters.values()
     leading = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
-    types = {p.name: (_plain(p.annotation),) for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)}
+    types: dict[str, Any] = {
+        p.name: (_plain(p.annotation),) for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    }
     types |= {o.name: (o.annotation, o.option.kind, o.option.choices) for o in options}
     exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
 

@@ -5,6 +5,7 @@ Each message follows its length. Requests are pickled. Replies are JSON, because
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import io
 import json
@@ -17,12 +18,14 @@ import struct
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
 from time import monotonic
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
+from vdfmu.base.files import read_json
 from vdfmu.base.text import shown
 
 KEPT = 4096
@@ -45,6 +48,36 @@ _TICK = 0.1
 """Interval of the watching thread [s]."""
 _FAREWELL = 5.0
 """Time limit [s] of the end of the process after its pipe is closed."""
+_contained = False
+
+
+def is_contained() -> bool:
+    """Whether this process is one for code that may crash, exit or hang."""
+    return _contained
+
+
+def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
+    """Run the task of a process for foreign code, and end it without the destructors of libraries.
+
+    Those of pythonfmu 0.7.0 write into memory that they have freed, after the task is done. Files are flushed and
+    functions registered with `atexit` are called.
+    """
+    global _contained
+    _contained, code = True, 0
+    try:
+        main(*arguments)
+    except SystemExit as error:
+        code = error.code if isinstance(error.code, int) else int(error.code is not None)
+        if isinstance(error.code, str):
+            print(error.code, file=sys.stderr)
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    with suppress(Exception):  # foreign code may have replaced or closed them
+        atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage]
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(code)
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
@@ -171,7 +204,7 @@ class Child:
         head = self._read(SIZE.size)
         size = SIZE.unpack(head)[0] if len(head) == SIZE.size else _LARGEST + 1
         try:
-            message = json.loads(self._read(size) if size <= _LARGEST else b"") if size else None
+            message = read_json(bytes(self._read(size)) if size <= _LARGEST else b"") if size else None
         except ValueError:
             raise EOFError from None
         self.since = math.inf
@@ -211,6 +244,11 @@ class Child:
             return os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
         return True
 
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return not (self._done.is_set() or self._gone.is_set() or self._has_ended())
+
     def kill(self) -> None:
         """Kill the process and its children, from any thread."""
         end_group(self._process)
@@ -236,6 +274,12 @@ class Child:
         return code, peak, output
 
 
+def end_with_parent() -> None:
+    """Let this process end with the thread that started it, which only Linux can do."""
+    if sys.platform == "linux":
+        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+
+
 class Parent:
     """The starting process, seen from the process of a :class:`Child`.
 
@@ -247,8 +291,7 @@ class Parent:
         self._requests, self._replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.dup2(2, 1)
-        if sys.platform == "linux":
-            CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+        end_with_parent()
 
     def read(self, size: int) -> bytes:
         """Read bytes, fewer at the end."""

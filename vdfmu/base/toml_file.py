@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import re
-import stat
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.files import data_path
+from vdfmu.base.files import data_path, read_regular
 from vdfmu.base.plugins import Plugins
 from vdfmu.base.text import nearest, printable
 from vdfmu.base.version import format_problem
@@ -94,16 +93,7 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
     A device or pipe is refused, since it may never end.
     """
     try:
-        status = path.stat()
-        if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
-            with path.open("rb") as stream:
-                content = stream.read(largest + 1)
-            if len(content) <= largest:
-                return content
-            got = f"{max(status.st_size, len(content)) / 2**20:.3g} MiB"
-            problem = f"expected a file of at most {largest / 2**20:g} MiB, got {got}. Is it the right one?"
-        else:
-            problem = "expected a regular file, got a pipe, a device or another special file. Name a file."
+        return read_regular(path, largest)
     except FileNotFoundError:
         problem = f"expected {expected}, got nothing: it does not exist. Check the path."
     except (IsADirectoryError, PermissionError) as error:
@@ -111,7 +101,7 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
         if path.is_dir():
             problem = f"expected {expected}, got a directory. Name a file in it."
     except OSError as error:
-        problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
+        problem = f"expected {expected} that can be read, but {error.strerror}. Check the path."
     except ValueError as error:  # an impossible path
         problem = f"expected {expected}, got unreadable content: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")

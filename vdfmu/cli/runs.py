@@ -13,6 +13,7 @@ from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
+from vdfmu.cli.app import LOOKS, RUNS, meets_code
 from vdfmu.cli.options import ForeignOption, OpenOption, ScenarioArgument, UnpackOption, load
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
@@ -22,6 +23,7 @@ from vdfmu.study.options import JudgeOptions, ScenarioOptions, ScenarioRunOption
 _POINT = "One point of a study"
 
 
+@meets_code(RUNS)
 def run(
     scenario: ScenarioArgument = "tracking", *,
     study: Annotated[Path | None, Option(
@@ -31,7 +33,7 @@ def run(
     by: Annotated[str | None, Option(
         "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
     trust: Annotated[bool, Option(
-        "Run files that a study of others names.", group=_POINT, more="They have your rights.")] = False,
+        "Run the code that a study of others names.", group=_POINT, more="It runs with your permissions.")] = False,
     opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:  # fmt: skip
@@ -81,11 +83,9 @@ def run(
     summary = results.summary
     failed = state_of(summary) == FAILED
     _say_verdict(summary)
-    if "no_reference" in summary:
-        say_notes([f"No reference: {summary['no_reference']}."])
     if LOG.isEnabledFor(logging.INFO):
         tell(run_panel(summary), *map(sheet_table, sheets(summary)))
-    (console.print if failed else tell)(verdict_table(summary))
+    (console.print if failed else tell)(verdict_table(summary, LOG.isEnabledFor(logging.INFO)))
     folder = Path(options["out"] or Path("results", summary["scenario"]))
     say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
     say_page(folder / NAME, opened)
@@ -111,6 +111,7 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         raise SystemExit(1)
 
 
+@meets_code(RUNS)
 def run_package(
     parts: Annotated[list[str], Positional(
         "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
@@ -188,6 +189,7 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
     return system.path, " ".join(parts), system
 
 
+@meets_code(LOOKS)
 def report(
     folders: Annotated[list[Path] | None, Positional(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",
@@ -210,9 +212,9 @@ def report(
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run in a line; with ``--quiet`` only a doubtful or failed one."""
-    from vdfmu.engine.results.verdict import GOOD, state_of
-    from vdfmu.study.report.sheets import verdict_text
+    """Print the verdict on a run; with ``--quiet`` its headline alone."""
+    from vdfmu.engine.results.verdict import headline_of, state_of
+    from vdfmu.study.report.sheets import state_text, verdict_text
 
-    if (text := verdict_text(summary)) and not (errors.quiet and state_of(summary) == GOOD):
+    if text := state_text(state_of(summary), headline_of(summary)) if errors.quiet else verdict_text(summary):
         console.print(text, soft_wrap=True)

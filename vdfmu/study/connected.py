@@ -8,6 +8,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.judgement import Judgement, judge
+from vdfmu.study.run.scenario_run import judge_results
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.replace import unfolded
@@ -58,8 +60,11 @@ class System:
         Remarks of the check, such as inputs that keep their start values.
     """
 
-    def __init__(self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None) -> None:
+    def __init__(
+        self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None, scenario: Scenario | None = None
+    ) -> None:
         self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
+        self._scenario = scenario
         self._runs = KeptRuns(path)
         self._options = {key: value for key, value in (options or {}).items() if value is not None}
         checked = self._checked
@@ -100,9 +105,12 @@ class System:
     @checks_types
     def run(
         self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
-        **options: Any,
+        *, reference: bool = False, **options: Any,
     ) -> Results:  # fmt: skip
         """Run the system. Its FMUs stay loaded for the next run.
+
+        A run of a scenario has the verdict of :func:`vdfmu.run` in its summary. It is made when the summary is first
+        asked for, so that a loop over thousands of runs does not wait for it.
 
         Parameters
         ----------
@@ -110,6 +118,8 @@ class System:
             Stop time and communication step (default the system's).
         values : mapping of ``component.variable`` to value, optional
             Parameters and start values for this run, in the units of the FMUs.
+        reference : bool
+            Whether the verdict solves the scipy references of a scenario too.
         **options
             :class:`vdfmu.engine.options.SimulateOptions`.
 
@@ -118,7 +128,15 @@ class System:
         UsageError, SspError, CosimError
             See :func:`vdfmu.simulate`.
         """
-        return self._runs.run(**self._with(values, stop=stop, step=step, **options))
+        results = self._runs.run(**self._with(values, stop=stop, step=step, **options))
+        if self._scenario is not None:
+            chosen: dict[str, Any] = {"settings": dict(values or {}), "stop": stop, "step": step, "out": False}
+            chosen |= {"master": options.get("algorithm"), "reference": reference}
+            results.judge_by(partial(self._judge_run, self._scenario, chosen))
+        return results
+
+    def _judge_run(self, scenario: Scenario, options: Any, results: Results) -> None:
+        judge_results(results, scenario, self.path, **options)  # a method, so that the package lives as long as results
 
     @checks_types
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
@@ -279,7 +297,7 @@ def load(source: Scenario | str | os.PathLike[str]) -> System:
     scenario = source if isinstance(source, Scenario) else unfolded(scenario_of(source))
     with ExitStack() as stack:
         package, options = stack.enter_context(packaged(scenario))
-        return System(package, options, keep=stack.pop_all())
+        return System(package, options, keep=stack.pop_all(), scenario=scenario)
 
 
 def _word(text: str) -> str:

@@ -165,7 +165,7 @@ def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> F
 
 
 class Kind(NamedTuple):
-    """Why nothing is decided: what was met, with a place for the signal, and what would decide."""
+    """Why nothing is decided: what was met, with a place for the signal, and what follows and would decide."""
 
     met: str
     way: str
@@ -173,49 +173,51 @@ class Kind(NamedTuple):
 
 KINDS: Mapping[str, Kind] = {
     "growth": Kind(
-        "{signal} grows without end, so every difference grows with it",
-        "Stabilise the loop, or judge the time before it grows (--stop)",
+        "{signal} grows without end",
+        "Every difference grows with it. Stabilise the loop, or judge the time before it grows (--stop)",
     ),
     "chaos": Kind(
-        "two runs of {signal} drift apart until they differ by as much as it moves, as in a chaotic system",
-        "Judge the time before they part (--stop), or compare statistics of long runs",
+        "runs of {signal} drift apart, as in chaos",
+        "They end as far apart as the signal moves. Judge the time before they part (--stop), or compare statistics",
     ),
     "bistable": Kind(
-        "{signal} ends in different states at different steps",
-        "Judge the time before the states part (--stop)",
+        "{signal} ends in another state at another step",
+        "Judge the time before the states part (--stop), or a start that is farther from their border",
     ),
     "quantised": Kind(
-        "{signal} is quantised, and changes at the communication points only",
-        "Declare the period at which it is sampled, or judge the system without the quantiser",
+        "{signal} is quantised at the communication points",
+        "The times of its changes move with the step. Declare the period at which it is sampled, or judge the system "
+        "without the quantiser",
     ),
     "jumps": Kind(
-        "{signal} jumps at communication points, and a jump that is a step late is wrong by its whole height",
-        "Declare the period at which it jumps, or replace the switch by a smooth one",
+        "{signal} jumps at communication points",
+        "A jump that is a step late is wrong by its whole height, however short the step. Declare the period at which it "
+        "jumps, or replace the switch by a smooth one",
     ),
     "bends": Kind(
-        "{signal} bends at an event, which a run may pass on at its next communication point only",
-        "A shorter step would do",
+        "{signal} bends at an event",
+        "A run may pass on an event at its next communication point only. A shorter step would do",
     ),
     "delay": Kind(
-        "{signal} is shifted in time, by whole steps: halving the step does not halve the shift",
-        "Choose a step that divides the delay",
+        "{signal} is shifted in time by whole steps",
+        "Halving the step does not halve the shift. Choose a step that divides the delay",
     ),
     "noise": Kind(
         "{signal} is noise that is drawn anew in each step",
         "Declare the period at which it is drawn",
     ),
     "alias": Kind(
-        "{signal} depends on how the step fits to a signal above the rate of the steps, which is an alias",
-        "Choose a step that resolves it, or filter it before it is connected",
+        "{signal} has an alias of a faster signal",
+        "A run with 8/13 of the step differs from what the other runs let expect. Choose a step that resolves the faster "
+        "signal, or filter it inside its component",
     ),
     "solver": Kind(
-        "{signal} differs from run to run, though all signals are exchanged at declared samples: this is the error of "
-        "solvers inside the FMUs",
-        "Choose a smaller tolerance (--tolerance)",
+        "solvers inside the FMUs decide {signal}",
+        "All signals are exchanged at declared samples, the same in all runs. Choose a smaller tolerance (--tolerance)",
     ),
     "coarse": Kind(
-        "{signal} does not show the order of the algorithm: the step is too long for it",
-        "A shorter step would do",
+        "the step is too long for {signal}",
+        "Halving it twice does not show the order of the algorithm. A shorter step would do",
     ),
 }  # fmt: skip
 """Kinds of systems without a verdict, beside errors near the limit, failed runs and an undeclared period."""

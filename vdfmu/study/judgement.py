@@ -26,7 +26,7 @@ from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run import Simulator
+from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.coupling_error import (
     KINDS,
     MARGIN,
@@ -264,7 +264,7 @@ class _Case(NamedTuple):
                 try:
                     results = self._run(simulator, names, step, self.grid.end)
                 except (CosimError, UsageError) as error:
-                    if divisor == 1 and isinstance(error, UsageError):
+                    if isinstance(error, LostProcessError) or (divisor == 1 and isinstance(error, UsageError)):
                         raise
                     at = f"the run with a step of {_time(step)} failed: {error}"
                     return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", kind="failed", **facts)
@@ -363,6 +363,8 @@ class _Case(NamedTuple):
         try:
             stop = self.grid.end if whole == self.grid.n else self.grid.time(whole)
             results = self._run(simulator, names, self.step * every / steps, stop)
+        except LostProcessError:
+            raise
         except (CosimError, UsageError):
             return f"no step of {_time(self.step * every / steps)} is possible"
         return alias(runs, np.column_stack([results[name] for name in names]).astype(float), seen.scale, order)
@@ -377,10 +379,10 @@ class _Case(NamedTuple):
 
     def _cause(self, flat: FlatSystem, at: float | None) -> str:
         """Return the radius of the coupled loop, if the FMUs have derivatives and the loop grows or decays slowly."""
-        kept = {key: value for key, value in self.options.items() if key in ("parameters", "inputs", "tolerance")}
+        options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm, "log": None}
         try:
             at = None if at is None else round(at / self.step) * self.step
-            linear = linear_system(flat, at, step=self.step, algorithm=self.checked.algorithm, **kept)
+            linear = linear_system(flat, at, step=self.step, **options)
             poles = np.abs(np.linalg.eigvals(linear.sampled().A))
             opened = cut(linear)
         except (CosimError, UsageError, np.linalg.LinAlgError):

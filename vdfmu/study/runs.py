@@ -27,7 +27,7 @@ from vdfmu.study.report.page import write_failed, write_report
 from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
-from vdfmu.study.run.verdict import run_checks
+from vdfmu.study.verdict import calculated_checks
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
 
@@ -103,7 +103,7 @@ def judge_run(
         **pick(SpanOptions, options), **pick(LoadedOptions, options),
     )  # fmt: skip
     summary["judgement"] = judgement.to_dict()
-    summary["verdict"] = verdict_of([*run_checks(summary)])
+    summary["verdict"] = verdict_of([*calculated_checks(summary)])
     write_summary(summary, folder)
 
 

@@ -104,7 +104,7 @@ def test_the_environment_leaves_an_fmu_as_it_is(program, hostile, tmp_path):
         assert done.returncode == 0, done.stderr
         return sha256((tmp_path / place / "PDController.fmu").read_bytes()).hexdigest()
 
-    own = {name: value for name, value in hostile.items() if name != "LD_LIBRARY_PATH"}  # which Python obeys itself
+    obeyed = {name: value for name, value in hostile.items() if name != "LD_LIBRARY_PATH"}  # which Python obeys itself
     expected = digest("clean", "clean_cache", "022")
-    assert digest("hostile", "cache", "077", **own) == expected
+    assert digest("hostile", "cache", "077", **obeyed) == expected
     assert digest("again", "cache", "022") == expected

@@ -12,7 +12,7 @@ self.y_dot = (self.u - self.y) / self.T
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields
 from typing import Any, ClassVar, Literal, Protocol, Self, overload
 
@@ -349,4 +349,9 @@ class Machine(Protocol):
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
         """Return it as plain lists, numbers and texts; `looks` with data that no calculation uses."""
+        ...
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """Name to text of the files that `to_dict` names; its reader takes them as a third argument."""
         ...

@@ -15,6 +15,8 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import read_columns, repeated
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.files import open_regular
+from vdfmu.base.trust import before_code
 from vdfmu.compiler.scalar.generic import clip, lookup
 from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
@@ -121,6 +123,8 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
                 f"{function}: a CasADi file can hold code that runs. If you trust its author, give --trust, or "
                 "trust=True in Python."
             )
+        before_code(function)
+        open_regular(function).close()  # CasADi would wait for a pipe
         function = ca.Function.load(str(function))
     scalar = _scalar(function)
     arguments, results = scalar.name_in(), scalar.name_out()

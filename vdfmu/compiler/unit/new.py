@@ -20,6 +20,7 @@ from vdfmu.base.files import data_path, replacing, source_bytes, temporary_folde
 from vdfmu.base.foreign import TITLES, read_foreign
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import kind_text
+from vdfmu.base.trust import before_code
 from vdfmu.compiler import unit
 from vdfmu.compiler.unit.base import snake_case
 from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
@@ -154,6 +155,7 @@ def _call(
 
 def _object(path: Path, name: str) -> Any:
     """Return an object of a Python file. The file is run."""
+    before_code(path)
     sys.path.insert(0, str(path.parent.resolve()))
     try:
         source: Any = runpy.run_path(str(path)).get(name)

@@ -282,7 +282,10 @@ class Instance(Library):
         boxes[self.token] = (self.name, self.box)
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
-                self._make()
+                try:
+                    self._make()
+                finally:
+                    self.let_go()
         else:
             self._make()
         self.argument = c_void_p.from_param(self.fmu.component)

@@ -103,7 +103,8 @@ class Instance2(Instance):
             del self.box.pending[before:]  # messages of these calls do not explain the discarded step
             return False
         if not math.isnan(time.value):  # else it does not report the time
-            self.check_end(*(each.value for each in self.step), time.value)
+            begin, size = self.step
+            self.check_end(begin.value, size.value, time.value)
         self.box.ended[self.name] = time.value
         return True
 
@@ -253,7 +254,7 @@ class Instance3(Instance):
                 raise self._failure("doStep", reason)
             begin, rest = last, (c_double(last), c_double(end - last))
             status = self.function("DoStep")(self.argument, *rest, _KEEP, *self._answers)
-        raise self._failure("doStep", f"it returned early {_RETURNS} times in a step, the last at t = {last:.9g} s")
+        raise self._failure("doStep", f"it returned early {_RETURNS} times in a step, the last at t = {begin:.9g} s")
 
     def _run_line(self, begin: float, end: float) -> None:
         """Begin a step with inputs on lines; a repeated step begins as before."""

@@ -23,7 +23,7 @@ from unittest.mock import patch
 import fmpy
 import numpy as np
 import numpy.typing as npt
-from fmpy import fmi2
+from fmpy import fmi1, fmi2
 from fmpy.fmi1 import (
     _FMU,  # pyright: ignore[reportPrivateUsage]
     FMICallException,
@@ -32,7 +32,7 @@ from fmpy.fmi1 import (
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.files import read_json, temporary_folder
 from vdfmu.base.interrupt import listening
-from vdfmu.base.process import Listener, end_group, limit, started
+from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.inspect.abilities import try_abilities
 from vdfmu.engine.inspect.reference import compare
@@ -82,7 +82,7 @@ def run_apart(
             code, output = _contained(module, kind, str(path.resolve()), deadline, folder, str(unpack_limit()), task)
         except OSError as error:
             return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
-        noted, answer, answered = Path(folder, _PHASE), Path(folder, _ANSWER), False
+        noted, answer, answered, whole = Path(folder, _PHASE), Path(folder, _ANSWER), False, False
         phase = "the start of the process"
         if noted.is_file():
             with noted.open("rb") as file:  # the unit may have written it
@@ -93,10 +93,12 @@ def run_apart(
             if answer.is_file():
                 values = read_json(answer)
                 findings.add(_decoded(values))
-                answered = bool(values["whole"])
+                answered = whole = bool(values["whole"])
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
             findings.report("RUN002", f"the findings of {task} cannot be read: {error}")
             answered = True
+    if whole:  # a fault at the end of the process is no finding
+        return findings
     if code is None:
         findings.report("RUN002", f"{phase} did not end within {SECONDS:g} s")
         return findings
@@ -218,12 +220,13 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
-        return Findings(notes=[finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
+        return Findings([finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
-        with patch.object(_FMU, "_call", call):
+        load = phase.watch("", "load", fmi1.cdll.LoadLibrary)
+        with patch.object(_FMU, "_call", call), patch.object(fmi1.cdll, "LoadLibrary", load):
             results = fmpy.simulate_fmu(  # without validation, which the check has done, and never in another process
                 str(path), validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
                 logger=said, fmi_call_logger=_refuse_negative, debug_logging=True,
@@ -332,4 +335,4 @@ def _check(kind: str, path: Path, deadline: float, phase: Phase) -> Findings:
 
 
 if __name__ == "__main__":
-    serve(_check, *sys.argv[1:])
+    contained(serve, _check, *sys.argv[1:])

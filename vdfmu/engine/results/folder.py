@@ -246,6 +246,7 @@ def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] 
     if results is not None:
         results.summary["error"] = str(error)
         state = FAILED if isinstance(error, CosimError) else DOUBTFUL
-        end = Check("Runs to its end", state, str(error), str(error))
+        failed = f"{error.unit} failed" if isinstance(error, CosimError) else "stopped"
+        end = Check("end", "Runs to its end", state, f"{failed} at {error.time:.3g} s", str(error))
         results.summary["verdict"] = verdict_of([*checks, end])
         write_summary(results.summary, folder)

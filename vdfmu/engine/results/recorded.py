@@ -46,10 +46,23 @@ class Recorded:
         summary: dict[str, Any] | None = None, messages: Sequence[Any] = (),
     ) -> None:  # fmt: skip
         self.time = time
-        self.summary: dict[str, Any] = {} if summary is None else summary
+        self._summary: dict[str, Any] = {} if summary is None else summary
+        self._judge: Callable[[Any], object] | None = None
         self.messages = list(messages)
         self._signals = {signal.name: signal for signal in signals}
         self.data = dict(data)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Facts about the run. Those that :meth:`judge_by` promised are made when it is first asked for."""
+        judge, self._judge = self._judge, None
+        if judge is not None:
+            judge(self)
+        return self._summary
+
+    def judge_by(self, judge: Callable[[Any], object]) -> None:
+        """Let a function add a verdict to the summary when the summary is first asked for, so that runs stay fast."""
+        self._judge = judge
 
     @property
     def names(self) -> list[str]:

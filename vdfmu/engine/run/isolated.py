@@ -13,7 +13,7 @@ import os
 import pickle
 import signal
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
@@ -28,6 +28,7 @@ from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 
 
@@ -58,6 +59,19 @@ _START = 60.0
 """Additional time for the start of the process [s]."""
 _PATIENCE = 0.5
 """Longest time of a step after Ctrl-C [s]."""
+
+
+def _asked(name: str) -> Any:
+    """Return the method of `Isolated` that calls the method of this name in the process."""
+
+    def asked(self: Isolated, *arguments: Any) -> Any:
+        return self._ask(name, *arguments)  # pyright: ignore[reportPrivateUsage]
+
+    return asked
+
+
+class LostProcessError(CosimError):
+    """The process of the components has ended, or did not answer in time."""
 
 
 class Isolated(Stepper):
@@ -111,13 +125,22 @@ class Isolated(Stepper):
         """Return notes on the run."""
         return self._ask("notes")
 
-    def keep(self, names: Sequence[str]) -> None:
-        """See `Components.keep`."""
-        self._ask("keep", names)
+    keep, look, bring_inputs, put, between_events, keep_start, to_start, derive = map(
+        _asked, ("keep", "look", "bring_inputs", "put", "between_events", "keep_start", "to_start", "derive")
+    )
+    """See `Components`; for `derive` see `Server.derive`."""
 
-    def look(self, steps: Mapping[str, float], times: Sequence[float], end: float) -> Any:
-        """See `Components.look`."""
-        return self._ask("look", steps, times, end)
+    def value(self, name: str, variable: str) -> Value:
+        """See `Components.value`."""
+        value = self._ask("value", name, variable)
+        binary = self.exchange.checked.descriptions[name].variables[variable].kind == "Binary"
+        return bytes.fromhex(value) if binary else value
+
+    def reset(self, checked: Checked) -> None:
+        """See `Components.reset`."""
+        self.exchange.checked, self._stepping = checked, False
+        starts = {name: [(v.name, value) for v, value in each] for name, each in checked.starts.items()}
+        self._ask("reset", starts, dict(checked.multiples))
 
     def close(self) -> CosimError | None:
         """Free all, end the process, and return the first failure."""
@@ -182,7 +205,7 @@ class Isolated(Stepper):
             with suppress(ValueError):
                 code = signal.Signals(-code).name
         if not unit:
-            return CosimError("components", "start of their process", time, f"it ended with code {code}")
+            return LostProcessError("components", "start of their process", time, f"it ended with code {code}")
         if self.exchange.running.value < 0:
             ending = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
             why = f"the process {ending} after this call had returned: it left damage, or vdfmu has a fault"
@@ -194,7 +217,7 @@ class Isolated(Stepper):
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
-        return CosimError(unit, call, time, why)
+        return LostProcessError(unit, call, time, why)
 
     def _stop(self) -> bool:
         """Pass Ctrl-C on; return whether to cut off a long step."""

@@ -25,7 +25,7 @@ from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.isolated import Limits
+from vdfmu.engine.run.isolated import Isolated, Limits
 from vdfmu.engine.run.session import Run, Session
 
 
@@ -132,7 +132,6 @@ class Simulator:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        self._end_by_hand()
         self._checked = None
         self._free(error)
 
@@ -201,7 +200,7 @@ class Simulator:
         """Begin a run by hand, with steps by :meth:`step`; for arguments see :meth:`run`.
 
         With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
-        step. All others are initialized again. For errors see :meth:`run`; UsageError for isolated components, too.
+        step. All others are initialized again. For errors see :meth:`run`.
         """
         values = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
         grid = self.grid(start, stop, step)
@@ -212,9 +211,7 @@ class Simulator:
                     return
         checked = self._prepared(grid.step, parameters)
         with self._freeing():
-            session = self._ready(checked)
-            if not isinstance(session.components, Components):
-                raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
+            session = self._ready(checked, again=True)
             self._initialize(session, grid)
             self._by_hand, self._begun = ByHand(session, grid), wanted
 
@@ -224,8 +221,9 @@ class Simulator:
         steps = self._by_hand or self._stepped
         try:
             steps.step(count)
-        except CosimError as error:
-            self._free(error)
+        except (CosimError, KeyboardInterrupt) as error:
+            if isinstance(error, CosimError) or (self._session and self._session.isolated):  # an answer is outstanding
+                self._free(error)
             raise
 
     @checks_types
@@ -284,11 +282,10 @@ class Simulator:
         assert self._checked is not None
         return self._checked
 
-    def stand(self, time: float | None = None, step: float | None = None) -> Components:
+    def stand(self, time: float | None = None, step: float | None = None) -> Components | Isolated:
         """Run the system to a time, by default its start; return its components, with their inputs at this time.
 
-        They stay until the next run or the end of the block. The simulator must not isolate them. For errors see
-        :meth:`run`.
+        They stay until the next run or the end of the block. For errors see :meth:`run`.
         """
         grid = self.grid(None, None, step)
         time = grid.begin if time is None else time
@@ -300,16 +297,15 @@ class Simulator:
             raise UsageError(f"at: expected a time of the run from {grid.begin:g} s, got {time:g} s.")
         assert self._session is not None
         components = self._session.components
-        assert isinstance(components, Components)
         self._session.plan = None  # a user may change what it needs
         if time != grid.begin:
             components.bring_inputs(time)
         return components
 
-    def _ready(self, checked: Checked) -> Session:
-        """Return the components in their state after loading."""
-        self._end_by_hand()
-        if self._session is not None and self._session.isolated:
+    def _ready(self, checked: Checked, again: bool = False) -> Session:
+        """Return the components in their state after loading; with `again` isolated ones keep their process too."""
+        self._by_hand = None
+        if self._session is not None and self._session.isolated and not again:
             self._free()
         if self._session is not None:
             self._session.reset(checked)
@@ -323,11 +319,6 @@ class Simulator:
     def _initialize(self, session: Session, grid: Grid) -> None:
         convergence = self._options["convergence"] or CONVERGENCE
         session.components.initialize(grid.begin, grid.end, self._options["tolerance"], convergence)
-
-    def _end_by_hand(self) -> None:
-        if self._by_hand is not None:
-            self._by_hand.close()
-            self._by_hand = None
 
     def grid(self, start: float | None, stop: float | None, step: float | None) -> Grid:
         """Return start, stop, step and number of steps; UsageError when they do not fit."""

@@ -126,12 +126,12 @@ class Environment(gymnasium.Env[Floats, Floats]):
     @staticmethod
     def _simulator_of(system: Any, actions: list[str], seen: list[str], values: Any, stack: ExitStack) -> Simulator:
         if hasattr(system, "instance"):
-            return system.instance(values, isolate=False)
+            return system.instance(values)
         if isinstance(system, Scenario) or not str(system).lower().endswith(".ssp"):
             system = opened(scenario_of(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
         settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        settings |= {"parameters": values or {}, "isolate": False}
+        settings["parameters"] = values or {}
         return Simulator(package, **settings)
 
     def _begin(self, task: Any, simulator: Simulator, span: dict[str, float], held: ExitStack) -> None:
@@ -189,7 +189,7 @@ class ArmEnv(Environment):
     def __init__(self, scenario: Any = "planar_tracking", **options: Any) -> None:
         task = TrackingTask(scenario, **options)
         scenario = task.scenario
-        options = {"inputs": scenario.inputs, "input_hold": scenario.input_hold, "isolate": False}
+        options = {"inputs": scenario.inputs, "input_hold": scenario.input_hold}
         with ExitStack() as stack:
             package, _ = stack.enter_context(packaged(scenario))
             simulator = stack.enter_context(Simulator(package, **scenario.coupling, **options))

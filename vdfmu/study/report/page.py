@@ -25,7 +25,7 @@ from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import line_of, state_of
+from vdfmu.engine.results.verdict import headline_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
@@ -112,17 +112,18 @@ def report_page(
     wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
+    simulations = [simulation_of(run, binaries if simulate else None) for run in runs]
     parts = [
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(run, binaries if simulate else None),
+            "simulation": simulation,
             "command": run_command(run.summary),
             "marks": marks(run.summary),
         }
-        for name, run in zip(names, runs, strict=True)
+        for name, run, simulation in zip(names, runs, simulations, strict=True)
     ]
-    for reason in dict.fromkeys(part["simulation"].get("reason") for part in parts if simulate):
+    for reason in dict.fromkeys(simulation.get("reason") for simulation in simulations if simulate):
         if reason:
             LOG.warning("the page has no sliders. %s", reason)
     if arm_alone:
@@ -153,16 +154,19 @@ def report_page(
         ]
     )
     lines = [
-        (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary), k)
+        (f"{name}: {line}" if len(runs) > 1 else line, results_of(summary), state_of(summary), k)
         for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
-        if (line := line_of(summary))
+        if (line := headline_of(summary))
     ]
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
         code = scripts.scripts_of("sweep")
         return page(study.title, study.about, body, 84, head, first=_SKIP, lead=study.lead, scripts=code)
-    verdicts = [f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines]
+    verdicts = [
+        f'<p class="verdict {state}" data-run="{k}">{escape(line)} <small>{escape(more)}</small></p>\n'
+        for line, more, state, k in lines
+    ]
     lead = (f'<p class="verdict">{escape(answer(names, runs, settings))}</p>\n' if settings else "") + "".join(verdicts)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")

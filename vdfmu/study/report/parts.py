@@ -19,8 +19,8 @@ def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     """Yield the checks of each run in a line that opens; it is open unless all are good."""
     for name, run in zip(names, runs, strict=True):
         rows = "".join(
-            f'<li class="{check.state}"><b>{check.state}</b> {escape(check.name)} <small>{escape(check.text)}</small>'
-            "</li>"
+            f'<li class="{check.state.replace(" ", "-")}"><b>{check.state}</b> {escape(check.text)} '
+            f"<small>{escape(check.source)}</small></li>"
             for check in checks_of(run.summary)
         )
         if rows:

@@ -21,10 +21,10 @@ from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.study.limits import LIMITS
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.tracks import GOOD, Names, tracks
-from vdfmu.study.run.key_figures import STANDING, off_from
+from vdfmu.study.report.tracks import Names, tracks
 from vdfmu.study.run.summary import LIMITED
 from vdfmu.system.package.description import SystemDescription
 
@@ -152,7 +152,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
-            content = program | digests | _judged(run, program)
+            content = {**program, **digests, **_judged(run, program)}
         except VdfmuError as error:
             reason = _reason(error)
         else:
@@ -180,14 +180,14 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         along = [[None]] * len(sliders)
     else:
         span = program["start"], program["stop"], program["step"]
-        dry = "without_dry_friction" not in margin
+        dry = "excited" not in figures
         along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
     for slider, slider_tracks in zip(sliders, along, strict=True):
         slider["tracks"] = slider_tracks
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
-        "good": min(GOOD, margin.get("value") or GOOD),
+        "good": LIMITS["margin"].value,
         "margin": margin.get("value"),
         "why": why,
         "path": _path_of(figures),
@@ -203,8 +203,9 @@ def _path_of(figures: Mapping[str, Any]) -> dict[str, Any] | None:
     path = figures.get("path")
     if path is None:
         return None
-    doubtful = STANDING if "contact" in figures else off_from(path["place"])
-    return {key: path[key] for key in ("place", "size", "unit")} | {"doubtful": doubtful, "failed": STANDING}
+    row = LIMITS["joint" if "contact" in figures or path["place"] != "tool" else "tool"]
+    bounds = {"doubtful": row.value, "failed": LIMITS["joint"].value}
+    return {key: path[key] for key in ("place", "size", "unit")} | bounds
 
 
 def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:

@@ -182,7 +182,7 @@ class Bench:
             )
         except CosimError as error:
             if loops is not None:
-                from vdfmu.study.run.verdict import explain  # takes long to import
+                from vdfmu.study.verdict import explain  # takes long to import
 
                 explain(error, loops)
             raise
@@ -204,11 +204,10 @@ class Bench:
             system = self._job.systems[number]
             path = system.written(self._folder / str(number))
             with ExitStack() as stack:
-                # a worker has its own process: its components need none
                 simulator = stack.enter_context(
                     Simulator(
-                        path, inputs=list(system.inputs), input_hold=system.input_hold, isolate=False,
-                        log=lambda message: None, **system.options,
+                        path, inputs=list(system.inputs), input_hold=system.input_hold, log=lambda message: None,
+                        **system.options,
                     )
                 )  # fmt: skip
                 self._alive[number] = simulator, stack.pop_all()

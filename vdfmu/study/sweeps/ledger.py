@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.cache import seal
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import make_folder, read_json, replacing, sync
+from vdfmu.base.files import make_folder, read_json, read_regular, replacing, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import needed
@@ -264,9 +263,7 @@ def _refused(path: Path, error: OSError) -> UsageError:
 def readable(path: Path) -> bytes:
     """Return the content of a file of a study; UsageError if the disk does not give it now. Nothing is changed."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise UsageError(f"{path}: expected a file of a study, got a folder, a pipe or a device.")
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as error:
         raise _refused(path, error) from None
 

@@ -239,8 +239,8 @@ class StudyTable:
         """Raise UsageError unless the user made the study, in this folder, or trusts the files that it names."""
         if not trust and not is_own(*self._sealed):
             raise UsageError(
-                f"{self.path}: a study to run must be made in this folder with this cache, got one from elsewhere.\n"
-                "It can run any code. If you trust who made it, give --trust."
+                f"{self.path}: its scenario was not run, because the study was made elsewhere or with another cache, "
+                "and can name any code. If you trust who made it, --trust runs it."
             )
 
     def options(self, which: int | str = "worst", by: str | None = None, *, trust: bool = False) -> dict[str, Any]:
