@@ -202,9 +202,10 @@ KINDS: Mapping[str, Kind] = {
         "{signal} is shifted in time by whole steps",
         "Halving the step does not halve the shift. Choose a step that divides the delay",
     ),
-    "noise": Kind(
-        "{signal} is noise that is drawn anew in each step",
-        "Declare the period at which it is drawn",
+    "fast": Kind(
+        "{signal} changes as fast as the steps",
+        "It is noise drawn anew in each step, or a signal above their rate. Declare the period at which it is drawn, or "
+        "choose a step that resolves it",
     ),
     "alias": Kind(
         "{signal} has an alias of a faster signal",
@@ -222,7 +223,7 @@ KINDS: Mapping[str, Kind] = {
 }  # fmt: skip
 """Kinds of systems without a verdict, beside errors near the limit, failed runs and an undeclared period."""
 _LEVELS = 0.25
-"""A signal with fewer values than this share of its rows is quantised; with two of them it switches."""
+"""A signal with fewer values than this share of its rows is quantised; with up to three of them it switches."""
 _APART = 0.3
 """Share of the swing by which runs differ that have parted."""
 _BLOWN = 4.0
@@ -243,7 +244,7 @@ def kind_of(runs: Sequence[Floats], seen: Differences, sampled: Any) -> tuple[st
         if kind := _levels(runs[2][:, i]):
             return kind, int(i)
     if _rough(runs[2][:, worst]):
-        return "noise", worst
+        return "fast", worst
     far, near = np.abs(first - half)[:, worst], np.abs(half - quarter)[:, worst]
     scale = seen.scale[worst]
     if far.max() > _APART * scale and near.max() > _APART * scale:
@@ -259,11 +260,11 @@ def kind_of(runs: Sequence[Floats], seen: Differences, sampled: Any) -> tuple[st
 
 
 def _levels(values: Floats) -> str:
-    """Return the kind of a signal that has few values: two, or few that last for several rows; else ""."""
-    count = len(np.unique(values))
-    if count == 2:
+    """Return the kind of a signal that has few values: up to three, or few of which most last for rows; else ""."""
+    counts = np.unique(values, return_counts=True)[1]
+    if 2 <= len(counts) <= 3:
         return "jumps"
-    return "quantised" if count < _LEVELS * len(values) and (np.diff(values) == 0.0).mean() > 0.5 else ""
+    return "quantised" if len(counts) < _LEVELS * len(values) and (counts > 1).mean() > 0.5 else ""
 
 
 def _rough(values: Floats) -> bool:

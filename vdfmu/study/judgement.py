@@ -77,7 +77,7 @@ class Judgement:
     kind : str
         Why nothing is decided: "near" the wanted error, "period" of a component not declared, "failed" run, "still"
         signals, algorithm without "order", or what was met: "growth", "chaos", "bistable", "quantised", "jumps",
-        "bends", "delay", "noise", "alias" or a step that is too "coarse".
+        "bends", "delay", "fast", "alias", "solver" errors or a step that is too "coarse".
     """
 
     verdict: str
@@ -339,16 +339,13 @@ class _Case(NamedTuple):
         return simulator.run(start=self.grid.begin, stop=stop, step=step, record=names)
 
     def _unsampled(self, flat: FlatSystem) -> bool:
-        """Whether a signal passes between two components that both are not sampled at declared times."""
-        held, discrete = {component.name for component in flat.components if component.step is not None}, set[str]()
-        for name, each in self.checked.descriptions.items():
-            if each.period:
-                discrete.add(name)
-                held |= {name} if each.sampled == each.named("output") and not each.states else set()
+        """Whether a signal passes between two components otherwise than at declared samples."""
+        kept = {component.name for component in flat.components if component.step is not None}
+        timed = _timed(self.checked, flat) if self.checked.how.substeps else kept
         links = [link for link in self.checked.links if link.stepped and link.start[0] in self.checked.descriptions]
         return any(
-            held.isdisjoint((link.start[0], link.end[0]))
-            and not (link.start[0] in discrete and link.source.variability == "discrete")
+            kept.isdisjoint((link.start[0], link.end[0]))
+            and not (link.start[0] in timed and link.source.variability == "discrete")
             for link in links
         )
 
