@@ -420,7 +420,7 @@ def noise(rng: Any, folder: Path) -> Case:
     """Return noise that each step draws anew, and two lags; the truth is without noise."""
     room = House(rng)
     system = vdfmu.connect({"dice": build(DICE, "3.0", folder), "room": Lags}, {"dice.y": "room.u"},
-                           values={"dice.state": rng.random(), "room.z_0": 1, "room.y_0": 1, **room.values})  # fmt: skip
+                           values={"dice.state": rng.random(), "room.z_0": 1, "room.y_0": 1} | room.values)  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
         x = np.array([room.after(t, [1.0, 1.0], 0.0) for t in times])

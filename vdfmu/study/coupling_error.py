@@ -191,8 +191,8 @@ KINDS: Mapping[str, Kind] = {
     ),
     "jumps": Kind(
         "{signal} jumps at communication points",
-        "A jump that is a step late is wrong by its whole height, however short the step. Declare the period at which it "
-        "jumps, or replace the switch by a smooth one",
+        "A jump that is a step late is wrong by its whole height, however short the step. Declare the period at which "
+        "it jumps, or replace the switch by a smooth one",
     ),
     "bends": Kind(
         "{signal} bends at an event",
@@ -204,13 +204,13 @@ KINDS: Mapping[str, Kind] = {
     ),
     "fast": Kind(
         "{signal} changes as fast as the steps",
-        "It is noise drawn anew in each step, or a signal above their rate. Declare the period at which it is drawn, or "
-        "choose a step that resolves it",
+        "It is noise drawn anew in each step, or a signal above their rate. Declare the period at which it is drawn, "
+        "or choose a step that resolves it",
     ),
     "alias": Kind(
         "{signal} has an alias of a faster signal",
-        "A run with 8/13 of the step differs from what the other runs let expect. Choose a step that resolves the faster "
-        "signal, or filter it inside its component",
+        "A run with 8/13 of the step differs from what the other runs let expect. Choose a step that resolves the "
+        "faster signal, or filter it inside its component",
     ),
     "solver": Kind(
         "solvers inside the FMUs decide {signal}",

@@ -292,7 +292,7 @@ class _Case(NamedTuple):
         elif verdict == OPEN and exact:
             kind = "solver"
         elif verdict == OPEN:
-            own = np.isin([name.partition(".")[0] for name in names], [*timed])
+            own = np.isin([name.partition(".")[0] for name in names], [*_declared(self.checked, flat)])
             kind, place = kind_of([run[:, deciding] for run in runs], seen.of(deciding), own[deciding])
             at = int(np.flatnonzero(deciding)[place])
         facts |= {"error": signals[worst].error, "signal": signals[at].name, "kind": kind}
