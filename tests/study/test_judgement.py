@@ -12,11 +12,12 @@ from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
 from vdfmu.engine.results.verdict import checks_of
-from vdfmu.study.coupling_error import OPEN, RIGHT, WRONG, differences, error_of, verdict_of
+from vdfmu.engine.run import Simulator
+from vdfmu.study.coupling_error import KINDS, OPEN, RIGHT, WRONG, differences, error_of, kind_of, verdict_of
 from vdfmu.study.judgement import judge
 from vdfmu.study.report.sheets import facts
 from vdfmu.study.run.summary_keys import read_summary
-from vdfmu.unit import Input, Output, Parameter, Unit, where
+from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit, where
 
 Lag = find_unit(data_path("examples") / "units" / "low_pass.py")
 
@@ -53,6 +54,35 @@ class Step(Unit):
     def outputs(self) -> None:
         """Step."""
         self.y = where(self.t > self.at, 1.0, 0.0)
+
+
+class Fast(Unit):
+    """A signal that is above the rate of steps of 20 ms: a tone, or pulses if `duty` is not 0."""
+
+    y = Output("1", text="signal")
+    f = Parameter("1", text="frequency", start=400.0)
+    duty = Parameter("1", text="share of a period", start=0.2)
+
+    def outputs(self) -> None:
+        """Tone, or pulses."""
+        turns = self.f * self.t
+        pulse = where(turns - np.floor(turns + 1e-9) < self.duty, 1.0, 0.0)
+        self.y = where(self.duty > 0.0, pulse, np.cos(2.0 * np.pi * turns))
+
+
+class Rated(Unit):
+    """A lag with its rate as a second output."""
+
+    u, y = Input("1", text="signal"), State("1", text="lag")
+    y_dot, rate = Derivative(y), Output("1", text="rate")
+
+    def derivatives(self) -> None:
+        """Lag of 0.1 s."""
+        self.y_dot = 10.0 * (self.u - self.y)
+
+    def outputs(self) -> None:
+        """Rate."""
+        self.rate = 10.0 * (self.u - self.y)
 
 
 @pytest.fixture(scope="module")
@@ -148,14 +178,15 @@ def test_a_signal_that_jumps_is_named_and_the_largest_error_without_jumps():
     assert judged.text.startswith("Not decided: switch.y jumps at communication points")
 
 
-def test_a_run_says_what_the_referee_says(tmp_path, lags):
+def test_a_run_says_what_judge_says(tmp_path, lags):
     """Summary, verdict and page of a scenario; summary and exit code of a package."""
     results = vdfmu.run("planar_tracking", stop=0.1, judge=0.02, sampled=False, reference=False, out=tmp_path)
     judgement = read_summary(tmp_path / "summary.json")["judgement"]
     expected = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, sampled=False)
     assert (judgement["verdict"], judgement["text"]) == (expected.verdict, expected.text)
     state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[expected.verdict]
-    assert ("Error by communication", state, expected.text) in [each[:3] for each in checks_of(results.summary)]
+    sentence = expected.text.partition(". ")[0]
+    assert ("Coupling error", state, sentence, expected.text) in [each[1:5] for each in checks_of(results.summary)]
     assert expected.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     package = str(lags.write(tmp_path / "lags.ssp"))
     for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
@@ -236,6 +267,92 @@ def test_jumps_that_no_difference_shows():
 def test_signals_that_nothing_moves_show_nothing():
     system = vdfmu.connect({"a": Lag, "b": Lag}, {"a.y": "b.u"}, stop=1.0)
     assert system.judge(step=0.1).text.startswith("Not decided: no connected signal changes.")
+
+
+@pytest.mark.parametrize("values", [{"fast.f": 400.0}, {"fast.f": 200.0, "fast.duty": 0.0}])
+def test_a_signal_above_the_rate_of_the_steps_is_an_alias(values):
+    """Pulses at 8 / h and a tone at 4 / h have whole periods in h, h/2 and h/4, so three runs see constants.
+
+    Of the pulses the lag takes 1 where 0.2 is their mean; of the tone 1 where it is 0. A run with 8 h / 13 does not. A
+    slow tone is no alias.
+    """
+    system = vdfmu.connect({"fast": Fast, "lag": Lag}, {"fast.y": "lag.u"}, stop=0.96)
+    judged = system.judge(0.05, step=0.02, values=values)
+    assert judged.error < 1e-3 and (judged.verdict, judged.kind, judged.signal) == (OPEN, "alias", "lag.y")
+    slow = system.judge(0.05, step=0.002, values={"fast.f": 1.0, "fast.duty": 0.0})
+    assert slow.verdict == RIGHT and "Aliasing" not in slow.text
+
+
+def test_it_says_where_no_run_can_look_for_aliases(lags):
+    assert lags.judge(0.9, stop=0.07, step=0.01).text.endswith(
+        "Aliasing is not tested: the run has fewer than 8 steps."
+    )
+
+
+def test_outputs_that_nothing_reads_are_judged():
+    """Two lags in a loop, of 0.1 s, held over h: errors of the rate are larger than those of the lags by h's lead."""
+    system = vdfmu.connect({"a": Rated, "b": Rated}, {"a.y": "b.u", "b.y": "a.u"}, stop=0.5, values={"a.y_0": 1.0})
+    judged = system.judge(0.5, step=0.005, algorithm="jacobi")
+    errors = {signal.name: (signal.error, signal.read) for signal in judged.signals}
+    assert {name for name, (_, read) in errors.items() if read} == {"a.y", "b.y"}
+    lags, rates = (max(errors[f"{c}.{v}"][0] for c in "ab") for v in ("y", "rate"))
+    assert lags < rates
+    assert judged.verdict == RIGHT and " Unread output " in judged.text
+    between = (lags * rates) ** 0.5  # 1.5 times apart from both
+    assert rates > 1.5**2 * 1.1 * lags
+    judged = system.judge(between, step=0.005, algorithm="jacobi")
+    assert judged.verdict == WRONG and "an output that no component reads" in judged.text
+
+
+@pytest.mark.parametrize(("case", "most"), [("right", 8.625), ("readings", 15.625), ("open", 8.0), ("held", 7.0)])
+def test_it_counts_its_steps(monkeypatch, lags, case, most):
+    """In lengths of the run: 1 + 2 + 4 for three runs, 13/8 to look for aliases, at most 1 to linearise.
+
+    Two readings take both, but components that keep a period cannot make steps of 8/13. So never more than 9, or 17.
+    """
+    counted, run = [], Simulator.run
+
+    def counting(self, **options):
+        results = run(self, **options)
+        counted.append(results.summary["steps"])
+        return results
+
+    law = vdfmu.connect({"law": Gain, "plant": Lag}, {"law.y": "plant.u", "plant.y": "law.u"}, stop=0.8)
+    monkeypatch.setattr(Simulator, "run", counting)
+    if case == "right":
+        judged, n = lags.judge(0.5, step=0.01, stop=0.8), 80
+        assert judged.verdict == RIGHT
+    elif case == "readings":
+        judged, n = law.judge(0.1, step=1e-3), 800
+        assert judged.verdict == RIGHT
+    elif case == "held":
+        judged, n = law.judge(0.1, step=1e-3, sampled=True), 800
+        assert judged.verdict == RIGHT
+    else:
+        judged, n = lags.judge(0.01, step=0.2, stop=1.0), 5
+        assert judged.verdict != RIGHT
+    assert sum(counted) <= most * n
+    if case != "open":
+        assert sum(counted) == most * n
+
+
+@pytest.mark.parametrize(("kind", "signal"), [
+    ("growth", lambda t, h: np.exp(20.0 * t * (1.0 - h))),
+    ("quantised", lambda t, h: np.floor(7.0 * np.sin(6.0 * t - h)) / 7.0),
+    ("jumps", lambda t, h: np.where(np.sin(9.0 * t - h) > 0.0, 1.0, 0.0)),
+    ("delay", lambda t, h: np.sin(9.0 * t - (h > 0.01) * 0.2 - (h == 0.01) * 0.4)),
+    ("bistable", lambda t, h: (-1.0 if h == 0.01 else 1.0) * np.minimum(1.0, t**4)),
+    ("chaos", lambda t, h: np.sin(9.0 * t) + np.sin(70.0 * h * t**3 + 5.0 * t)),
+    ("fast", lambda t, h: np.random.default_rng(int(1e6 * h)).normal(size=len(t))),
+    ("coarse", lambda t, h: np.sin(9.0 * t) + 8.0 * h * np.cos(31.0 * t) * np.cos(400.0 * h)),
+])  # fmt: skip
+def test_what_is_met_is_named(kind, signal):
+    """Each by its signal at the steps h = 20, 10 and 5 ms."""
+    runs = [signal(np.linspace(0.0, 1.6, 80 * 2**k + 1), 0.02 / 2**k)[:, None].astype(float) for k in range(3)]
+    seen = differences(runs, ["a.y"])
+    assert kind_of(runs, seen, np.ones(1, bool), np.zeros(1, bool)) == (kind, 0)
+    sentence = f"Not decided: {KINDS[kind].met.format(signal='feedforward.tau_m[6]')} (step 1 ms; wanted 0.1 %)"
+    assert len(sentence) <= 120
 
 
 def test_the_scale_is_the_swing_of_a_signal():

@@ -230,11 +230,14 @@ _BLOWN = 4.0
 """Growth from each of the last three quarters of a run to the next: a line grows by at most 2, then 1.5."""
 
 
-def kind_of(runs: Sequence[Floats], seen: Differences, sampled: Any) -> tuple[str, int]:
-    """Return which of `KINDS` decides nothing, and the signal: its index. `sampled`: signals with declared samples."""
+def kind_of(runs: Sequence[Floats], seen: Differences, read: Any, sampled: Any) -> tuple[str, int]:
+    """Return which of `KINDS` was met, and the index of the signal, one of those that components `read`.
+
+    `sampled` are signals with declared samples, which may have few values and jump.
+    """
     first, half, quarter = at_common_times(runs)
-    worst = int(np.argmax(np.maximum(seen.d1, seen.d2)))
-    free = ~sampled
+    worst = int(np.argmax(np.where(read, np.maximum(seen.d1, seen.d2), -1.0)))
+    free = read & ~sampled
     part = max(1, len(quarter) // 4)
     peaks = [float(np.abs(quarter[k * part : (k + 1) * part, worst]).max(initial=0.0)) for k in range(1, 4)]
     if peaks[2] > _BLOWN * peaks[1] > _BLOWN**2 * peaks[0] > 0.0:

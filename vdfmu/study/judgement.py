@@ -17,7 +17,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.algorithms import ALGORITHMS, named
+from vdfmu.engine.algorithms import named
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import cut
@@ -42,7 +42,7 @@ from vdfmu.study.coupling_error import (
     verdict_on_all,
 )
 
-_LINEARISED = ("growth", "coarse", "failed")
+_LINEARISED = ("growth", "coarse")
 """Kinds without a verdict that the radius of the loop explains."""
 
 
@@ -247,18 +247,18 @@ class _Case(NamedTuple):
 
     def judged(self, flat: FlatSystem) -> Judgement:
         """Judge a system by three runs, and by a fourth if they show nothing."""
-        (names, n_read), algorithm = self.names(), self.checked.algorithm
-        order = ALGORITHMS[algorithm].order
-        facts: dict[str, Any] = {"wanted": self.wanted, "step": self.step, "algorithm": algorithm}
+        (names, n_read), order = self.names(), self.checked.how.order
         if not n_read:
             raise UsageError(
                 "judge needs connected signals, got none: only exchange between components has this error."
             )  # fmt: skip
         if not order:
-            why = f"the algorithm {algorithm} declares no order. Declare substeps or continuous in its row."
-            return Judgement(OPEN, f"Not decided: {why}", kind="order", **facts)
+            why = (
+                f"the algorithm {self.checked.algorithm} declares no order. Declare substeps or continuous in its row."
+            )
+            return self._open("order", why)
         runs: list[Floats] = []
-        with Simulator(flat, **{**self.options, "algorithm": algorithm}) as simulator:
+        with Simulator(flat, **{**self.options, "algorithm": self.checked.algorithm}) as simulator:
             for divisor in (1, 2, 4):
                 step = self.step / divisor
                 try:
@@ -266,16 +266,14 @@ class _Case(NamedTuple):
                 except (CosimError, UsageError) as error:
                     if isinstance(error, LostProcessError) or (divisor == 1 and isinstance(error, UsageError)):
                         raise
-                    at = f"the run with a step of {_time(step)} failed: {error}"
-                    return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", kind="failed", **facts)
-                runs.append(np.column_stack([results[name] for name in names]).astype(float))
+                    why = f"the run with a step of {_time(step)} failed: {error}{self._cause(flat, None)}"
+                    return self._open("failed", why)
+                runs.append(_columns(results, names))
             read = np.arange(len(names)) < n_read
             if not np.ptp(runs[2][:, read], axis=0).any():
-                still = "Not decided: no connected signal changes. Set inputs or values that move it."
-                return Judgement(OPEN, still, kind="still", **facts)
+                return self._open("still", "no connected signal changes. Set inputs or values that move it.")
             timed, units = _timed(self.checked, flat), [results.units.get(name, "") for name in names]
-            seen = differences(runs, names, timed, units, read)
-            exact = not self._unsampled(flat)
+            seen, exact = differences(runs, names, timed, units, read), not self._unsampled(flat)
             seen = seen._replace(late=0.0) if exact else seen
             verdict, of_unread = verdict_on_all(seen, read, order, self.wanted, exact)
             verdict, deciding = (WRONG, ~read) if (verdict, of_unread) == (RIGHT, WRONG) else (verdict, read)
@@ -293,43 +291,50 @@ class _Case(NamedTuple):
             kind = "solver"
         elif verdict == OPEN:
             own = np.isin([name.partition(".")[0] for name in names], [*_declared(self.checked, flat)])
-            kind, place = kind_of([run[:, deciding] for run in runs], seen.of(deciding), own[deciding])
-            at = int(np.flatnonzero(deciding)[place])
-        facts |= {"error": signals[worst].error, "signal": signals[at].name, "kind": kind}
-        facts["signals"] = tuple(sorted(signals, key=lambda each: -each.error))
-        least = _share(max(signals[worst].error, seen.late if verdict == RIGHT else 0.0))
-        about = f"{least} of the {'value' if seen.constant[worst] else 'swing'} of {signals[worst].name}"
+            kind, at = kind_of(runs, seen, read, own)
+        text = self._text(flat, verdict, kind, signals[worst], signals[at], bool(seen.constant[worst]), seen.late)
+        unread = max((each for each in signals if not each.read), key=lambda each: each.error, default=signals[worst])
+        if signals[worst].read and unread.error > signals[worst].error:
+            text += f" Unread output {unread.name}: {_share(unread.error)}{', not decided' * (of_unread == OPEN)}."
         periods = ", ".join(f"{each.name} {_time(each.step)}" for each in flat.components if each.step is not None)
-        unread = next((each for each in facts["signals"] if not each.read and each.error > signals[worst].error), None)
-        if unread and read[worst]:
-            end = f" Unread output {unread.name}: {_share(unread.error)}{', not decided' * (of_unread == OPEN)}."
-        else:
-            end = ""
-        end += f" Kept periods: {periods}." if periods else ""
+        text += f" Kept periods: {periods}." if periods else ""
+        text += f" Aliasing is not tested: {other}." if isinstance(other, str) else ""
+        return Judgement(
+            verdict, text, **self._facts, error=signals[worst].error, signal=signals[at].name, kind=kind,
+            signals=tuple(sorted(signals, key=lambda each: -each.error)),
+        )  # fmt: skip
+
+    def _text(
+        self, flat: FlatSystem, verdict: str, kind: str, worst: SignalError, met: SignalError, constant: bool,
+        late: float,
+    ) -> str:  # fmt: skip
+        """Return the verdict in a sentence, from the largest error that decides it, and the signal that was `met`."""
+        share = _share(max(worst.error, late) if verdict == RIGHT else worst.error)
+        about = f"{share} of the {'value' if constant else 'swing'} of {worst.name}"
         if verdict == RIGHT:
-            end = f" Errors inside FMUs are not judged.{end}"
-            end += f" Aliasing is not tested: {other}." if isinstance(other, str) else ""
-            return Judgement(verdict, f"Right to {about} ({self._asked}).{end}", **facts)
+            return f"Right to {about} ({self._asked}). Errors inside FMUs are not judged."
         if verdict == WRONG:
-            nothing = "" if read[worst] else ", an output that no component reads"
-            return Judgement(
-                verdict,
-                f"Not right: about {about}{nothing} ({self._asked}). {self._way(signals[worst], order)}{end}",
-                **facts,
-            )
+            nothing = "" if worst.read else ", an output that no component reads"
+            return f"Not right: about {about}{nothing} ({self._asked}). {self._way(worst)}"
         if kind == "near":
-            why = f"about {about} is too near the wanted error ({self._asked}). {self._way(signals[worst], order)}"
-        else:
-            why = f"{KINDS[kind].met.format(signal=signals[at].name)} ({self._asked}). {KINDS[kind].way}."
-        cause = self._cause(flat, signals[at].time) if kind in _LINEARISED else ""
-        return Judgement(verdict, f"Not decided: {why}{cause}{end}", **facts)
+            return f"Not decided: about {about} is too near the wanted error ({self._asked}). {self._way(worst)}"
+        cause = self._cause(flat, met.time) if kind in _LINEARISED else ""
+        return f"Not decided: {KINDS[kind].met.format(signal=met.name)} ({self._asked}). {KINDS[kind].way}.{cause}"
+
+    @property
+    def _facts(self) -> dict[str, Any]:
+        return {"wanted": self.wanted, "step": self.step, "algorithm": self.checked.algorithm}
+
+    def _open(self, kind: str, why: str) -> Judgement:
+        return Judgement(OPEN, f"Not decided: {why}", **self._facts, kind=kind)
 
     @property
     def _asked(self) -> str:
         return f"step {_time(self.step)}; wanted {_share(self.wanted)}"
 
-    def _way(self, worst: SignalError, order: int) -> str:
+    def _way(self, worst: SignalError) -> str:
         """Return what makes the error of a signal right."""
+        order = self.checked.how.order
         share = self.wanted / (MARGIN * worst.error) if worst.error else 1.0
         way = f"a step of {_time(_rounded(self.step * share ** (1.0 / order)))}"
         way = f"{named(repeats=True)[0]}, or {way}," if order == 1 and self._repeats() else way
@@ -364,7 +369,7 @@ class _Case(NamedTuple):
             raise
         except (CosimError, UsageError):
             return f"no step of {_time(self.step * every / steps)} is possible"
-        return alias(runs, np.column_stack([results[name] for name in names]).astype(float), seen.scale, order)
+        return alias(runs, _columns(results, names), seen.scale, order)
 
     def _repeats(self) -> bool:
         """Whether an algorithm that repeats steps can run the system."""
@@ -388,6 +393,10 @@ class _Case(NamedTuple):
             return ""
         grows = "grows" if poles.max() > 1.0 else "decays"
         return f" The loop at {', '.join(opened)} {grows}: its radius is {poles.max():.4g} a step."
+
+
+def _columns(results: Results, names: Sequence[str]) -> Floats:
+    return np.column_stack([results[name] for name in names]).astype(float)
 
 
 def _share(value: float) -> str:
