@@ -134,20 +134,20 @@ def verdict_of(seen: Differences, order: int, wanted: float) -> str:
     return WRONG if regular and worst > MARGIN * wanted else OPEN
 
 
-def verdict_on_all(seen: Differences, read: Any, order: int, wanted: float, exact: bool) -> tuple[str, str]:
-    """Return the verdict on signals that components read, and on the other outputs.
+def verdict_on_all(seen: Differences, read: Any, order: int, wanted: float, exact: bool) -> tuple[str, Any]:
+    """Return the verdict, and the signals that decide it: those that components read, or, if they are right, the rest.
 
-    The second makes a system not right, if its error has the order of the algorithm. Without an order, it may come from
-    solvers inside FMUs, and decides nothing. `exact`: all signals are exchanged at declared samples, which are the same
-    in all runs, so that all differences come from solvers.
+    `exact`: all signals are exchanged at declared samples, which are the same in all runs, so that all differences come
+    from solvers. Then only signals that are read decide.
     """
-
-    def verdict(some: Differences) -> str:
-        if exact and some.d1.size:
-            return RIGHT if MARGIN * error_of(float(np.maximum(some.d1, some.d2).max()), order) <= wanted else OPEN
-        return verdict_of(some, order, wanted) if some.d1.size else RIGHT
-
-    return verdict(seen.of(read)), verdict(seen.of(~read))
+    if exact:
+        largest = float(np.maximum(seen.d1, seen.d2)[read].max())
+        return RIGHT if MARGIN * error_of(largest, order) <= wanted else OPEN, read
+    verdict = verdict_of(seen.of(read), order, wanted)
+    if verdict != RIGHT or read.all():
+        return verdict, read
+    verdict = verdict_of(seen.of(~read), order, wanted)
+    return verdict, read if verdict == RIGHT else ~read
 
 
 def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> Floats:
@@ -230,14 +230,14 @@ _BLOWN = 4.0
 """Growth from each of the last three quarters of a run to the next: a line grows by at most 2, then 1.5."""
 
 
-def kind_of(runs: Sequence[Floats], seen: Differences, read: Any, sampled: Any) -> tuple[str, int]:
-    """Return which of `KINDS` was met, and the index of the signal, one of those that components `read`.
+def kind_of(runs: Sequence[Floats], seen: Differences, deciding: Any, sampled: Any) -> tuple[str, int]:
+    """Return which of `KINDS` was met, and the index of the signal, one of those that are `deciding`.
 
     `sampled` are signals with declared samples, which may have few values and jump.
     """
     first, half, quarter = at_common_times(runs)
-    worst = int(np.argmax(np.where(read, np.maximum(seen.d1, seen.d2), -1.0)))
-    free = read & ~sampled
+    worst = int(np.argmax(np.where(deciding, np.maximum(seen.d1, seen.d2), -1.0)))
+    free = deciding & ~sampled
     part = max(1, len(quarter) // 4)
     peaks = [float(np.abs(quarter[k * part : (k + 1) * part, worst]).max(initial=0.0)) for k in range(1, 4)]
     if peaks[2] > _BLOWN * peaks[1] > _BLOWN**2 * peaks[0] > 0.0:

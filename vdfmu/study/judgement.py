@@ -41,6 +41,7 @@ from vdfmu.study.coupling_error import (
     kind_of,
     verdict_on_all,
 )
+from vdfmu.study.sampling import ambiguous, declared_samples, exchanged_at_samples, keeping_steps, timed_samples
 
 _LINEARISED = ("growth", "coarse")
 """Kinds without a verdict that the radius of the loop explains."""
@@ -156,14 +157,14 @@ def judge(
     checked = check_system(flat, options.get("parameters"), algorithm=algorithm)
     grid = Simulator(flat, **options).grid(start, stop, step)
     case = _Case(checked, wanted, grid, options)
-    ambiguous = _ambiguous(checked)
-    declared = [name for name in ambiguous if checked.descriptions[name].samples]
-    undeclared = [name for name in ambiguous if checked.descriptions[name].samples is None]
+    unclear = ambiguous(checked)
+    declared = [name for name in unclear if checked.descriptions[name].samples]
+    undeclared = [name for name in unclear if checked.descriptions[name].samples is None]
     if sampled is False:
         return case.judged(flat)
     if sampled or not undeclared:
-        return case.judged(_sampled(flat, ambiguous if sampled else declared, grid.step))
-    return _of_two(undeclared, *(case.judged(_sampled(flat, names, grid.step)) for names in (ambiguous, declared)))
+        return case.judged(keeping_steps(flat, unclear if sampled else declared, grid.step))
+    return _of_two(undeclared, *(case.judged(keeping_steps(flat, names, grid.step)) for names in (unclear, declared)))
 
 
 def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -> Judgement:
@@ -180,41 +181,6 @@ def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -
         f"{continuous.text} Choose --sampled or --continuous."
     )
     return replace(continuous, verdict=OPEN, text=text, kind="period")
-
-
-def _declared(checked: Checked, system: FlatSystem) -> set[str]:
-    """Return the components whose samples have declared times: by a step, a period, or a clock."""
-    stepped = {component.name for component in system.components if component.step is not None}
-    described = checked.descriptions.items()
-    return stepped | {name for name, each in described if each.period or any(v.clock for v in each.variables.values())}
-
-
-def _timed(checked: Checked, system: FlatSystem) -> set[str]:
-    """Return the components whose samples act at declared times: with a step, or passed on within the step."""
-    stepped = {component.name for component in system.components if component.step is not None}
-    late = {link.start[0] for link in checked.links if link.stepped and link.end not in checked.schedule.fresh}
-    return stepped | _declared(checked, system) - late
-
-
-def _ambiguous(checked: Checked) -> list[str]:
-    """Return the components that may sample: with discrete outputs, or with held inputs and without states.
-
-    Components for model exchange have no steps that could be samples.
-    """
-    declared, names = _declared(checked, checked.system), dict[str, None]()
-    fed = {link.end[0] for link in checked.links if link.stepped and checked.how.substeps}
-    for link in checked.links:
-        name, each = link.start[0], checked.descriptions.get(link.start[0])
-        if each is not None and name not in declared and link.stepped and link.source.type == "Real":
-            law = name in fed and not each.states and not each.exchange
-            names |= {name: None} if law or link.source.variability == "discrete" else {}
-    return list(names)
-
-
-def _sampled(system: FlatSystem, names: Sequence[str], step: float) -> FlatSystem:
-    """Return a system some of whose components keep a step."""
-    parts = tuple(replace(each, step=step) if each.name in names else each for each in system.components)
-    return replace(system, components=parts, inspected={})
 
 
 class _Case(NamedTuple):
@@ -272,11 +238,10 @@ class _Case(NamedTuple):
             read = np.arange(len(names)) < n_read
             if not np.ptp(runs[2][:, read], axis=0).any():
                 return self._open("still", "no connected signal changes. Set inputs or values that move it.")
-            timed, units = _timed(self.checked, flat), [results.units.get(name, "") for name in names]
-            seen, exact = differences(runs, names, timed, units, read), not self._unsampled(flat)
+            timed, units = timed_samples(self.checked, flat), [results.units.get(name, "") for name in names]
+            seen, exact = differences(runs, names, timed, units, read), exchanged_at_samples(self.checked, flat)
             seen = seen._replace(late=0.0) if exact else seen
-            verdict, of_unread = verdict_on_all(seen, read, order, self.wanted, exact)
-            verdict, deciding = (WRONG, ~read) if (verdict, of_unread) == (RIGHT, WRONG) else (verdict, read)
+            verdict, deciding = verdict_on_all(seen, read, order, self.wanted, exact)
             other = None if exact or verdict != RIGHT else self._aliases(simulator, names, runs, seen, order)
         error = error_of(seen.d1, order)
         q, times = seen.d2 / np.where(seen.d1 > 0.0, seen.d1, np.inf), results.time[::4][seen.row]
@@ -290,12 +255,13 @@ class _Case(NamedTuple):
         elif verdict == OPEN and exact:
             kind = "solver"
         elif verdict == OPEN:
-            own = np.isin([name.partition(".")[0] for name in names], [*_declared(self.checked, flat)])
-            kind, at = kind_of(runs, seen, read, own)
+            own = np.isin([name.partition(".")[0] for name in names], [*declared_samples(self.checked, flat)])
+            kind, at = kind_of(runs, seen, deciding, own)
         text = self._text(flat, verdict, kind, signals[worst], signals[at], bool(seen.constant[worst]), seen.late)
         unread = max((each for each in signals if not each.read), key=lambda each: each.error, default=signals[worst])
         if signals[worst].read and unread.error > signals[worst].error:
-            text += f" Unread output {unread.name}: {_share(unread.error)}{', not decided' * (of_unread == OPEN)}."
+            solver = ", the error of solvers inside FMUs" if exact else ""
+            text += f" Unread output {unread.name}: {_share(unread.error)}{solver}."
         periods = ", ".join(f"{each.name} {_time(each.step)}" for each in flat.components if each.step is not None)
         text += f" Kept periods: {periods}." if periods else ""
         text += f" Aliasing is not tested: {other}." if isinstance(other, str) else ""
@@ -342,17 +308,6 @@ class _Case(NamedTuple):
 
     def _run(self, simulator: Simulator, names: Sequence[str], step: float, stop: float) -> Results:
         return simulator.run(start=self.grid.begin, stop=stop, step=step, record=names)
-
-    def _unsampled(self, flat: FlatSystem) -> bool:
-        """Whether a signal passes between two components otherwise than at declared samples."""
-        kept = {component.name for component in flat.components if component.step is not None}
-        timed = _timed(self.checked, flat) if self.checked.how.substeps else kept
-        links = [link for link in self.checked.links if link.stepped and link.start[0] in self.checked.descriptions]
-        return any(
-            kept.isdisjoint((link.start[0], link.end[0]))
-            and not (link.start[0] in timed and link.source.variability == "discrete")
-            for link in links
-        )
 
     def _aliases(
         self, simulator: Simulator, names: Sequence[str], runs: Sequence[Floats], seen: Differences, order: int
