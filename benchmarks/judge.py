@@ -63,7 +63,7 @@ def evaluate(kind: str, case: Case, number: int, rng: Any, count: Counter[str]) 
     for n in case.steps:
         h, wanted = case.stop / n, float(rng.choice(WANTED))
         algorithm = masters[(number + (n == case.steps[1])) % len(masters)]
-        options = {"algorithm": algorithm, "isolate": False, "tolerance": 1e-9}
+        options: dict[str, Any] = {"algorithm": algorithm, "isolate": False, "tolerance": 1e-9}
         try:
             judged = case.system.judge(wanted, stop=n * h, step=h, **options)
         except vdfmu.VdfmuError:  # not for this master

@@ -138,7 +138,7 @@ def linear(rng: Any, folder: Path, unseen: bool = False) -> Case:
             for to, source in wires.items():
                 if to[0] > source[0]:
                     blocks[to[0]][3][1, to[1]] = 0.7 * rng.normal()
-        A, B, C, D = (block_diag(*(block[k] for block in blocks)) for k in range(4))
+        A, B, C, D = (np.array(block_diag(*(block[k] for block in blocks))) for k in range(4))
         L = np.zeros((2 * n, 2 * n))
         for (to, u), (source, y) in wires.items():
             L[2 * to + u, 2 * source + y] = 1.0
@@ -161,7 +161,8 @@ def linear(rng: Any, folder: Path, unseen: bool = False) -> Case:
 
     rate = rates[len(rates) // 2] if stiff else rates[-1]
     stop = min(5.0, 3.0 / max(float(rates[0]), 0.6))
-    return Case(system, names, stop, exact, tuple(int(max(16, stop * rate / share)) for share in (0.3, 0.02)))
+    coarse, fine = (int(max(16, stop * rate / share)) for share in (0.3, 0.02))
+    return Case(system, names, stop, exact, (coarse, fine))
 
 
 def unseen(rng: Any, folder: Path) -> Case:

@@ -224,7 +224,8 @@ class _Case(NamedTuple):
             )
             return self._open("order", why)
         runs: list[Floats] = []
-        with Simulator(flat, **{**self.options, "algorithm": self.checked.algorithm}) as simulator:
+        options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm}
+        with Simulator(flat, **options) as simulator:
             for divisor in (1, 2, 4):
                 step = self.step / divisor
                 try:
