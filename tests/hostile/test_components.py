@@ -61,7 +61,7 @@ def unit(tmp_path):
 @pytest.fixture
 def controller(planar, tmp_path):
     """Return a function that makes the FMU of a controller, changed so that a process may have one instance or more."""
-    built = build_fmus(planar, tmp_path, units=["controller"], backend="native")["controller"]
+    built = build_fmus(planar, tmp_path, units=["controller"], backend="native", folded=True)["controller"]
 
     def make(once: bytes) -> Path:
         with zipfile.ZipFile(built) as archive:

@@ -17,7 +17,7 @@ from vdfmu.system.scenario import load_scenario
 @pytest.fixture(scope="module")
 def fmus(tmp_path_factory):
     robot = load_scenario("planar_tracking").robot
-    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0")
+    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0", folded=True)
 
 
 values = partial(texts.values, version="2.0")

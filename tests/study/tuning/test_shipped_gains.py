@@ -23,7 +23,7 @@ def test_errors_are_smaller_on_every_joint_for_robots_of_the_spread(master, tmp_
     scenario = vdfmu.load_scenario("tracking")
     tuned = vdfmu.load_scenario("tracking_tuned").sections["controller"]
     package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", backend="native"), tmp_path / "p.ssp"
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", backend="native", folded=True), tmp_path / "p.ssp"
     )
     with vdfmu.Simulator(package, algorithm=master, isolate=False) as simulator:
         for robot in ROBOTS:
