@@ -246,7 +246,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             tuned.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
         if loops is not None:
             growth = loops.growth(loops.poses[0].time, loops.poses[-1].time)
-            tuned.notes += loop_sentences(Judged(loops, growth).figures)[1]
+            tuned.notes.extend(loop_sentences(Judged(loops, growth).figures)[1])
         with doing("picture"):
             _write(tuned, evaluations.scores)
     return tuned

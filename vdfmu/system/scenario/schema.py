@@ -79,6 +79,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "joints": {"type": "object", "required": ["drive"], "properties": {"drive": _TEXT}},
         "motion": _motion(),
         "plant_factors": _table(factors, []),
+        "limits": {"type": "object", "additionalProperties": _POSITIVE},
         "paper": _table(paper, []),
     }
     keys: Schema = {key: types[key] | ({"description": text} if text else {}) for key, text in KEYS.items()}
