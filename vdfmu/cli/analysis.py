@@ -94,7 +94,7 @@ def _modes(
     if bode is not None and not 1 <= bode <= arm.n:
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
-    q = middle_pose(arm) if pose is None else read_pose("--pose", pose)
+    q = middle_pose(arm) if pose is None else read_numbers("--pose", pose)
     by_motors = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
     if as_json:
         say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in by_motors.items()})
@@ -105,7 +105,7 @@ def _modes(
         _draw_bode(arm, q, bode, dry, target, as_json)
 
 
-def read_pose(option: str, text: str) -> list[float]:
+def read_numbers(option: str, text: str) -> list[float]:
     """Return the numbers of an option; UsageError for other words."""
     from vdfmu.base.errors import UsageError
 

@@ -111,7 +111,7 @@ class _MjcfReader:
             self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
         return Tree(
             self.path.stem, self.problems, links, tuple(joints), -np.array(m.opt.gravity), False, self.notes,
-            self.loops(),
+            self.loops(), {name: (self.bodies[body], place) for name, body, place in self.sites()},
         )  # fmt: skip
 
     def link(self, i: int, name: str) -> RigidLink:
@@ -123,9 +123,13 @@ class _MjcfReader:
             axis = np.array(m.jnt_axis[self.rotor_of[i].joint])
             inertia = inertia - (1.0 - _REST) * self.rotor_of[i].inertia * np.outer(axis, axis)
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
-        shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
-        visuals = tuple(shape for shape in shapes if shape is not None)
-        return RigidLink(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
+        shapes: tuple[list[Visual], list[Visual]] = [], []  # seen, hidden
+        for g in range(first, first + count):
+            if (shape := self.visual(g)) is not None:
+                shapes[int(m.geom_group[g]) >= _VISIBLE].append(shape)
+        return RigidLink(
+            name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, *map(tuple, shapes)
+        )
 
     def carriers(self, i: int, links: dict[str, RigidLink]) -> list[Joint]:
         """Return the joints that carry a body, with links between several joints or to a joint off its origin."""
@@ -233,6 +237,14 @@ class _MjcfReader:
                 name = printable(m.equality(e).name) or f"equality {e + 1}"
                 loops.append((name, self.bodies[ends[0]], self.bodies[ends[1]]))
         return tuple(loops)
+
+    def sites(self) -> Iterator[tuple[str, int, Placement]]:
+        """Yield each site with a name: name, number of its body, and placement in that."""
+        m = self.model
+        for s in range(m.nsite):
+            if name := printable(m.site(s).name):
+                place = Placement(_rotation(m.site_quat[s]), np.array(m.site_pos[s]))
+                yield name, int(m.site_bodyid[s]), place
 
     def visual(self, g: int) -> Visual | None:
         """Return a visible shape."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.plausible import tool_notes
 from vdfmu.base.errors import CosimError
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.progress import doing
@@ -86,8 +88,14 @@ def _loop_check(result: Judged) -> LoopCheck:
     return LoopCheck(Check(_LOOPS, state, text, words), figures)
 
 
-def verdict(summary: Summary, loops: Sequence[Check]) -> dict[str, Any]:
-    """Return the entry ``verdict`` of the summary of a complete run, whose loops have these checks."""
+def tool_checks(robots: Iterable[Robot]) -> Iterator[Check]:
+    """Yield the check of each arm whose tool a joint does not move, without a word in its file that this is meant."""
+    for note in dict.fromkeys(note for robot in robots for note in tool_notes(robot)):
+        yield Check("Place of the tool", DOUBTFUL, note, note.partition(",")[0])
+
+
+def verdict(summary: Summary, loops: Sequence[Check], tools: Iterable[Check] = ()) -> dict[str, Any]:
+    """Return the entry ``verdict`` of the summary of a complete run, whose loops and tools have these checks."""
     figures: Summary = summary["key_figures"]
     limits = list(_limits(figures))
     first = [*loops, *limits]
@@ -97,7 +105,7 @@ def verdict(summary: Summary, loops: Sequence[Check]) -> dict[str, Any]:
     path = list(_path(figures))
     stable = bool(first) and all(check.state == GOOD for check in first)
     numbers = _numbers(figures, all(check.state == GOOD for check in path), stable)
-    return verdict_of([*first, *path, *run_checks(summary)], "; ".join(numbers))
+    return verdict_of([*first, *path, *tools, *run_checks(summary)], "; ".join(numbers))
 
 
 def run_checks(summary: Summary) -> Iterator[Check]:
