@@ -22,7 +22,7 @@ from vdfmu.study.report.sheets import facts, verdict_text
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.run.summary import run_facts
-from vdfmu.study.run.verdict import tool_checks, verdict
+from vdfmu.study.run.verdict import verdict
 
 FIGURES = {
     "tool_error": {"value": 2.89e-6, "at_s": 4.941},
@@ -52,10 +52,11 @@ def test_a_number_has_three_digits_and_a_unit_that_fits(value, unit, peak, text)
 def test_a_tool_that_the_last_joint_does_not_move_makes_a_run_doubtful():
     arm = load_robot("planar_2dof").with_parameters(tool_offset=[0.0, 0.0, 0.1])
     summary = {"key_figures": FIGURES, "power_bond": BOND, "step": 1e-3}
-    summary["verdict"] = verdict(summary, [STABLE], tool_checks([arm, arm]))
+    summary["verdict"] = verdict(summary, [STABLE], arm)
     assert line_of(summary).startswith("Doubtful: the tool lies on the axis of joint 2; stable; tool error 2.89 µm")
     assert checks_line(summary) == "2 of 3 checks pass, 1 doubtful"
-    assert not list(tool_checks([replace(arm, tool_on_last_axis=True), load_robot("planar_2dof")]))
+    for good in (replace(arm, tool_on_last_axis=True), load_robot("planar_2dof")):
+        assert state_of({"verdict": verdict(summary, [STABLE], good)}) == "good"
 
 
 def test_a_good_run_is_told_by_its_numbers():

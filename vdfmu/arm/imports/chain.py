@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
-import numpy.typing as npt
 
-from vdfmu.arm.imports.tool import Tool, meters, read_placement, tool_at_end
+from vdfmu.arm.imports.tool import Tool, meters, tool_at_end
 from vdfmu.arm.imports.tree import HERE, MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
-from vdfmu.arm.robot.plausible import joints_without_tool
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.text import nearest
@@ -22,7 +19,7 @@ from vdfmu.base.toml_tables import Problems
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """An arm: bodies from base to tip, gravity (3,) at the base, or `standard`."""
+    """An arm: bodies from base to tip, its tool in the frame of the last, gravity (3,) at the base, or `standard`."""
 
     base: str
     tip: str
@@ -32,32 +29,16 @@ class SerialChain:
     standard: bool
     visuals: tuple[Visual, ...]
 
-    @property
-    def tool_on_axis(self) -> bool:
-        """Whether the tool was chosen to lie on the axis of the last joint, and of no other."""
-        arm = SimpleNamespace(
-            joint_types=[MOVING[body.joint.kind] for body in self.bodies], tool_offset=self.tool.placement.p,
-            rotation=[body.placement.R for body in self.bodies], offset=[body.placement.p for body in self.bodies],
-        )  # fmt: skip
-        return self.tool.chosen and len(joints_without_tool(arm)) == 1
 
-
-def choose_arm(
-    tree: Tree, base: str | None, tip: str | None, tool: npt.ArrayLike | None = None, frame: str | None = None
-) -> SerialChain | None:
+def choose_arm(tree: Tree, base: str | None, tip: str | None, tool: Placement | None = None) -> SerialChain | None:
     """Return the arm from a base to a tip, or None after adding problems.
 
     Joints beside it are held at 0: their links are parts of the link before. {I} is the frame of the base, by default
-    the root. The tip is by default the link of the `frame`, else the last link if the tree has only one arm. {O} is at
-    `tool` in the frame of the tip, or is the `frame`; see :func:`vdfmu.arm.imports.robot_from_urdf`.
+    the root. The tip is by default the last link, if the tree has only one arm. {O} is the `tool` in its frame, else
+    follows from the tree.
     """
     problems = tree.problems
     root = _root(tree)
-    if frame is not None and frame not in tree.links and frame not in tree.sites:
-        expected = f"a link{' or site' * bool(tree.sites)} of the file"
-        problems.add("--tool-frame", expected, repr(frame), nearest(frame, [*tree.links, *tree.sites]))
-    elif frame is not None and tip is None:
-        tip = frame if frame in tree.links else tree.sites[frame][0]
     for option, name in (("--base", base), ("--tip", tip)):
         if name is not None and name not in tree.links:
             problems.add(option, "a link of the file", repr(name), nearest(name, list(tree.links)))
@@ -73,12 +54,10 @@ def choose_arm(
     if not moving:
         expected = f"a joint that moves between {base} and {tip}"
         problems.add("the file", expected, "none", "Choose others by --base, --tip.")
-    return None if problems.lines else _assemble(tree, base, tip, path, tool, frame)
+    return None if problems.lines else _assemble(tree, base, tip, path, tool)
 
 
-def _assemble(
-    tree: Tree, base: str, tip: str, path: list[Joint], tool: npt.ArrayLike | None, frame: str | None
-) -> SerialChain:
+def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], given: Placement | None) -> SerialChain:
     """Join the links of each joint of the arm to a body."""
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
@@ -92,22 +71,21 @@ def _assemble(
         at = at @ joint.placement
         if joint.kind == "fixed":
             continue
-        turned = Placement(aligned(joint.axis), np.zeros(3))
+        frame = Placement(aligned(joint.axis), np.zeros(3))
         carried = _carried(tree, joint.child, HERE, on_path, held)
-        placement = Placement(into.R.T, np.zeros(3)) @ at @ turned
-        bodies.append(_body(tree, joint, turned.R, placement, carried))
-        visuals += _looks(len(bodies), turned.R, carried)
+        placement = Placement(into.R.T, np.zeros(3)) @ at @ frame
+        bodies.append(_body(tree, joint, frame.R, placement, carried))
+        visuals += _looks(len(bodies), frame.R, carried)
         owner |= {link.name: len(bodies) for link, _ in carried}
-        into, at = turned, HERE
-    last = Placement(into.R.T, np.zeros(3))
-    places = {link.name: last @ place for link, place in carried}
-    sites = {name: places[link] @ place for name, (link, place) in tree.sites.items() if link in places}
-    if frame is not None and frame not in places | sites:
-        problem = f"a frame that moves with {path[-1].child}, the end of the arm", frame
-        tree.problems.add("--tool-frame", *problem, "Choose another, or another end by --tip.")
-    shapes = [[v for v in visuals if v.joint == len(bodies)]]
-    shapes.append(_looks(0, into.R, [(replace(link, visuals=link.collisions), place) for link, place in carried]))
-    placed = _tool(tip, places, sites, path[-1].kind == "fixed", shapes, tool, frame)
+        into, at = frame, HERE
+    end = Placement(into.R.T, np.zeros(3)) @ at
+    if given is not None:
+        tool = Tool(end @ given, f"at {meters(given.p)} in the frame of {tip}, as given")
+    elif path[-1].kind == "fixed":
+        tool = Tool(end, f"at the origin of {tip}, which is fixed to the last link that moves")
+    else:
+        seen = [visual for visual in visuals if visual.joint == len(bodies)]
+        tool = tool_at_end(tip, end, seen or bodies[-1].shapes)
     for name, first, second in tree.loops:
         if owner.get(first, 0) != owner.get(second, 0):
             tree.problems.add(
@@ -118,25 +96,7 @@ def _assemble(
         names = few([joint.name for joint in held])
         tree.notes.append(f"held at 0, beside the arm: {names}.")
     up = _pose(tree, base).R.T @ tree.gravity
-    return SerialChain(base, tip, tuple(bodies), placed, up, tree.standard, tuple(visuals))
-
-
-def _tool(
-    tip: str, links: Mapping[str, Placement], sites: Mapping[str, Placement], fixed: bool,
-    looks: Sequence[Sequence[Visual]], tool: npt.ArrayLike | None, frame: str | None,
-) -> Tool:  # fmt: skip
-    """Return the tool by the first rule that applies; see :func:`vdfmu.arm.imports.robot_from_urdf`."""
-    if tool is not None:
-        inner = read_placement(tool)
-        return Tool(links[tip] @ inner, f"at {meters(inner.p)} in the frame of {tip}, as given")
-    if frame is not None:
-        return Tool((sites | links).get(frame, HERE), f"at the origin of {frame}, as given")
-    if fixed:
-        return Tool(links[tip], f"at the origin of {tip}, which is fixed to the last link that moves")
-    if len(sites) == 1:
-        name, place = next(iter(sites.items()))
-        return Tool(place, f"at the origin of {name}, the only site of {tip}")
-    return tool_at_end(tip, links[tip], looks)
+    return SerialChain(base, tip, tuple(bodies), tool, up, tree.standard, tuple(visuals))
 
 
 def _root(tree: Tree) -> str | None:
@@ -280,7 +240,7 @@ def _body(
     inertia = R.T @ whole.inertia @ R
     inertia = (inertia + inertia.T) / 2
     if whole.mass:
-        bare = [link.name for link, _ in carried if not link.mass]
+        bare = [link.name for link, _ in carried if link.visuals and not link.mass]
         if bare:
             tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
         of_body, of_links = Problems(""), Problems("")

@@ -14,10 +14,11 @@ import numpy.typing as npt
 from vdfmu.arm.imports.chain import choose_arm
 from vdfmu.arm.imports.drives import drive_joints, read_drives
 from vdfmu.arm.imports.mjcf import read_mjcf
+from vdfmu.arm.imports.tool import read_placement
 from vdfmu.arm.imports.tree import with_inertia
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.arm.imports.write import robot_text
-from vdfmu.arm.robot.plausible import robot_notes
+from vdfmu.arm.robot.plausible import joints_without_tool, robot_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
 from vdfmu.base.errors import ModelError, SspError, UsageError
@@ -68,7 +69,7 @@ def robot_from_urdf(
     tool : (3,) or (6,) array, optional
         Origin of {O} in the frame of the tip [m], and roll, pitch and yaw [rad], instead of these rules.
     tool_frame : str, optional
-        Link that is {O}, instead of these rules; it must move with the last joint. It is the tip by default.
+        Link that is both the tip and {O}, instead of these rules.
 
     Returns
     -------
@@ -91,8 +92,7 @@ def robot_from_mjcf(
     Parameters
     ----------
     path, base, tip, drives, tool, tool_frame
-        See :func:`robot_from_urdf`, with its errors. `tool_frame` may be a site. The only site of the last link is {O}
-        by default.
+        See :func:`robot_from_urdf`, with its errors. `tool_frame` may be a site.
 
     Returns
     -------
@@ -113,16 +113,17 @@ def import_robot(
     path = Path(path)
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
         raise UsageError(f"density: expected a number above 0 in kg/m3, got {density!r}.")
-    if tool is not None and tool_frame is not None:
-        raise UsageError("tool, tool_frame: expected one of them, got both. Each says where the tool is.")
+    if tool_frame is not None and (tool is not None or tip is not None):
+        raise UsageError("tool_frame: expected neither tool nor tip beside it, got one. It is the tip, and the tool.")
+    place = read_placement(np.zeros(3) if tool is None else tool) if tool is not None or tool_frame else None
     root = parse_file(path)
     problems = Problems(str(path))
     if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
         expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
         raise ModelError(f"{path}: expected {expected}, got <{root.tag}>. Is it the right file?")
-    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems)
+    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems, tool_frame is not None)
     try:
-        arm = choose_arm(tree, base, tip, tool, tool_frame)
+        arm = choose_arm(tree, base, tool_frame or tip, place)
     except RecursionError:
         raise ModelError(f"{path}: expected some hundred links in a row, got more. Is it one robot?") from None
     problems.raise_any()
@@ -135,7 +136,10 @@ def import_robot(
     folder = Path(out).parent if out is not None else path.parent
     text = robot_text(tree.name, path.name, arm, driven, folder)
     robot = robot_from_dict(tomllib.loads(text), f"{path}: the arm to {arm.tip}")
-    on_axis = ", on the axis of the last joint" * arm.tool_on_axis
+    if arm.tool.chosen and joints_without_tool(robot) == [robot.n]:
+        text = robot_text(tree.name, path.name, arm, driven, folder, on_axis=True)
+        robot = replace(robot, tool_on_last_axis=True)
+    on_axis = ", on the axis of the last joint" * robot.tool_on_last_axis
     return Imported(robot, text, [f"the tool is {arm.tool.rule}{on_axis}", *tree.notes, *robot_notes(robot)])
 
 

@@ -31,8 +31,11 @@ _VISIBLE = 3
 """First group of shapes that MuJoCo's viewer hides."""
 
 
-def read_mjcf(path: Path, problems: Problems) -> Tree:
-    """Return the tree of a MuJoCo file, bodies as links. ModelError if MuJoCo refuses it, UsageError without it."""
+def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
+    """Return the tree of a MuJoCo file, bodies as links, and `sites` if wanted.
+
+    ModelError if MuJoCo refuses the file, UsageError without MuJoCo.
+    """
     try:
         mujoco: Any = import_module("mujoco")
     except ImportError as error:
@@ -44,7 +47,7 @@ def read_mjcf(path: Path, problems: Problems) -> Tree:
     except Exception as error:  # of a type that differs with the version
         text = " ".join(str(error).split())
         raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
-    return _MjcfReader(model, path, problems).tree()
+    return _MjcfReader(model, path, problems).tree(sites)
 
 
 class _Rotor(NamedTuple):
@@ -93,8 +96,8 @@ class _MjcfReader:
                     yield joint, _Rotor(rotor, float(m.body_inertia[body] @ axis**2), t, ell, K)
                     break
 
-    def tree(self) -> Tree:
-        """Return the tree of the model."""
+    def tree(self, sites: bool) -> Tree:
+        """Return the tree of the model, with sites as links fixed to bodies if wanted."""
         m = self.model
         links: dict[str, RigidLink] = {}
         joints: list[Joint] = []
@@ -102,6 +105,11 @@ class _MjcfReader:
             links[name] = self.link(i, name)
             if i:
                 joints += self.carriers(i, links)
+        for s in range(m.nsite if sites else 0):
+            name, place = printable(m.site(s).name), Placement(_rotation(m.site_quat[s]), np.array(m.site_pos[s]))
+            if name and links.setdefault(name, site := RigidLink(name)) is site:  # a body keeps its name
+                parent = self.bodies[int(m.site_bodyid[s])]
+                joints.append(Joint(f"{name} (site)", "fixed", parent, name, place, np.array([1.0, 0.0, 0.0])))
         stiff = [self.names[j] for j in range(m.njnt) if np.any(m.jnt_stiffness[j])]
         if stiff:
             self.notes.append(f"springs at joints are left out: {', '.join(stiff)}.")
@@ -111,7 +119,7 @@ class _MjcfReader:
             self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
         return Tree(
             self.path.stem, self.problems, links, tuple(joints), -np.array(m.opt.gravity), False, self.notes,
-            self.loops(), {name: (self.bodies[body], place) for name, body, place in self.sites()},
+            self.loops(),
         )  # fmt: skip
 
     def link(self, i: int, name: str) -> RigidLink:
@@ -123,13 +131,9 @@ class _MjcfReader:
             axis = np.array(m.jnt_axis[self.rotor_of[i].joint])
             inertia = inertia - (1.0 - _REST) * self.rotor_of[i].inertia * np.outer(axis, axis)
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
-        shapes: tuple[list[Visual], list[Visual]] = [], []  # seen, hidden
-        for g in range(first, first + count):
-            if (shape := self.visual(g)) is not None:
-                shapes[int(m.geom_group[g]) >= _VISIBLE].append(shape)
-        return RigidLink(
-            name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, *map(tuple, shapes)
-        )
+        shapes = [self.visual(g) for g in range(first, first + count) if m.geom_group[g] < _VISIBLE]
+        visuals = tuple(shape for shape in shapes if shape is not None)
+        return RigidLink(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
 
     def carriers(self, i: int, links: dict[str, RigidLink]) -> list[Joint]:
         """Return the joints that carry a body, with links between several joints or to a joint off its origin."""
@@ -237,14 +241,6 @@ class _MjcfReader:
                 name = printable(m.equality(e).name) or f"equality {e + 1}"
                 loops.append((name, self.bodies[ends[0]], self.bodies[ends[1]]))
         return tuple(loops)
-
-    def sites(self) -> Iterator[tuple[str, int, Placement]]:
-        """Yield each site with a name: name, number of its body, and placement in that."""
-        m = self.model
-        for s in range(m.nsite):
-            if name := printable(m.site(s).name):
-                place = Placement(_rotation(m.site_quat[s]), np.array(m.site_pos[s]))
-                yield name, int(m.site_bodyid[s]), place
 
     def visual(self, g: int) -> Visual | None:
         """Return a visible shape."""

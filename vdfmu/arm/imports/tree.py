@@ -111,8 +111,6 @@ class Tree:
     standard: bool
     notes: list[str]
     loops: tuple[tuple[str, str, str], ...] = ()
-    sites: Mapping[str, tuple[str, Placement]] = field(default_factory=dict[str, "tuple[str, Placement]"])
-    """Frames beside those of the links: name to the link and the placement in its frame."""
 
     @cached_property
     def above(self) -> dict[str, Joint]:

@@ -28,8 +28,13 @@ _HEAD = """\
 """
 
 
-def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path) -> str:
-    """Return the content of the robot file, made from `file`; paths of meshes start in `folder`."""
+def robot_text(
+    name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path, on_axis: bool = False
+) -> str:
+    """Return the content of the robot file, made from `file`; paths of meshes start in `folder`.
+
+    `on_axis` declares that the tool lies on the axis of the last joint.
+    """
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
@@ -38,7 +43,7 @@ def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNum
     if np.abs(arm.tool.placement.R - np.eye(3)).max() > 1e-9:
         whole["tip_axes"] = arm.tool.placement.R
     lines += [f"{row.key} = {_text(whole[row.foreign])}" for row in section("robot") if row.foreign in whole]
-    lines += ["tool_on_last_axis = true"] if arm.tool_on_axis else []
+    lines += ["tool_on_last_axis = true"] if on_axis else []
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
         lines.append(f"name = {_text(body.joint.name)}")

@@ -40,7 +40,7 @@ from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.scene import arm_of, scene_of
-from vdfmu.study.run.verdict import VISIBLE, LoopCheck, explain, loop_checks, tool_checks, verdict
+from vdfmu.study.run.verdict import VISIBLE, LoopCheck, explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -232,9 +232,7 @@ class ScenarioRun:
             touch = scenario.system.fed.get("plant.F_e", "")
             figures |= key_figures(results, scenario.robot, self._limits, plant, touch, summary["scene"]["objects"])
         summary["key_figures"] = figures | {name: each for loop in loops for name, each in loop.figures.items()}
-        arms = [scenario.system.parts[name].robot or scenario.robot for name in scenario.resolved.plants]
-        tools = tool_checks(arm for arm in arms if arm is not None)
-        summary["verdict"] = verdict(summary, [loop.check for loop in loops], tools)
+        summary["verdict"] = verdict(summary, [loop.check for loop in loops], scenario.robot)
 
     def _references(self, results: Results) -> dict[str, Any]:
         """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from vdfmu.arm.robot import Robot
@@ -88,14 +88,8 @@ def _loop_check(result: Judged) -> LoopCheck:
     return LoopCheck(Check(_LOOPS, state, text, words), figures)
 
 
-def tool_checks(robots: Iterable[Robot]) -> Iterator[Check]:
-    """Yield the check of each arm whose tool a joint does not move, without a word in its file that this is meant."""
-    for note in dict.fromkeys(note for robot in robots for note in tool_notes(robot)):
-        yield Check("Place of the tool", DOUBTFUL, note, note.partition(",")[0])
-
-
-def verdict(summary: Summary, loops: Sequence[Check], tools: Iterable[Check] = ()) -> dict[str, Any]:
-    """Return the entry ``verdict`` of the summary of a complete run, whose loops and tools have these checks."""
+def verdict(summary: Summary, loops: Sequence[Check], robot: Robot | None = None) -> dict[str, Any]:
+    """Return the entry ``verdict`` of the summary of a complete run of a robot, whose loops have these checks."""
     figures: Summary = summary["key_figures"]
     limits = list(_limits(figures))
     first = [*loops, *limits]
@@ -103,9 +97,11 @@ def verdict(summary: Summary, loops: Sequence[Check], tools: Iterable[Check] = (
     if limits and loop and figures["saturated"]["at_s"] < loop["at_s"]:
         first.reverse()  # a joint at its limit has no feedback, so its loop is no fault of the gains
     path = list(_path(figures))
+    notes = [] if robot is None else tool_notes(robot)
+    tool = [Check("Place of the tool", DOUBTFUL, note, note.partition(",")[0]) for note in notes]
     stable = bool(first) and all(check.state == GOOD for check in first)
     numbers = _numbers(figures, all(check.state == GOOD for check in path), stable)
-    return verdict_of([*first, *path, *tools, *run_checks(summary)], "; ".join(numbers))
+    return verdict_of([*first, *path, *tool, *run_checks(summary)], "; ".join(numbers))
 
 
 def run_checks(summary: Summary) -> Iterator[Check]:
