@@ -57,7 +57,7 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None, tool: Placement | 
     return None if problems.lines else _assemble(tree, base, tip, path, tool)
 
 
-def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], given: Placement | None) -> SerialChain:
+def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placement | None) -> SerialChain:
     """Join the links of each joint of the arm to a body."""
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
@@ -79,8 +79,8 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], given: Placeme
         owner |= {link.name: len(bodies) for link, _ in carried}
         into, at = frame, HERE
     end = Placement(into.R.T, np.zeros(3)) @ at
-    if given is not None:
-        tool = Tool(end @ given, f"at {meters(given.p)} in the frame of {tip}, as given")
+    if place is not None:
+        tool = Tool(end @ place, f"at {meters(place.p)} in the frame of {tip}, as given")
     elif path[-1].kind == "fixed":
         tool = Tool(end, f"at the origin of {tip}, which is fixed to the last link that moves")
     else:
