@@ -52,7 +52,8 @@ def linear(
     of_robot = {"--pose": pose, "--bode": bode}
     of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
     of_run = {"--at": at, "--loop": opened, "--set": options["settings"], "--backend": options["backend"],
-              "--master": options["master"], "--adaptive": options["adaptive"]}  # fmt: skip
+              "--master": options["master"], "--adaptive": options["adaptive"],
+              "--step": options["step"]}  # fmt: skip
     if _is_robot(system):
         refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
         if bode is None:

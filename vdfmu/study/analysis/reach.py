@@ -66,7 +66,7 @@ def joint_gains(
             K_p = min((K_v - fall) ** 2 / (4 * _DAMPING**2 * (J + tries[-1])), K / 4)
             feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
             loops = [Loop(plant, feedback, step, slow=0.0) for plant in (*falling, *plants)]
-            if all(_late(loop).least >= late for loop in loops[len(falling) :]):
+            if all(loop.later().least >= late for loop in loops[len(falling) :]):
                 least = min(loop.least for loop in loops)
                 if least >= margin:
                     return K_p, K_v, least
@@ -93,7 +93,9 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
     fall = steepest_fall(robot) if robot.friction == "lumped" else np.zeros(robot.n)  # else no rotor feels it
     each = [
-        joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {robot.joint_labels[i]}", float(fall[i]))
+        joint_gains(
+            float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {robot.joint_labels[i]}", float(fall[i])
+        )
         for i in range(robot.n)
     ]
     return Gains(*np.array(each).T)
@@ -112,13 +114,6 @@ def _plant(J: float, M: float, K: float, fall: float, step: float) -> Linear:
     A[3, :2] += K / J, -K / J
     A[3, 3] += fall / J
     return held(Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]])), step)
-
-
-def _late(loop: Loop) -> Loop:
-    """Return a loop with one input whose feedback comes a sample later: it is a further state."""
-    (A, B), last = loop.plant, np.array([[0.0] * len(loop.plant.A) + [1.0]])
-    plant = Linear(np.vstack([np.hstack([A, B]), 0.0 * last]), last.T)
-    return replace(loop, plant=plant, K=np.append(loop.K, [[0.0]], axis=1))
 
 
 _STEP = 1e-3
