@@ -57,7 +57,7 @@ def test_a_stiff_joint_has_the_poles_that_are_placed_and_a_soft_one_a_quarter_of
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
 def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name):
-    """The rule knows of no other joint, so it is held against the whole arm; the paper's wrist falls by 17 N.m.s/rad."""
+    """The rule knows of no other joint. The friction of the paper's wrist falls by 17 N.m.s/rad."""
     assert margins_along(reach_scenario(name)).judged.loops.modulus.min() > 0.65
 
 
@@ -71,7 +71,7 @@ def test_the_loops_of_every_other_shipped_arm_do_too(name):
 
 
 def test_friction_that_falls_takes_its_slope_from_the_damping():
-    """Two samples of the slope of Eq. (54), by differences, are the formula; K_v covers it twice, or there are no gains."""
+    """The formula is the slope of Eq. (54), by differences. K_v is at least twice as large, or there are no gains."""
     robot = load_robot("manipulator_6dof")
     v = robot.v_s / np.sqrt(2.0)
     slope = (stribeck_friction(robot, v * 1.001) - stribeck_friction(robot, v * 0.999)) / (0.002 * v)

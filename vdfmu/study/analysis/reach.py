@@ -74,8 +74,8 @@ def joint_gains(
         if not fall:
             break
     raise UsageError(
-        f"{name}: expected gains with a modulus margin of {margin:g}, got none for a step of {step:g} s. Give a smaller "
-        "step or margin, or check the joint's drive, inertia and friction."
+        f"{name}: expected gains with a modulus margin of {margin:g}, got none for a step of {step:g} s. Give a "
+        "smaller step or margin, or check the joint's drive, inertia and friction."
     )
 
 
@@ -93,10 +93,8 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
     fall = steepest_fall(robot) if robot.friction == "lumped" else np.zeros(robot.n)  # else no rotor feels it
     each = [
-        joint_gains(
-            float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {robot.joint_labels[i]}", float(fall[i])
-        )
-        for i in range(robot.n)
+        joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {label}", float(fall[i]))
+        for i, label in enumerate(robot.joint_labels)
     ]
     return Gains(*np.array(each).T)
 
