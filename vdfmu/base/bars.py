@@ -46,8 +46,8 @@ errors = EscapedTerminal(stderr=True)
 """Console of all but results. ``errors.quiet`` silences it."""
 _SOON = 0.5
 """Time [s] after which the moving line and a rate appear."""
-_SELDOM = 10.0
-"""Time [s] between two lines on a stage where bars cannot move, as in a pipe."""
+_LONG, _SELDOM = ("evaluations",), 10.0
+"""Stages of minutes, and the time [s] between two lines on them where bars cannot move, as in a pipe."""
 
 
 class Bars:
@@ -97,7 +97,7 @@ class Bars:
         """Show how far a stage is."""
         began = self._began.setdefault(stage, time.perf_counter())
         said = self._said.setdefault(stage, began)
-        if not _seen() and total > 1 and done < total and time.perf_counter() - said > _SELDOM:
+        if stage in _LONG and not _seen() and done < total and time.perf_counter() - said > _SELDOM:
             self._said[stage] = time.perf_counter()
             errors.print(f"{stage}: {done} of {total}")
         if done >= total:
