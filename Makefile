@@ -16,7 +16,7 @@ LINT_WEB := lint-web
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-all test-lowest hostile mutants claims bench docs lint lint-web pages sbom audit release lock vendor clean
+.PHONY: demo test test-memory test-all test-lowest hostile mutants claims bench docs lint lint-web pages sbom audit release lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -26,6 +26,14 @@ test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 
 test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
 	$(BIN)/python $(PYTEST) -n 3 -m heavy $(PYTEST_ARGS)
+
+# The compiler of the system: the guard needs nothing else. What tests start has it too.
+GUARD := $(CURDIR)/$(VENV)/guard.so
+MEMORY := tests/engine/test_memory.py tests/engine/test_ends.py tests/engine/test_kept.py
+
+test-memory: $(VENV)/test  ## run tests of FMUs in processes where freed memory is closed or overwritten (Linux): a minute
+	cc -std=c11 -shared -fPIC -o $(GUARD) tests/engine/guard.c
+	LD_PRELOAD=$(GUARD) MALLOC_PERTURB_=165 $(BIN)/python $(PYTEST) -n 2 -m "not heavy or smoke" $(MEMORY)
 
 # In an environment of its own. .ci/run does not: the versions change only with pyproject.toml.
 test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with the lowest versions that pyproject.toml allows

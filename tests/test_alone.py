@@ -78,9 +78,9 @@ def test_a_unit_becomes_an_fmu_and_two_run_together_without_arm_system_study_and
 
 @pytest.mark.heavy
 def test_tracking_runs_without_the_features_beside_it(tmp_path):
-    features = ["environment", "batch", "tuning", "sweeps", "identify", "view"]
+    features = ["environment", "batch", "tuning", "sweeps", "identify"]
     units = [f"arm/units/{name}" for name in ("laws", "observers", "devices")]
-    without(tmp_path, ["engine/federation", "compiler/efmi", *units, *(f"study/{name}" for name in features)])
+    without(tmp_path, ["compiler/efmi", *units, *(f"study/{name}" for name in features)])
     said = python(tmp_path, "-m", "vdfmu.cli", "run", "tracking", "--no-simulate", "--out", "results")
     assert "5 of 5 checks pass" in said
 

@@ -64,3 +64,26 @@ def write_strict(folder: Path) -> Path:
         for i, name in enumerate(STRICT_PARAMETERS, start=1)
     )
     return pack(folder / "Strict.fmu", build(folder, "strict"), STRICT_XML.format(more))
+
+
+BRITTLE_XML = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Brittle" guid="{brittle}" variableNamingConvention="flat">
+  <CoSimulation modelIdentifier="brittle" canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true"
+                providesDirectionalDerivative="true"/>
+  <ModelVariables>
+    <ScalarVariable name="u" valueReference="0" causality="input"><Real start="0"/></ScalarVariable>
+    <ScalarVariable name="x" valueReference="1" causality="output" initial="exact"><Real start="1"/></ScalarVariable>
+    <ScalarVariable name="der(x)" valueReference="2" causality="local" initial="calculated"><Real derivative="2"/>
+    </ScalarVariable>
+  </ModelVariables>
+  <ModelStructure>
+    <Outputs><Unknown index="2" dependencies=""/></Outputs>
+    <Derivatives><Unknown index="3" dependencies="1 2"/></Derivatives>
+    <InitialUnknowns><Unknown index="3" dependencies="1 2"/></InitialUnknowns>
+  </ModelStructure>
+</fmiModelDescription>"""
+
+
+def write_brittle(folder: Path) -> Path:
+    """Write the FMU that crashes or hangs in the call that the environment variable BRITTLE names."""
+    return pack(folder / "Brittle.fmu", build(folder, "brittle"), BRITTLE_XML)

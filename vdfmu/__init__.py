@@ -5,7 +5,9 @@ Python API
 ``build``, ``connect``, ``load``
     One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
 ``load_robot``, ``load_scenario``, ``load_motion``
-    A robot, scenario or motion of a file, shipped ones by name; ``vdfmu.motion`` has functions that make motions.
+    A robot, scenario or motion of a file, shipped ones by name.
+``vdfmu.motion``, ``vdfmu.unit``, ``vdfmu.drive``, ``vdfmu.plugin``
+    Functions that make motions, and what own units, drives and plugins are made of.
 ``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``
     An arm of a file of another tool, and a robot as such a file.
 ``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
@@ -16,14 +18,14 @@ Python API
     The units as FMUs, their system as a package or for libcosim, and the system as one FMU.
 ``run``, ``animate``
     A whole scenario: co-simulation, references, comparison, files; the moving arm of a run.
-``simulate``, ``load_ssp``, ``Simulator``, ``federate``
-    The master for systems of FMUs of FMI 2.0 and 3.0: one run, many runs, or in several processes.
+``simulate``, ``load_ssp``, ``Simulator``
+    The master for systems of FMUs of FMI 2.0 and 3.0: one run, or many.
 ``sweep``, ``tune``
     A scenario or package at many points in a durable table, and parameters with the smallest cost.
 ``Environment``, ``ArmEnv``, ``ArmVectorEnv``
     Any system as an environment of gymnasium; a scenario as one, for one arm or many.
-``LiveView``, ``RobotView``
-    A run in progress, and a robot with sliders, in a browser.
+``write_robot_page``
+    The page of a robot, with sliders of its joints, for a browser.
 ``package_limit``
     Limit of the unpacked size of a package.
 """
@@ -50,7 +52,6 @@ if TYPE_CHECKING:
     from vdfmu.base.errors import VdfmuError
     from vdfmu.base.state_space import StateSpace
     from vdfmu.engine.container import write_container
-    from vdfmu.engine.federation import federate
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package.read import load_ssp
     from vdfmu.engine.run import Results, Simulator, simulate
@@ -59,11 +60,10 @@ if TYPE_CHECKING:
     from vdfmu.study.connected import System, connect, load
     from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv, Environment
     from vdfmu.study.report.page import Animation, animate
+    from vdfmu.study.report.robot_page import write_robot_page
     from vdfmu.study.runs import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
     from vdfmu.study.tuning.tune import tune
-    from vdfmu.study.view.live import LiveView
-    from vdfmu.study.view.robot import RobotView
     from vdfmu.system.package.write import write_ssp
     from vdfmu.system.scenario import Scenario, load_scenario, scenario_names
 
@@ -76,7 +76,6 @@ _NAMES = {
     ),
     "vdfmu.engine.run": ("Results", "Simulator", "simulate"),
     "vdfmu.engine.container": ("write_container",),
-    "vdfmu.engine.federation": ("federate",),
     "vdfmu.base.state_space": ("StateSpace",),
     "vdfmu.engine.package.read": ("load_ssp",),
     "vdfmu.engine.package.limits": ("package_limit",),
@@ -87,29 +86,31 @@ _NAMES = {
     "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
     "vdfmu.arm.motion.read": ("load_motion",),
     "vdfmu.study.report.page": ("Animation", "animate"),
+    "vdfmu.study.report.robot_page": ("write_robot_page",),
     "vdfmu.arm.imports": ("robot_from_mjcf", "robot_from_urdf"),
     "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.system.package.write": ("write_ssp",),
     "vdfmu.study.sweeps.sweep": ("Sweep", "sweep"),
     "vdfmu.study.tuning.tune": ("tune",),
     "vdfmu.study.environment.environments": ("ArmEnv", "ArmVectorEnv", "Environment"),
-    "vdfmu.study.view.live": ("LiveView",),
-    "vdfmu.study.view.robot": ("RobotView",),
 }  # fmt: skip
+_MODULES = ("drive", "motion", "plugin", "unit")
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "LiveView", "Modes", "Results", "Robot", "RobotView",
-    "Scenario", "Simulator", "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build",
-    "build_fmus", "connect", "export_robot", "federate", "forward_dynamics", "forward_kinematics", "gravity_torque",
-    "inverse_dynamics", "jacobian", "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp",
-    "mass_matrix", "natural_modes", "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run",
-    "scenario_names", "simulate", "sweep", "tune", "write_container", "write_ssp",
+    "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "Modes", "Results", "Robot", "Scenario", "Simulator",
+    "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build", "build_fmus", "connect",
+    "export_robot", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
+    "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
+    "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
+    "tune", "write_container", "write_robot_page", "write_ssp",
 ]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     """Import a name of the API when it is first used, so that an FMU does not load the master or the plots."""
+    if name in _MODULES:
+        return import_module(f"{__name__}.{name}")
     if name not in _WHERE:
         raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
     value = globals()[name] = getattr(import_module(_WHERE[name]), name)
@@ -118,4 +119,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Names of the API."""
-    return sorted(__all__)
+    return sorted([*__all__, *_MODULES])

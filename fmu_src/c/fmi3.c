@@ -8,18 +8,25 @@
 #include "derivative.h"
 #include "exchange.h"
 #include "instance.h"
+#include "processor.h"
 #include "state.h"
 #include "step.h"
 #include "values.h"
 
-/* Every function with an instance starts so. */
-#define ENTER(name)                \
-    Instance *const I = instance;  \
-    if (!I)                        \
-        return fmi3Error;          \
+/* Every function with an instance starts and ends so. */
+#define ENTER(name)                                     \
+    Instance *const I = instance;                       \
+    if (!I)                                             \
+        return fmi3Error;                               \
+    const uint64_t arithmetic = use_usual_arithmetic(); \
     I->call = name
 
-#define RETURN(status) return (fmi3Status)(status)
+#define RETURN(status)                  \
+    do {                                \
+        const Status result = (status); \
+        restore_arithmetic(arithmetic); \
+        return (fmi3Status)result;      \
+    } while (0)
 
 /* A function that passes its arguments on. */
 #define CALL(function, name, arguments, action) \

@@ -194,6 +194,9 @@ static Status step_by_samples(Instance *I, Step *s)
     return STATUS_OK;
 }
 
+#ifdef __GNUC__
+__attribute__((noinline)) /* else its sums may come before the processor is told how to round them */
+#endif
 Status do_step(Instance *I, double point, double size, bool *early)
 {
     if (!allowed(I, STEP) || check_step(I, point, size) != STATUS_OK)

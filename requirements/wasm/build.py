@@ -4,8 +4,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from vdfmu.base.compile import support_folder
 from vdfmu.base.files import data_path
-from vdfmu.base.platforms import zig
+from vdfmu.base.platforms import compiler
 
 FLAGS = (
     "-target", "wasm32-wasi", "-mexec-model=reactor", "-mbulk-memory", "-std=c11", "-O2", "-g0", "-s",
@@ -16,11 +17,13 @@ FLAGS = (
 
 def build() -> bytes:
     """Return the module."""
-    folder = data_path("fmu_src")
+    folder, zig = data_path("fmu_src"), compiler()
     with tempfile.TemporaryDirectory() as place:
         headers = [f"-I{folder / name}" for name in ("c", "functions")]
         source, out = folder / "batch" / "module.c", Path(place, "module.wasm")
-        subprocess.run([zig(), "cc", *FLAGS, *headers, "-o", out, source], check=True)
+        caches = {"ZIG_LOCAL_CACHE_DIR": place, "ZIG_GLOBAL_CACHE_DIR": support_folder(Path(place))}
+        command = [*zig.command, *FLAGS, *headers, "-o", out, source]
+        subprocess.run(command, check=True, env={**zig.environment, **caches})
         return out.read_bytes()
 
 

@@ -1,5 +1,5 @@
 /* A unit of FMI 1.0 for co-simulation, as strict as its table of states: x' = k u, y = x + offset, direct = 2 u,
-   n counts steps, even says whether n is, word comes back as said. A GUID of another unit and a step beyond `most`
+   n counts steps, even says whether n is, word comes back as said. With `warns` its initialization and its steps warn. A GUID of another unit and a step beyond `most`
    are refused with a message. */
 #include <math.h>
 #include <stdio.h>
@@ -9,7 +9,7 @@
 #include "fmi1Functions.h"
 
 #define F(name) first_fmi##name
-enum { X, Y, U, K, MOST, DIRECT, REALS };
+enum { X, Y, U, K, MOST, DIRECT, WARNS, REALS };
 enum { MADE, READY, ENDED };
 
 typedef struct {
@@ -47,7 +47,7 @@ fmi1Status F(InitializeSlave)(fmi1Component c, fmi1Real begin, fmi1Boolean stops
     (void)begin, (void)stops, (void)stop;
     if (m->state != MADE) return refuse(m, "initialized twice", 0.0);
     if (m->values[K] < 0.0) return refuse(m, "k = %g is negative", m->values[K]);
-    return m->offset = m->values[U], m->state = READY, fmi1OK;  /* the input that it has by then */
+    return m->offset = m->values[U], m->state = READY, m->values[WARNS] ? fmi1Warning : fmi1OK;  /* the input that it has by then */
 }
 fmi1Status F(TerminateSlave)(fmi1Component c) { return ((Unit *)c)->state = ENDED, fmi1OK; }
 fmi1Status F(ResetSlave)(fmi1Component c) {
@@ -59,7 +59,7 @@ fmi1Status F(DoStep)(fmi1Component c, fmi1Real t, fmi1Real h, fmi1Boolean new) {
     (void)new;
     if (t + h > m->values[MOST]) return refuse(m, "no step beyond %g s", m->values[MOST]);
     m->values[X] += h * m->values[K] * m->values[U];
-    return m->even = ++m->n % 2 == 0, fmi1OK;
+    return m->even = ++m->n % 2 == 0, m->values[WARNS] ? fmi1Warning : fmi1OK;
 }
 
 #define EACH for (size_t i = 0; i < n; i++)

@@ -73,8 +73,8 @@ def test_a_parameter_without_index_is_that_of_all_elements_and_one_that_is_overr
     with pytest.raises(UsageError) as info:
         simulate(path, step=1.0, parameters={"a.k": "x", "a.kk": 1.0})
     assert str(info.value).splitlines() == [
-        "parameter 'a.k': expected a value of type Real, got 'x'",
-        "parameter 'a.kk': a has no variable 'kk'; did you mean k?",
+        "parameter 'a.k': expected a number, got 'x'.",
+        "parameter 'a.kk': a has no variable 'kk'; did you mean k? Its parameters: k.",
     ]
     path = pack(
         ["d Derived twice:calculatedParameter", "g Gain k:parameter u:input y:output", "r Ramp y:output"],

@@ -155,8 +155,8 @@ def test_an_integer_outside_the_mapping_is_kept(pack, xml):
     ({"step": 0.1, "parameters": {"arm.att": 1.0}}, "arm has no variable 'att'; did you mean at"),
     ({"step": 0.1, "parameters": {"leg.at": 1.0}}, "no component of that name; there are source, arm"),
     ({"step": 0.1, "parameters": {"arm.y": 1.0}}, "is not settable: causality output"),
-    ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a value of type Integer, got 0.5"),
-    ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a value of type Real, got 'soon'"),
+    ({"step": 0.1, "parameters": {"arm.mode": 0.5}}, "expected a whole number, got 0.5"),
+    ({"step": 0.1, "parameters": {"arm.at": "soon"}}, "expected a number, got 'soon'"),
     ({"step": 0.1, "record": ["leg.*"]}, r"no output or connected input matches 'leg\.\*'"),
 ])  # fmt: skip
 def test_wrong_options_are_usage_errors(fragile, options, message):

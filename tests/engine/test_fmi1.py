@@ -17,6 +17,7 @@ VARIABLES = (
     ("u", 2, "input", "continuous", "Real", 'start="0"'),
     ("k", 3, "internal", "parameter", "Real", 'start="1"'),
     ("most", 4, "internal", "parameter", "Real", 'start="1e9"'),
+    ("warns", 6, "internal", "parameter", "Real", 'start="0"'),
     ("direct", 5, "output", "continuous", "Real", "<DirectDependency><Name>u</Name></DirectDependency>"),
     ("n", 0, "output", "discrete", "Integer", "<DirectDependency/>"),
     ("even", 0, "output", "discrete", "Boolean", "<DirectDependency/>"),
@@ -24,9 +25,10 @@ VARIABLES = (
 )
 
 
-def description(guid: str = "{first}", implementation: str = "CoSimulation_StandAlone") -> str:
+def description(guid: str = "{first}", implementation: str = "CoSimulation_StandAlone", warns: int = 0) -> str:
     variables = ""
     for name, reference, causality, variability, kind, more in VARIABLES:
+        more = f'start="{warns}"' if name == "warns" else more
         alias = ' alias="negatedAlias"' if name == "minus_y" else ""
         value = f"<{kind} {more}/>" if more.startswith("start") else f"<{kind}/>{more}"
         variables += (
@@ -120,3 +122,12 @@ def test_the_check_runs_it_and_says_that_model_exchange_has_no_master(first, lib
     assert (report.problems, report.notes, report.ran, report.standard) == ([], [], True, "FMI 1.0")
     exchange = pack_fmu(tmp_path / "exchange.fmu", library, description(implementation=""))
     assert any(note.rule.number == "RUN008" for note in inspect_file(exchange, run=False).notes)
+
+
+def test_a_unit_whose_initialization_and_steps_warn_is_checked_and_runs(pack, xml, library, tmp_path):
+    """FMPy takes both statuses for texts, and would read a warning, 1, as an address."""
+    path = pack_fmu(tmp_path / "first.fmu", library, description(warns=1))
+    findings = inspect_file(path)
+    assert (findings.problems, findings.ran) == ([], True)
+    package = pack([xml.component("f", "first", "")], extra={"resources/first.fmu": path.read_bytes()})
+    assert simulate(package, stop=1.0, step=0.25, isolate=False)["f.n"].tolist() == [0, 1, 2, 3, 4]

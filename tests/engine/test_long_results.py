@@ -5,8 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from vdfmu.base import csv_file, foreign
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.engine.results import arrays, csv_file, parquet
+from vdfmu.engine.results import arrays, parquet
 from vdfmu.engine.results.results import Results, Signal
 
 ROWS, COLUMNS = 3000, 4
@@ -14,7 +15,13 @@ ROWS, COLUMNS = 3000, 4
 
 @pytest.fixture
 def long(monkeypatch):
-    for place, name, value in ((csv_file, "_NUMBERS", 1), (parquet, "_GROUP", 700), (arrays, "_MOST", 50_000)):
+    limits = (
+        (csv_file, "_CELLS", 1),
+        (parquet, "_GROUP", 700),
+        (arrays, "_MOST", 20_000),
+        (foreign, "_IN_MEMORY", 1000),
+    )
+    for place, name, value in limits:
         monkeypatch.setattr(place, name, value)
     rng = np.random.default_rng(5)
     signals = [Signal(f"a.x[{i + 1}]", "real", "m", i) for i in range(COLUMNS)]
@@ -39,7 +46,7 @@ def test_rows_that_are_read_block_by_block_are_the_same(long, tmp_path, suffix):
 
 
 def test_memory_does_not_grow_with_the_rows_and_that_of_a_fault_counts_from_the_first(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_file, "_NUMBERS", 2**14)
+    monkeypatch.setattr(csv_file, "_CELLS", 2**14)
     monkeypatch.setattr(arrays, "_MOST", 2**18)
     peaks = []
     for rows in (20_000, 80_000):
@@ -54,10 +61,10 @@ def test_memory_does_not_grow_with_the_rows_and_that_of_a_fault_counts_from_the_
         tracemalloc.stop()
     # what a block takes, not the 60,000 rows more: 32 bytes each, and some 100 as text
     assert peaks[1] - peaks[0] < 0.1 * 60_000 * 32
-    monkeypatch.setattr(csv_file, "_NUMBERS", 1)
+    monkeypatch.setattr(csv_file, "_CELLS", 1)
     lines = ["time,a", "s,m", *(f"{k},1" for k in range(1500)), "1500,x"]
     (tmp_path / "r.csv").write_text("\n".join(lines))
-    with pytest.raises(UsageError, match="'x' to float64 at row 1500, column 2"):
+    with pytest.raises(UsageError, match="row 1503: a: expected a number, got 'x'"):
         Results.read(tmp_path / "r.csv")
 
 

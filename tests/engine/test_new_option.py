@@ -51,10 +51,10 @@ def python(tmp_path_factory):
 def test_a_new_option_is_declared_in_one_file(python, pack):
     components = ["r Ramp y:output", "g Gain u:input y:output"]
     package = pack(components, ["r.y -> g.u"])
-    functions = "vdfmu.run, vdfmu.simulate, vdfmu.federate, vdfmu.sweep, vdfmu.tune"
+    functions = "vdfmu.run, vdfmu.simulate, vdfmu.sweep, vdfmu.tune"
     shown = python(code=f"import vdfmu\nfor f in ({functions}): help(f)")
-    assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 5
-    assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 5  # without quotes from Python 3.14 on
+    assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 4
+    assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 4  # without quotes from Python 3.14 on
     for command in (["run"], ["run", "x.ssp"], ["sweep", "run"], ["tune"], ["linear"]):
         assert re.search("--label .* Toy: name", python(*command, "--help"))
     code = f"import vdfmu\nprint(vdfmu.simulate({str(package)!r}, step=0.1, stop=1.0, label='mine').summary['label'])"

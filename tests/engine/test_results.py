@@ -113,12 +113,14 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    (None, "cannot read .*No such file"),
-    ("", "expected a line of names and a line of units"),
-    ("a,b\ns,m\n1,2\n", "'time' as the first column"),
+    (None, "r.csv: expected a CSV file in UTF-8, but it cannot be read: No such file"),
+    ("", "'time' in s as the first column.*got nothing"),
+    ("a,b\ns,m\n1,2\n", "'time' in s as the first column.*got a, b"),
+    ("time,b\nms,m\n1,2\n", "'time' in s as the first column"),
+    ("time,b,b\n1,2,3\n", "b: more than one column has this name"),
     ("time,b\ns\n", "as many units as names"),
-    ("time,b\ns,m\n1,x\n", "could not convert string 'x'"),
-    ("time,b\ns,m\n1,2,3\n", "expected 2 columns, got 3"),
+    ("time,b\ns,m\n1,x\n", "row 3: b: expected a number, got 'x'"),
+    ("time,b\ns,m\n1,2,3\n", "row 3: expected 2 cells, got 3"),
 ])  # fmt: skip
 def test_csv_of_another_form_or_none(tmp_path, text, message):
     if text is not None:

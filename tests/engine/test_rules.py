@@ -13,9 +13,13 @@ from tests.engine import texts
 from tests.engine.files import edited, zipped
 from tests.engine.texts import connections, connector_list, elements, parameter, values
 from tests.warm import command
+from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package import limits, parse
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.rules import RULES
 from vdfmu.system.inspect_source import inspect_source
 
@@ -95,6 +99,11 @@ IN_CIRCLE = (
     '</ssd:Connectors><ssd:Connections><ssd:Connection startConnector="i" endConnector="o"/></ssd:Connections>'
     "</ssd:System>"
 )
+ORDERED = (
+    '<ssd:DefaultExperiment startTime="0" stopTime="1"><ssd:Annotations>'
+    f'<ssc:Annotation type="{EXPERIMENT_TYPE}"><e:Experiment xmlns:e="{FOREIGN["vdfmu"]}" communicationStepSize="0.1" '
+    'algorithm="gauss-seidel"/></ssc:Annotation></ssd:Annotations></ssd:DefaultExperiment>'
+)
 BOUND = "<ssd:ParameterBindings><ssd:ParameterBinding {}/></ssd:ParameterBindings>"
 METRE = (
     '<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit><ssc:Unit name="s"><ssc:BaseUnit s="1"/></ssc:Unit>'
@@ -165,7 +174,7 @@ BROKEN = {
         after=connections("a.o b.i", "b.o a.i"),
     ),
     "SSP038": lambda: package(component()),
-    "SSP039": lambda: package(component("a", GAIN), after=connections("a.y a.u")),
+    "SSP039": lambda: package(component("a", GAIN), after=connections("a.y a.u"), outside=ORDERED),
     "SSP040": lambda: package(component(connectors="w:input")),
     "SSP041": lambda: package(component(connectors="u:output")),
     "SSP042": lambda: package(component(connectors="u:input:Integer")),
@@ -187,6 +196,11 @@ BROKEN = {
         component(),
         before='<ssd:Connectors><ssd:Connector name="w" kind="input"/></ssd:Connectors>' + values("w=1"),
     ),
+    "SSP058": lambda: package(
+        component("a", "y:output:Real:s") + component("b", "u:input:Real:m"), outside=METRE,
+        after=connections("a.y b.u").replace("<ssd:Connection ", '<ssd:Connection suppressUnitConversion="true" '),
+    ),
+    "SSP059": lambda: package(component("a", GAIN), after=connections("a.y a.u")),
     "FMI001": lambda: ("x.fmu", zipped({"a": ""})),
     "FMI002": lambda: unit(text='<fmiModelDescription fmiVersion="4.0"/>'),
     "FMI003": lambda: unit(text='<fmiModelDescription fmiVersion="2.0"/>'),
@@ -225,6 +239,14 @@ BROKEN = {
         '<fmiReferences xmlns:l="http://fmi-standard.org/fmi-ls-manifest" l:fmi-ls-name="n" l:fmi-ls-version="1.0">'
         '<Related source="a" role="results"/></fmiReferences>'
     }),
+    "FMI023": lambda: unit(
+        text=zipfile.ZipFile(io.BytesIO(fmu())).read("modelDescription.xml").decode()
+        .replace("<fmiModelDescription", '<fmiModelDescription numberOfEventIndicators="4294967295"')
+    ),
+    "FMI024": lambda: unit(
+        inside='<CoSimulation modelIdentifier="m"><SourceFiles><File name="a.c"/></SourceFiles></CoSimulation>',
+        **{"binaries/linux64/m.so": "text"},
+    ),
     "RUN006": lambda: unit(),
     "RUN007": lambda: package(
         component(),
@@ -237,6 +259,10 @@ BROKEN = {
         text='<fmiModelDescription fmiVersion="1.0" modelName="m" modelIdentifier="m" guid="1" '
         'numberOfContinuousStates="0" numberOfEventIndicators="0"/>'
     ),
+    "RUN010": lambda: package(
+        component("a", GAIN) + component("b", GAIN), after=connections("a.y b.u"),
+        outside=ORDERED.replace("gauss-seidel", "iterative"),
+    ),
     "SRC001": lambda: ("x.toml", b"name = 3"),
     "SRC002": lambda: (
         "x.toml",
@@ -248,8 +274,12 @@ RUN = ("RUN001", "RUN002", "RUN003", "RUN004", "RUN005")
 """Rules that only a run breaks, in addition to RUN009 of test_abilities."""
 
 
+def report_on(path: Path, run=False):
+    return inspect_source(path, "planar_2dof", run) if path.suffix == ".toml" else inspect_file(path, run)
+
+
 def numbers(path: Path, run=False) -> set[str]:
-    report = inspect_source(path, "planar_2dof", run) if path.suffix == ".toml" else inspect_file(path, run)
+    report = report_on(path, run)
     assert all(hasattr(text, "rule") for text in (*report.problems, *report.notes)), report
     return {text.rule.number for text in (*report.problems, *report.notes)}
 
@@ -259,13 +289,27 @@ def test_every_rule_has_a_file_that_breaks_it():
 
 
 @pytest.mark.parametrize("rule", BROKEN)
-def test_a_file_that_breaks_a_rule_is_found_by_its_number(rule, tmp_path, monkeypatch):
+def test_a_file_that_breaks_a_rule_is_found_by_its_number_and_refused_by_a_problem_only(rule, tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "MEMBER_LIMIT", 2**20)
     if rule == "SSP009":
         monkeypatch.setattr(parse, "schema_of", lambda *_: None)
     name, content = BROKEN[rule]()
     (tmp_path / name).write_bytes(content)
-    assert rule in numbers(tmp_path / name)
+    path = tmp_path / name
+    assert rule in numbers(path)
+    report = report_on(path).to_dict()
+    severities = {each["severity"] for each in report["findings"] if each["rule"] == rule}
+    assert severities == {RULES[rule].severity}
+    # the sentences of a note are among the notes alone, and no run is refused by them
+    is_problem = any(each.rule.number == rule for each in report["problems"])
+    assert is_problem == (RULES[rule].severity == "problem")
+    refused = []
+    if path.suffix == ".ssp":
+        try:
+            check_system(load_ssp(path), algorithm=check_run.master_of(load_ssp(path)))
+        except SspError as error:
+            refused = [each.rule.number for each in error.problems]
+    assert RULES[rule].severity == "problem" or rule not in refused
 
 
 @pytest.mark.heavy

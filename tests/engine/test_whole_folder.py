@@ -3,11 +3,13 @@
 import errno
 import json
 import os
+import sys
 
 import pytest
 
+from tests.power import Power
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, replacing_results
 
 FILES = ("results.csv", "summary.json")
@@ -68,3 +70,21 @@ def test_a_folder_of_the_name_of_a_result_is_refused_and_a_passing_error_leaves_
     with temporary_folder("vdfmu_") as folder:
         os.mkdir(os.path.join(folder, "inside"))
     assert failed and list(place.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads the names of open files from /proc")
+def test_after_a_power_failure_each_result_is_whole_and_a_finished_run_is_there(tmp_path, monkeypatch):
+    root = tmp_path / "disk"
+    root.mkdir()
+    with monkeypatch.context() as patch:
+        power = Power(root, patch)
+        for text in ("old", "new"):
+            with replacing_results(root / "results" / "run", SYSTEM_OUTPUTS, overwrite=False) as partial:
+                write_whole(partial / "results.csv", [f"time\ns\n{text}\n".encode()])
+                write_whole(partial / "summary.json", [json.dumps({"files": FILES, "text": text}).encode()])
+            power.done(text)
+    for promised, folder in power.states(tmp_path):
+        there = content(folder / "results" / "run") if (folder / "results" / "run").is_dir() else {}
+        assert all("old" in text or "new" in text for text in there.values())
+        if "new" in promised:
+            assert {*there} == {*FILES} and all("new" in text for text in there.values())

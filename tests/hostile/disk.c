@@ -136,6 +136,13 @@ WRAP(ssize_t, pwrite64, DATA | ROOM, file, NULL, (int file, const void *from, si
 WRAP(ssize_t, sendfile64, DATA | ROOM, to, NULL, (int to, int from, off64_t *at, size_t n), (to, from, at, n))
 WRAP(int, ftruncate64, DATA | ROOM, file, NULL, (int file, off64_t size), (file, size))
 WRAP(int, fsync, DATA | ROOM, file, NULL, (int file), (file))
+int close(int file) /* closes it also where it fails, as Linux does */
+{
+    int written = (fcntl(file, F_GETFL) & O_ACCMODE) != O_RDONLY, failed = fails("close", written ? DATA | ROOM : 0, file, NULL);
+    int error = errno, done = NEXT(close)(file);
+    errno = failed ? error : errno;
+    return failed ? -1 : done;
+}
 WRAP(int, flock, DATA, file, NULL, (int file, int how), (file, how))
 WRAP(int, stat, NAME, AT_FDCWD, name, (const char *name, struct stat *to), (name, to))
 WRAP(int, stat64, NAME, AT_FDCWD, name, (const char *name, struct stat64 *to), (name, to))

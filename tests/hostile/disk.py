@@ -167,6 +167,7 @@ def failed(name: str, fault: tuple[int, int, str]) -> None:
     report = f"{name}: {errno.errorcode[error]} at {number}, {operation}: exit code {code}: {said[-1500:]}"
     if not operation.startswith("unlink tmp"):  # the file itself that cannot be removed
         require_nothing_left(server.place, report)
+    assert "the output cannot be written" not in said, report  # it was none of the output: a file, which has a name
     assert "Traceback" not in said and "Exception ignored" not in said, report
     require_whole(job, code, before, files(server.place), start.after, report)
     if code == 0:

@@ -75,10 +75,6 @@ JOBS = {
     "run": Job((*RUN, "0.02"), (_EARLIER,), together=True),
     "run, Parquet": Job((*RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
     "simulate": Job((*SIMULATE, "0.05"), (_PACKAGE, (*SIMULATE, "0.02")), together=True),
-    "run, split": Job(
-        ("run", "arm.ssp", "--split", "plant", "--out", "out", "--stop", "0.05"),
-        (_PACKAGE, (*SIMULATE, "0.02")), together=True,
-    ),
     "sweep": Job(_SWEEP),
     "sweep, half done": Job(_SWEEP, (_SWEEP, _half)),
     "sweep, done": Job(_SWEEP, (_SWEEP,)),

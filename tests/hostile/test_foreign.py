@@ -1,14 +1,14 @@
 """Looking at what others made runs nothing of it; the user's own is run again, and the rest if they say so."""
 
 import shutil
-from contextlib import chdir, suppress
+from contextlib import chdir, nullcontext, suppress
 
 import pytest
 
 from tests.hostile import foreign, unpacked
 from tests.hostile.results import arm_run
 from tests.hostile.studies import done_study
-from vdfmu.base import cache, unpack
+from vdfmu.base import cache
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import NOT_MADE, simulation_of
@@ -37,19 +37,22 @@ def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
     assert simulation_of(run, None)["reason"] == NOT_MADE
     assert study.options(0)["settings"]
     moved = Sweep(shutil.copytree(done_study(), tmp_path / "moved"))
-    with pytest.raises(UsageError, match=r"must be made in this folder with this cache.*\n.*--trust"):
+    with pytest.raises(UsageError, match=r"was not run, because the study was made elsewhere.*--trust"):
         moved.options(0)
     assert moved.options(0, trust=True)["settings"] == study.options(0)["settings"]
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "_NEW_KEY", b"key of another process")
-    assert "not made with this cache" in simulation_of(run, None)["reason"]
+    assert "this cache has no simulation of it" in simulation_of(run, None)["reason"]
     with pytest.raises(UsageError, match="--trust"):
         study.options(0)
 
 
 @pytest.mark.parametrize("number", range(len(unpacked.MAKERS)), ids=[each.__name__ for each in unpacked.MAKERS])
-def test_a_log_is_refused_before_it_is_unpacked(number, tmp_path, monkeypatch):
-    monkeypatch.setattr(unpack, "LEAST", 2**20)
-    monkeypatch.setattr(unpack, "COUNT", 1000)
-    with pytest.raises(UsageError, match=[*unpacked.MAKERS.values()][number]):
+def test_a_log_that_unpacks_to_much_is_refused_and_no_other_file_is_read(number, tmp_path, monkeypatch):
+    """4,096 chunks are few enough to be read."""
+    monkeypatch.setattr("vdfmu.base.foreign.LEAST", 2**20)
+    make = [*unpacked.MAKERS][number]
+    words = "" if make is unpacked.small_chunks else unpacked.MAKERS[make]
+    monkeypatch.setitem(unpacked.MAKERS, make, words)
+    with pytest.raises(UsageError, match=words) if words else nullcontext():
         unpacked.read(number, tmp_path, 4)

@@ -4,16 +4,18 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as parquet
+from scipy.io import savemat
 
 from tests.hostile.results import planar
 from tests.hostile.table import Corpus
-from vdfmu.base import unpack
-from vdfmu.compiler.unit.new import unit_from
+from vdfmu.base.errors import UsageError
+from vdfmu.base.foreign import read_foreign
 from vdfmu.study.identify.log import read_log
 
 _MIB = 2**20
@@ -49,7 +51,7 @@ def circle(path: Path, mebibytes: int) -> Path:
 
 def many_links(path: Path, mebibytes: int) -> Path:
     """Write very many links to one array."""
-    return _tree(path, lambda file: [file.__setitem__(f"x{k}", file["time"]) for k in range(unpack.COUNT)])
+    return _tree(path, lambda file: [file.__setitem__(f"x{k}", file["time"]) for k in range(10_000)])
 
 
 def outer_link(path: Path, mebibytes: int) -> Path:
@@ -150,24 +152,67 @@ def matrices(path: Path, mebibytes: int) -> Path:
 
 
 MAKERS = {
-    doubled_links: "hold b once, got a second link", circle: "hold a once, got a second link",
-    many_links: "have at most 10* variables", outer_link: r"hold x itself, got a link \(ExternalLink\)",
-    outer_bytes: "hold the numbers of /x itself", outer_array: "hold the numbers of /x itself",
-    large_array: "unpack to at most", small_chunks: "unpack to at most", large_chunk: "have chunks of 40 bytes in /x",
-    other_filter: "have /x packed by gzip", zeros: "unpack to at most", wider: "unpack to at most",
-    nested: "recursion", columns: "unpack to at most", matrices: "unpack to at most",
+    doubled_links: "", circle: "", many_links: "", outer_link: "", outer_bytes: "", outer_array: "", other_filter: "",
+    large_chunk: "", large_array: "unpack to at most", small_chunks: "memory allocation failed", zeros: "reshape",
+    wider: "reshape", nested: "unreadable content", columns: "unpack to at most", matrices: "unpack to at most",
 }  # fmt: skip
-"""Functions that write a file, to words by which it is refused."""
+"""Functions that write a file, to words by which it is refused; empty if it is read without what is outside."""
 
 
 def read(number: int, folder: Path, mebibytes: int = 400) -> None:
-    """Read a file, which must be refused."""
-    path = [*MAKERS][number % len(MAKERS)](folder, mebibytes)
-    if path.suffix == ".npz":
-        unit_from(str(path), out=folder / "unit.py")
+    """Read a file, which is refused, or read without numbers of other files."""
+    make = [*MAKERS][number % len(MAKERS)]
+    path = make(folder, mebibytes)
+    try:
+        content = read_foreign(path)
+    except UsageError as error:
+        assert MAKERS[make] and MAKERS[make] in str(error), error
+        raise
+    assert not MAKERS[make], "it was read"
+    assert make.__name__.startswith("outer") == ("x" in str(content.left_out))
+
+
+def _plain(kind: str, folder: Path) -> Path:
+    """Write an undamaged file of a log."""
+    path = folder / f"log.{kind}"
+    t = 1e-3 * np.arange(600.0)
+    log: dict[str, Any] = {"time": t, **{f"{name}[{i}]": np.sin(t + i) for name in ("kappa", "tau") for i in (1, 2)}}
+    if kind == "parquet":
+        parquet.write_table(pa.table(log), path)
+    elif kind == "npz":
+        np.savez_compressed(path, **log)
+    elif kind == "h5":
+        with h5py.File(path, "w") as file:
+            for name, values in log.items():
+                file.create_dataset(name, data=values, chunks=(100,), compression="gzip")
     else:
+        content = {"time": t, "rec": {"kappa": np.ones((2, 600)), "name": "x"}, "c": np.array([[1, "a"]], object)}
+        savemat(path, content, do_compression=kind == "packed.mat")
+    return path
+
+
+def damaged(number: int, folder: Path) -> None:
+    """Read a log with changed, lost or doubled bytes. It must be read or refused in words, and end no process."""
+    rng = np.random.default_rng(number)
+    path = _plain(("plain.mat", "packed.mat", "parquet", "npz", "h5")[number % 5], folder)
+    content = bytearray(path.read_bytes())
+    ends = (number // 5) % 2  # the tables of contents are at the ends
+    for _ in range(rng.integers(1, 9)):
+        place = int(rng.integers(len(content)))
+        place = min(place % 400, len(content) - 1) * (1 - 2 * int(rng.integers(2))) if ends else place
+        content[place] = int(rng.integers(256))
+    if rng.random() < 0.2:
+        first, last = sorted(rng.integers(len(content), size=2).tolist())
+        content[first:last] = content[first:last] * int(rng.integers(0, 3))
+    path.write_bytes(content)
+    try:
         read_log(path, planar())
-    raise AssertionError("it was read")
+    except UsageError as error:
+        assert path.name in str(error)
+        raise
 
 
-CORPORA = [Corpus("logs and matrices that unpack to very much", len(MAKERS), read, quick=len(MAKERS), seconds=60.0)]
+CORPORA = [
+    Corpus("logs and matrices that unpack to very much", len(MAKERS), read, quick=len(MAKERS), seconds=60.0),
+    Corpus("files of MATLAB, HDF5, numpy and Parquet with changed bytes", 1000, damaged, quick=50, seconds=60.0),
+]

@@ -12,6 +12,7 @@ from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.robot import robot_argument
 from vdfmu.base.arrays import Floats
+from vdfmu.base.option import checks_types
 
 _NO_WRENCH = np.zeros(6)
 
@@ -149,12 +150,14 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
 
 
+@checks_types
 def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e: npt.ArrayLike | None) -> Floats:
     """Call a traced function of three arrays of the joints and a wrench."""
     kernel = _kernel(robot)
     return kernel.rows(name, (*joints, _NO_WRENCH if F_e is None else F_e), (*[kernel.robot.n] * 3, 6))
 
 
+@checks_types
 def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
     """Call a traced function of `q` alone, with a result of `shape`."""
     kernel = _kernel(robot)

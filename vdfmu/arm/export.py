@@ -20,6 +20,7 @@ from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
+from vdfmu.base.option import checks_types
 from vdfmu.base.text import FORBIDDEN, shown
 from vdfmu.base.toml_tables import Problems
 
@@ -62,6 +63,7 @@ class ExportedJoint(NamedTuple):
         return f_v + self.ell**2 * m_v, f_c + self.ell * m_c
 
 
+@checks_types
 def export_robot(
     robot: Robot | str | os.PathLike[str], path: str | os.PathLike[str], to: str | None = None, *, rigid: bool = False
 ) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from vdfmu.arm.robot import Robot, check_robot, load_robot
 from vdfmu.arm.units import find_unit, shipped_units
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.progress import Shown, with_progress
 from vdfmu.base.standards import FMI_2
 from vdfmu.compiler.fmu.build import FMI, build_units, unit_name
@@ -24,6 +25,7 @@ Units = _One | Sequence[_One]
 
 @with_progress
 @one_job()
+@checks_types
 def build_fmus(
     robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, start_values: Mapping[str,
     Mapping[str, float]] | None = None, backend: str | None = None, fmi_version: str = FMI_2.name, platforms:
@@ -84,7 +86,9 @@ def build_fmus(
     """
     if robot is not None:
         check_robot(robot)
-    names = [units] if isinstance(units, str | os.PathLike | type) else units or shipped_units()
+    names: Any = [units] if isinstance(units, str | os.PathLike | type) else shipped_units() if units is None else units
+    if not isinstance(names, Iterable):
+        raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
     return build_units(
         robot, out_dir, [find_unit(unit) for unit in names], start_values=start_values or {}, backend=backend,
         fmi_version=fmi_version, platforms=platforms, sources=sources, target=target, precision=precision, step=step,
@@ -93,6 +97,7 @@ def build_fmus(
 
 @with_progress
 @one_job()
+@checks_types
 def build(
     unit: str | os.PathLike[str] | type[Unit],
     path: str | os.PathLike[str] | None = None,
@@ -149,7 +154,7 @@ def build(
     chosen = find_unit(unit)
     target = Path(path) if path is not None else Path(f"{chosen.__name__}.fmu")
     if target.suffix.lower() != ".fmu":
-        raise UsageError(f"path must end in .fmu, got {target}. Write {target.with_suffix('.fmu')}.")
+        raise UsageError(f"path must end in .fmu, got {target}. Write {target.parent / (target.stem or 'unit')}.fmu.")
     arm = load_robot(robot) if isinstance(robot, str | os.PathLike) else robot
     if arm is not None:
         check_robot(arm)

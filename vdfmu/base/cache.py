@@ -18,14 +18,15 @@ import secrets
 import stat
 import tempfile
 from collections.abc import Callable, Generator, Hashable
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import lru_cache, wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, TypeVarTuple
+from typing import IO, Any, NamedTuple, TypeVar, TypeVarTuple, overload
 
 from vdfmu.base.errors import LOG, UsageError
+from vdfmu.base.files import open_regular
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
 
@@ -38,6 +39,8 @@ _NEW_KEY = secrets.token_bytes(32)
 """Key that this process stores if the cache has no key, and uses if it cannot be stored."""
 _PROCESSES = 8
 """Processes that may share the room in a cache before one of them measures it. A full cache takes 70 ms to measure."""
+_built: dict[str, str] = {}
+"""Digests of FMUs that this process built, for caches that cannot be written, to their GUIDs."""
 _room: dict[Path, float] = {}
 """Bytes that this process may store in a cache before it measures it again."""
 _made: ContextVar[dict[Hashable, Any] | None] = ContextVar("_made", default=None)
@@ -106,10 +109,18 @@ def _private() -> tempfile.TemporaryDirectory[str]:
         return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
 
 
-def load(path: Path) -> bytes | None:
-    """Return the content of an entry. None if it is missing, untrusted, damaged or stored under another name."""
+@overload
+def load(path: Path) -> bytes | None: ...
+@overload
+def load(path: Path, read: Callable[[bytes], Made]) -> Made | None: ...
+def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
+    """Return the content of an entry as `read` gives it.
+
+    None if the entry is missing, untrusted, damaged, stored under another name, or not what `read` expects: whatever
+    `read` raises, the entry is made anew.
+    """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             if _fault(os.fstat(file.fileno())):
                 return None
             data = file.read()
@@ -118,20 +129,26 @@ def load(path: Path) -> bytes | None:
     LOG.info("from the cache: %s/%s", path.parent.name, path.name[:16])
     if data[:_LINE] != _digest(path, data[_LINE:]):
         return None
+    try:
+        content = read(data[_LINE:])
+    except Exception as error:
+        LOG.info("made anew, since the cache has something else: %s: %s", path, error)
+        return None
     with suppress(OSError):  # another process may have removed it
         os.utime(path)
-    return data[_LINE:]
-
-
-def load_or_make(path: Path, make: Callable[[], bytes]) -> bytes:
-    """Return the content of an entry, made and stored if it is not there."""
-    if (content := load(path)) is None:
-        store(path, content := make())
     return content
 
 
+def load_or_make(path: Path, make: Callable[[], bytes], read: Callable[[bytes], Made]) -> Made:
+    """Return the content of an entry as `read` gives it, made and stored if it is not there."""
+    if (loaded := load(path, read)) is not None:
+        return loaded
+    store(path, content := make())
+    return read(content)
+
+
 def store(path: Path, content: bytes) -> None:
-    """Write an entry ``cache / kind / name`` atomically and evict old entries. Ignore errors of the disk."""
+    """Write an entry ``cache / kind / name`` atomically and evict old entries. Warn once of errors of the disk."""
     temporary = None
     try:
         for folder in (path.parent.parent, path.parent):
@@ -142,8 +159,12 @@ def store(path: Path, content: bytes) -> None:
         os.replace(temporary, path)
         temporary = None
         _evict(path.parent.parent, path, _LINE + len(content))
-    except OSError:
-        pass
+    except OSError as error:
+        warn_once(
+            f"the cache {path.parent.parent} cannot be written: {error.strerror or error}. Later commands compile and "
+            "trace again what it lacks, and 'vdfmu report' makes pages without sliders. Free space, or choose another "
+            "folder with VDFMU_CACHE_DIR."
+        )
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
@@ -172,7 +193,7 @@ def entries(cache: Path) -> list[_CachedFile]:
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
             if path.parent.name != COMPILER and path.is_file():
-                with path.open("rb") as file:
+                with open_regular(path) as file:
                     head, status = file.read(_LINE), os.fstat(file.fileno())
                 if _HEAD.fullmatch(head):
                     listed.append(_CachedFile(status.st_mtime, status.st_size, path))
@@ -217,13 +238,31 @@ def is_own(text: object, *content: Any) -> bool:
     return any(hmac.compare_digest(_sealed(key, content).encode(), str(text).encode()) for key in _keys())
 
 
+def keep_built(path: Path, guid: str) -> None:
+    """Remember an FMU that was built here, to the byte, with its GUID or instantiation token."""
+    digest = _file_digest(path)
+    _built[digest] = guid
+    store(cache_folder() / "built" / digest, guid.encode())
+
+
+def built_as(file: Path | IO[bytes]) -> str | None:
+    """Return the GUID or token with which this user built an FMU here; None for any other file.
+
+    What an FMU says about itself does not prove it: the GUID stays the same when a library is changed.
+    """
+    digest = _file_digest(file)
+    content = load(cache_folder() / "built" / digest)
+    return _built.get(digest) if content is None else content.decode()
+
+
 def _sealed(key: bytes, content: Any) -> str:
     return hmac.new(key, json.dumps(content, sort_keys=True, default=_file_digest).encode(), "sha256").hexdigest()
 
 
-def _file_digest(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _file_digest(file: Path | IO[bytes]) -> str:
+    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
+        stream.seek(0)
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
 def _keys() -> list[bytes]:

@@ -55,6 +55,8 @@ is not rare: a run of a long arm took 35 % longer."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+_CODE = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ", b"\x64\x86", b"\0asm")
+"""First bytes of libraries and objects of Linux, macOS, Windows (its objects of x86-64) and WebAssembly."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 SHOWN = """#ifdef _WIN32
 #define SHOWN __declspec(dllexport)
@@ -142,7 +144,7 @@ class Compilation:
         return self._key(f"library {' '.join(how)}", self.sources)
 
     def _key(self, kind: str, files: Mapping[str, bytes]) -> str:
-        digest = sha256(repr((kind, self.compiler.name, self.flags)).encode())
+        digest = sha256(repr((kind, self.compiler.identity, self.flags)).encode())
         for name, text in sorted(files.items()):
             digest.update(f"\n{name} {len(text)}\n".encode())
             digest.update(text)
@@ -152,6 +154,13 @@ class Compilation:
 def compile_library(sources: Mapping[str, bytes], platform: str, *, name: str, flags: Sequence[str] = ()) -> bytes:
     """Return a shared library; see :func:`compile_libraries`."""
     return compile_libraries([Compilation(name, sources, platform, tuple(flags))])[0]
+
+
+def _machine_code(content: bytes) -> bytes:
+    """Return a library or an object file; ValueError for anything else."""
+    if not content.startswith(_CODE):
+        raise ValueError("no machine code")
+    return content
 
 
 def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
@@ -164,7 +173,7 @@ def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
 
     def missing() -> Iterator[tuple[int, Compilation]]:
         for i, job in enumerate(jobs):
-            if (library := load(_stored(job.key))) is None:
+            if (library := load(_stored(job.key), _machine_code)) is None:
                 yield i, job
             else:
                 libraries[i] = library
@@ -187,6 +196,22 @@ def _stored(key: str) -> Path:
     return cache_folder() / "native" / key
 
 
+def support_folder(spare: Path) -> str:
+    """Return the folder for zig's own libraries of each platform, with zig's locks; in `spare` without a cache.
+
+    It is a subfolder that no other program uses, as zig finds its libraries again whatever variables made them.
+    """
+    chosen, cache = os.environ.get("ZIG_GLOBAL_CACHE_DIR"), cache_folder()
+    folder = (Path(chosen) if chosen and trusted(Path(chosen)) else cache / COMPILER) / "vdfmu"
+    try:
+        for made in (cache, folder.parent, folder):
+            made.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryFile(dir=folder):
+            return str(folder)
+    except OSError:
+        return str(spare / "zig_support")
+
+
 class _Workshop:
     """A subfolder for each job, and the processes of the compiler."""
 
@@ -195,25 +220,11 @@ class _Workshop:
         self._running: set[subprocess.Popen[bytes]] = set()
         self._stopped = False
         self._lock = Lock()
-        self._environment = os.environ | {
+        self._folders = dict.fromkeys(("TMPDIR", "TMP", "TEMP"), folder) | {
             "ZIG_LOCAL_CACHE_DIR": str(self._folder / "zig"),
-            "ZIG_GLOBAL_CACHE_DIR": self._support_folder(),
+            "ZIG_GLOBAL_CACHE_DIR": support_folder(self._folder),
         }
-
-    def _support_folder(self) -> str:
-        """Return the folder for zig's own libraries of each platform, with zig's locks."""
-        chosen = os.environ.get("ZIG_GLOBAL_CACHE_DIR")
-        if chosen and trusted(Path(chosen)):
-            return chosen
-        cache = cache_folder()
-        folder = cache / COMPILER
-        try:
-            for made in (cache, folder):
-                made.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with tempfile.TemporaryFile(dir=folder):
-                return str(folder)
-        except OSError:
-            return str(self._folder / "zig_support")
+        """Variables with the folders in which a compiler may write."""
 
     def make(self, jobs: Iterable[tuple[int, Compilation]]) -> dict[int, tuple[str, bytes]]:
         """Make libraries. Return key and library for the number of each job."""
@@ -253,7 +264,7 @@ class _Workshop:
             if key in objects:
                 continue
             objects[key] = place / f"{PurePosixPath(name).stem}.o"
-            stored = load(_stored(key))
+            stored = load(_stored(key), _machine_code)
             if stored is None:
                 missing.append((name, key))
             else:
@@ -300,7 +311,7 @@ class _Workshop:
                 }
                 flags = ("-shared", "-nostdlib", f"-Wl,-soname,{file}", "-Wl,--version-script=versions")
                 path = _stored(Compilation(file, sources, job.platform, flags).key)
-                if (stored := load(path)) is not None:
+                if (stored := load(path, _machine_code)) is not None:
                     (folder / file).write_bytes(stored)
                     continue
                 for name, text in sources.items():
@@ -312,7 +323,7 @@ class _Workshop:
     def _run(self, job: Compilation, place: Path, product: str, arguments: Sequence[str]) -> None:
         command = [*job.compiler.command, *job.compiler.arguments(job.target, arguments)]
         # a process in a new session does not get Ctrl-C, and its children end with it
-        environment, began = self._environment, time.perf_counter()
+        environment, began = {**job.compiler.environment, **self._folders}, time.perf_counter()
         process = subprocess.Popen(
             command, cwd=place, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE, start_new_session=os.name == "posix",
@@ -333,7 +344,7 @@ class _Workshop:
         full = "NoSpaceLeft" in words or "No space left" in words
         spare = str(self._folder / "zig_support")
         if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
-            self._environment = self._environment | {"ZIG_GLOBAL_CACHE_DIR": spare}
+            self._folders = self._folders | {"ZIG_GLOBAL_CACHE_DIR": spare}
             return self._run(job, place, product, arguments)
         errors = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
         hint = f" {_ROOM}" if full else ""
@@ -363,8 +374,11 @@ def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -
 
 
 def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Load a compiled library of this platform."""
+    """Load a compiled library of this platform. FmuError without room."""
     with temporary_folder("vdfmu_library_") as folder:
         path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
-        path.write_bytes(library)
+        try:
+            path.write_bytes(library)
+        except OSError as error:
+            raise FmuError(f"{path}: cannot be written: {error.strerror or error}. {_ROOM}") from None
         return kind(str(path))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import json
 import os
 import secrets
 import stat
@@ -12,7 +14,7 @@ from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 from vdfmu.base.errors import LOG, StorageError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
@@ -28,7 +30,7 @@ _HEAD = 8192
 
 def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
     """Write a zip file whose bytes depend on its members alone: sorted names, fixed time stamp and mode."""
-    with replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+    with storing(path), replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, _EPOCH)
             packed = name.endswith((".fmu", ".ssp", ".png"))  # already compressed
@@ -42,8 +44,8 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
 def replacing(path: Path) -> Generator[BinaryIO]:
     """Write to a temporary file and rename it to `path` on success. On an error delete it and leave `path` unchanged.
 
-    Follows symbolic links. The file gets the default mode. StorageError if `path` is not a regular file, OSError if it
-    cannot be written.
+    After the block the disk has the file, so that it survives a power failure. Follows symbolic links. The file gets
+    the default mode. StorageError if `path` is not a regular file, OSError with its name if it cannot be written.
     """
     target = regular_target(path)
     temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
@@ -51,11 +53,39 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     try:
         with os.fdopen(handle, "wb") as stream:
             yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
         os.replace(temporary, target)
+        sync(target.parent)
         LOG.info("written: %s", target)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename is None:  # of a write, of the end of the file
+            error.filename = str(path)
         raise
+
+
+def sync(path: Path) -> None:
+    """Wait until the disk has a file, or the names in a folder. OSError if it reports a fault."""
+    if os.name == "nt" and path.is_dir():  # Windows opens no folders, and writes their names by itself
+        return
+    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system without it
+            error.filename = str(path)
+            raise
+    finally:
+        os.close(handle)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and the missing ones above it, if it is not there; the disk has them afterwards. For OSError."""
+    if not path.is_dir():
+        make_folder(path.parent)
+        path.mkdir(exist_ok=True)
+        sync(path.parent)
 
 
 def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
@@ -74,7 +104,8 @@ def storing(path: Path) -> Generator[None]:
     try:
         yield
     except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {error}. Choose another folder or free space.") from error
+        why = error.strerror or error
+        raise StorageError(f"{path}: cannot be written: {why}. Choose another folder or free space.") from error
 
 
 def exists(path: Path) -> bool:
@@ -146,11 +177,59 @@ def inside(folder: Path, file: Path) -> Path:
     return file
 
 
-def read_text(path: Path) -> str:
-    """Return the content of a file or pipe in UTF-8. OSError if it is unreadable or a device without end."""
-    if path.is_char_device():
-        raise OSError("a device")
-    return path.read_bytes().decode("utf-8-sig")
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a file for reading in binary mode, for a name that came from a data file.
+
+    A pipe, a device, a socket or a folder is refused before it is opened, because opening a pipe waits for its writer
+    and reading a device may never end.
+
+    Raises
+    ------
+    OSError
+        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, and whatever the system raises.
+    """
+    _require_regular(os.stat(path), path)
+    stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - the caller closes it
+    try:
+        _require_regular(os.fstat(stream.fileno()), path)  # another process may have replaced it
+    except OSError:
+        stream.close()
+        raise
+    return stream
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _require_regular(status: os.stat_result, path: str | os.PathLike[str]) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+    if not stat.S_ISREG(status.st_mode):
+        reason = "it is a pipe, a device or another special file, not a regular file"
+        raise OSError(errno.EINVAL, reason, os.fspath(path))
+
+
+def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> bytes:
+    """Return the content of a file. OSError: see `open_regular`; EFBIG for more than `largest` bytes."""
+    with open_regular(path) as stream:
+        content = stream.read(-1 if largest is None else largest + 1)
+    if largest is not None and len(content) > largest:
+        raise OSError(errno.EFBIG, f"it has more than the {largest / 2**20:g} MiB that are read", os.fspath(path))
+    return content
+
+
+def read_text(path: Path, largest: int | None = None) -> str:
+    """Return the content of a file in UTF-8, without its byte order mark. OSError: see `open_regular`."""
+    return read_regular(path, largest).decode("utf-8-sig")
+
+
+def read_json(source: Path | bytes | str) -> Any:
+    """Return the value in a JSON file, or of JSON text. ValueError for other content, OSError if unreadable."""
+    try:
+        return json.loads(read_text(source) if isinstance(source, Path) else source)
+    except RecursionError:
+        raise ValueError("lists or tables are nested too deeply") from None
 
 
 def read_member(path: Path, name: str) -> bytes | None:

@@ -17,12 +17,16 @@ from typing import Any
 _set_handler: Any = c_signal.signal  # pyright: ignore[reportUnknownMemberType]
 _handler_of: Any = c_signal.getsignal  # pyright: ignore[reportUnknownMemberType]
 """The functions behind `signal`; its conversions to enumerations take 2 us a call."""
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end a command."""
 _RETRY = 0.005
 """Time [s] after which a signal is sent again if it came during a call of CasADi or a library dropped it."""
 _PATIENCE = 1.0
 """Time [s] after a signal in which further signals are ignored, so that the command can end."""
-_last = -math.inf
+_TWICE = 0.1
+"""Time [s] in which a second signal to a guard is the first one again: a terminal sends Ctrl-C to all processes of a
+command, and the first of them passes it on to the second, see `vdfmu.cli.own_process`."""
+_last, _deferred = -math.inf, -math.inf
 _command, _ended = False, False
 _guards: list[InterruptGuard] = []
 
@@ -60,7 +64,7 @@ def _listen(*signals: int) -> list[tuple[int, Any]]:
     """Handle signals as `listening` does. Return each number and its former handler."""
     taken: list[tuple[int, Any]] = []
     if _in_main_thread():
-        for number in signals or _SIGNALS:
+        for number in signals or SIGNALS:
             before = _handler_of(number)
             if before in (signal.SIG_DFL, signal.default_int_handler):
                 _set_handler(number, _stop)
@@ -94,10 +98,13 @@ def _stop(number: int, frame: FrameType | None) -> None:
     CasADi calls Python to find the types of its arguments and drops exceptions of these calls. Python drops exceptions
     of ``Stopped.__del__`` and of the callback of an import that frees its lock. Such a signal would be lost.
     """
-    global _last
+    global _last, _deferred
     if _guards and not _guards[0].number:
         for guard in _guards:
             guard.number = number
+        _deferred = time.monotonic()
+        return
+    if _guards and time.monotonic() < _deferred + _TWICE:
         return
     while frame is not None:
         within, code = frame.f_globals.get("__name__", ""), frame.f_code

@@ -12,7 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from numbers import Integral, Real
 from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, get_origin
 
@@ -63,13 +63,18 @@ class DeclaredOption:
     @property
     def annotation(self) -> str:
         """Type as a text."""
-        return re.sub(r"\b(?:[a-z]+\.)+(?=[A-Z])", "", inspect.formatannotation(self.type).strip("'"))
+        return _plain(self.type)
 
     def entry(self) -> str:
         """Return the entry in the list of parameters of a docstring."""
         kind = self.option.kind or self.annotation.removesuffix(" | None")
         text = textwrap.fill(f"{self.option.text} {self.option.more}", _WIDTH, break_long_words=False)
         return f"{self.name} : {kind}, optional\n{textwrap.indent(text, '    ')}\n"
+
+
+def _plain(annotation: Any) -> str:
+    """Return a type as a text, without the modules of its names."""
+    return re.sub(r"\b(?:[a-z]+\.)+(?=[A-Z])", "", inspect.formatannotation(annotation).strip("'"))
 
 
 def declared(options: Any) -> list[DeclaredOption]:
@@ -95,6 +100,28 @@ def taken_options(function: Callable[..., Any]) -> Any:
     return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
+def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] = ()) -> Callable[_P, _T]:
+    """Add to a function, with `options`, a UsageError for all arguments of other types, by `_TYPES`."""
+    parameters = inspect.signature(function).parameters.values()
+    leading = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
+    types: dict[str, Any] = {
+        p.name: (_plain(p.annotation),) for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    }
+    types |= {o.name: (o.annotation, o.option.kind, o.option.choices) for o in options}
+    exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
+
+    @wraps(function)
+    def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        arguments = dict(zip(leading, args, strict=False)) | kwargs
+        odd = [name for name, value in arguments.items() if name in exact and type(value) not in exact[name]]
+        faults = (type_problem(name, types[name][0], arguments[name], *types[name][1:]) for name in odd)
+        if problems := [*filter(None, faults)]:
+            raise UsageError("\n".join(problems))
+        return function(*args, **kwargs)
+
+    return called
+
+
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Add its options to a function: defaults, signature, docstring, and UsageError for all values of a wrong type."""
     plain = inspect.signature(function)
@@ -103,14 +130,13 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     kind = inspect.Parameter.KEYWORD_ONLY
     parameters += [inspect.Parameter(o.name, kind, default=o.option.default, annotation=o.annotation) for o in listed]
     signature = plain.replace(parameters=parameters)
-    types = {o.name: (o.annotation, o.option.kind, o.option.choices) for o in listed}
-    exact = {o.name: [_PLAIN[part] for part in o.annotation.split(" | ") if part in _PLAIN] for o in listed}
     defaults = {each.name: each.option.default for each in listed}
     leading = [each.name for each in plain.parameters.values() if each.kind is each.POSITIONAL_OR_KEYWORD]
     variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
     needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
     names = frozenset(signature.parameters)
     name = function.__qualname__.removesuffix(".__init__")
+    checked = checks_types(function, listed)
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -123,11 +149,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{name}() {error}") from None
-        if odd := [each for each, value in kwargs.items() if type(value) not in exact.get(each, ())]:
-            checked = (type_problem(each, k[0], kwargs[each], *k[1:]) for each, k in types.items() if each in odd)
-            if problems := [*filter(None, checked)]:
-                raise UsageError("\n".join(problems))
-        return function(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
+        return checked(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]
     called.__doc__ = _listing(function.__doc__, listed)
@@ -182,9 +204,16 @@ def _texts(value: Any) -> bool:
     return isinstance(value, Iterable) and all(isinstance(each, str) for each in value)
 
 
+def _numbers(value: Any) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, (str, Iterator)) and all(map(_number, value))
+
+
+def _is_one(name: str, value: Any) -> bool:
+    return any(kind.__name__ == name for kind in type(value).__mro__)
+
+
 _PLAIN = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
 """Types by their annotation."""
-_MAPPING = ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value))
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "float": ("a number", _number),
     "int": ("a whole number", lambda value: not isinstance(value, bool) and isinstance(value, Integral)),
@@ -193,21 +222,23 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "PathLike[str]": ("a path", lambda value: isinstance(value, os.PathLike)),
     "Path": ("a pathlib.Path", lambda value: isinstance(value, os.PathLike)),
     "Sequence[Path]": ("a sequence of them", lambda value: isinstance(value, Iterable) and not isinstance(value, str)),
-    "Mapping[str, Any]": _MAPPING,
-    "Mapping[str, Value]": _MAPPING,
+    "Mapping": ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value)),
     "Sequence[str]": ("a sequence of texts", _texts),
+    "Sequence[float]": ("a sequence of numbers", _numbers),
     "Literal[False]": ("False", lambda value: value is False),
-    "Robot": ("a Robot", lambda value: any(kind.__name__ == "Robot" for kind in type(value).__mro__)),
-    "Callable[[LogMessage], None]": ("a function", callable),
+    "type": ("a class", lambda value: isinstance(value, type)),
+    "Callable": ("a function", callable),
     "None": ("None", lambda value: value is None),
+    **{name: (f"a {name}", partial(_is_one, name)) for name in ("Robot", "Scenario", "System", "FlatSystem", "Motion")},
 }
-"""Annotation to type in words and its check. Types without a row are not checked."""
+"""Annotation, or its part before a bracket, to type in words and its check. Types without a row are not checked."""
 
 
 @cache
 def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
     """Return the rows of the types of an annotation, ``None`` first; none if one of them has no row."""
-    rows = [_TYPES.get(part) for part in sorted(annotation.split(" | "), key=lambda part: part != "None")]
+    parts = sorted(annotation.split(" | "), key=lambda part: part != "None")
+    rows = [_TYPES.get(part) or _TYPES.get(part.partition("[")[0]) for part in parts]
     return [] if None in rows else [row for row in rows if row is not None]
 
 

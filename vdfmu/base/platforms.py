@@ -177,11 +177,33 @@ class Compiler(NamedTuple):
     command: tuple[str, ...]
     is_zig: bool
 
+    @property
+    def identity(self) -> str:
+        """What distinguishes its libraries from those of other compilers. Zig brings all its parts with its version."""
+        return self.name if self.is_zig else f"{self.name} {self.command[0]}"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """All that its processes get of the environment."""
+        return _environment(self.command[0])
+
     def arguments(self, target: Platform, flags: Sequence[str]) -> list[str]:
         """Return the arguments of a call with zig's flags."""
         if self.is_zig:
             return ["-target", target.target, *flags]
         return ["-fPIC", *(_WORDS.get(flag, flag) for flag in flags)]
+
+
+def _environment(program: str) -> dict[str, str]:
+    """Return the environment of the processes of a compiler, which depends on the path of its program alone.
+
+    Compilers obey many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
+    CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so no
+    variable of the user is passed on. Messages are in English, as they are searched for words.
+    """
+    if sys.platform == "win32":
+        return {"SYSTEMROOT": os.environ.get("SYSTEMROOT", r"C:\Windows")}
+    return {"LC_ALL": "C", "PATH": f"{Path(program).parent}:{os.defpath}"}
 
 
 def compiler(platform: str = "") -> Compiler:
@@ -204,20 +226,21 @@ def _compiler(chosen: str) -> Compiler:
 
             names = [f"ziglang {version('ziglang')}"]
         return Compiler(" ".join(names).replace("-", " "), (zig(), "cc"), True)
-    for program in (chosen,) if chosen else _PROGRAMS:
-        processor = _MACHINES.get(_answer(program, "-dumpmachine").partition("-")[0])
+    for program in filter(None, map(shutil.which, (chosen,) if chosen else _PROGRAMS)):
+        path = os.path.abspath(program)
+        processor = _MACHINES.get(_answer(path, "-dumpmachine").partition("-")[0])
         if processor == _MACHINES.get(machine.machine().lower(), ""):
-            return Compiler(_answer(program, "--version").splitlines()[0], (program,), False)
+            return Compiler(_answer(path, "--version").splitlines()[0], (path,), False)
     if chosen:
         raise UsageError(f"compiler must be zig or a gcc or clang for this machine, got {chosen!r}. Install it.")
     raise FmuError(_NO_COMPILER)
 
 
 def _answer(program: str, question: str) -> str:
-    """Return the answer of a program; "" if there is none."""
-    if shutil.which(program) is None:
-        return ""
-    return subprocess.run([program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True).stdout
+    """Return the answer of a program."""
+    return subprocess.run(
+        [program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True, env=_environment(program)
+    ).stdout
 
 
 def compiler_version() -> str:

@@ -5,6 +5,7 @@ Each message follows its length. Requests are pickled. Replies are JSON, because
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import io
 import json
@@ -17,12 +18,14 @@ import struct
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
 from time import monotonic
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
+from vdfmu.base.files import read_json
 from vdfmu.base.text import shown
 
 KEPT = 4096
@@ -45,6 +48,36 @@ _TICK = 0.1
 """Interval of the watching thread [s]."""
 _FAREWELL = 5.0
 """Time limit [s] of the end of the process after its pipe is closed."""
+_contained = False
+
+
+def is_contained() -> bool:
+    """Whether this process is one for code that may crash, exit or hang."""
+    return _contained
+
+
+def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
+    """Run the task of a process for foreign code, and end it without the destructors of libraries.
+
+    Those of pythonfmu 0.7.0 write into memory that they have freed, after the task is done. Files are flushed and
+    functions registered with `atexit` are called.
+    """
+    global _contained
+    _contained, code = True, 0
+    try:
+        main(*arguments)
+    except SystemExit as error:
+        code = error.code if isinstance(error.code, int) else int(error.code is not None)
+        if isinstance(error.code, str):
+            print(error.code, file=sys.stderr)
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    with suppress(Exception):  # foreign code may have replaced or closed them
+        atexit._run_exitfuncs()  # pyright: ignore[reportPrivateUsage]
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(code)
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
@@ -60,8 +93,11 @@ def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Pope
     )
 
 
-def limit(kind: str, size: int) -> None:
-    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``."""
+def limit(kind: str, size: int, lasting: bool = True) -> None:
+    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``.
+
+    A limit that is not `lasting` can be raised again.
+    """
     if sys.platform != "win32":
         import resource
 
@@ -69,7 +105,7 @@ def limit(kind: str, size: int) -> None:
         _, most = resource.getrlimit(number)
         size = size if most == resource.RLIM_INFINITY else min(size, most)
         with suppress(OSError, ValueError):  # macOS does not limit the address space
-            resource.setrlimit(number, (size, size))
+            resource.setrlimit(number, (size, size if lasting else most))
 
 
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
@@ -130,13 +166,12 @@ class Child:
     """Process of a module that uses :class:`Parent`, seen from the starting process.
 
     A thread kills the process if a reply takes longer than `limit` [s], or if `stop`, called every tenth of a second,
-    returns True. It calls `gone` if the process ends before `end`. `show` copies the output.
+    returns True. `show` copies the output.
     """
 
     def __init__(
-        self, module: str, *arguments: str, limit: float, show: bool = False,
-        stop: Callable[[], bool] = lambda: False, gone: Callable[[], None] = lambda: None,
-    ) -> None:  # fmt: skip
+        self, module: str, *arguments: str, limit: float, show: bool = False, stop: Callable[[], bool] = lambda: False
+    ) -> None:
         self._process = process = started(module, *arguments)
         assert process.stdin is not None
         assert process.stdout is not None
@@ -148,7 +183,7 @@ class Child:
             self._poll.register(process.stdout, select.POLLIN)
         self.limit, self.late, self.since = limit, False, monotonic()
         """`since`: time of the last request, infinite after its reply."""
-        self._stop, self._report = stop, gone
+        self._stop = stop
         self._done, self._gone = threading.Event(), threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
@@ -169,7 +204,7 @@ class Child:
         head = self._read(SIZE.size)
         size = SIZE.unpack(head)[0] if len(head) == SIZE.size else _LARGEST + 1
         try:
-            message = json.loads(self._read(size) if size <= _LARGEST else b"") if size else None
+            message = read_json(bytes(self._read(size)) if size <= _LARGEST else b"") if size else None
         except ValueError:
             raise EOFError from None
         self.since = math.inf
@@ -199,7 +234,6 @@ class Child:
             if self.late or stopped or self._has_ended():
                 self.kill()
                 self._gone.set()
-                self._report()
                 return
 
     def _has_ended(self) -> bool:
@@ -240,6 +274,12 @@ class Child:
         return code, peak, output
 
 
+def end_with_parent() -> None:
+    """Let this process end with the thread that started it, which only Linux can do."""
+    if sys.platform == "linux":
+        CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+
+
 class Parent:
     """The starting process, seen from the process of a :class:`Child`.
 
@@ -251,8 +291,7 @@ class Parent:
         self._requests, self._replies = os.fdopen(os.dup(0), "rb"), os.dup(1)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.dup2(2, 1)
-        if sys.platform == "linux":
-            CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+        end_with_parent()
 
     def read(self, size: int) -> bytes:
         """Read bytes, fewer at the end."""

@@ -14,6 +14,8 @@ _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u2
 """Characters that a terminal obeys: controls except tab and newline, directions of writing, and half characters."""
 FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 """Characters that XML excludes or a terminal obeys."""
+LONGEST_NAME = 100
+"""Most characters of a name that names files."""
 FEW = 20
 """Most messages of a rule that are printed."""
 _LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
@@ -71,6 +73,14 @@ def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text:
             kept.append(text)
     more = {rule: count - FEW for rule, count in counts.items() if count > FEW}
     return [*kept, *(f"and {count:,} more{f' [{rule}]' if rule else ''}" for rule, count in more.items())]
+
+
+def name_fault(name: Any, dots: bool = True) -> str:
+    """Return what was expected of a name of a component, or with `dots` of a system, which name files; else ""."""
+    pattern = r"\w[\w .+-]*" if dots else r"\w[\w +-]*"
+    if isinstance(name, str) and re.fullmatch(pattern, name) and len(name) <= LONGEST_NAME:
+        return ""
+    return f"a name of letters, digits, spaces and {'. ' * dots}_ + -, a letter, digit or _ first"
 
 
 def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import stat
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.files import data_path
+from vdfmu.base.files import data_path, read_regular
 from vdfmu.base.plugins import Plugins
 from vdfmu.base.text import nearest, printable
 from vdfmu.base.version import format_problem
@@ -93,16 +93,7 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
     A device or pipe is refused, since it may never end.
     """
     try:
-        status = path.stat()
-        if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
-            with path.open("rb") as stream:
-                content = stream.read(largest + 1)
-            if len(content) <= largest:
-                return content
-            got = f"{max(status.st_size, len(content)) / 2**20:.3g} MiB"
-            problem = f"expected a file of at most {largest / 2**20:g} MiB, got {got}. Is it the right one?"
-        else:
-            problem = "expected a regular file, got a pipe, a device or another special file. Name a file."
+        return read_regular(path, largest)
     except FileNotFoundError:
         problem = f"expected {expected}, got nothing: it does not exist. Check the path."
     except (IsADirectoryError, PermissionError) as error:
@@ -110,7 +101,7 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
         if path.is_dir():
             problem = f"expected {expected}, got a directory. Name a file in it."
     except OSError as error:
-        problem = f"expected a file that can be read, got: {error.strerror}. Check the path."
+        problem = f"expected {expected} that can be read, but {error.strerror}. Check the path."
     except ValueError as error:  # an impossible path
         problem = f"expected {expected}, got unreadable content: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")
@@ -129,8 +120,10 @@ def toml_text(table: Mapping[str, Any], rounding: float = 0.0) -> str:
 
 def toml_value(value: Any, rounding: float = 0.0) -> str:
     """Return a value in TOML. Numbers of a list become zero if they are at most `rounding` of its largest."""
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()  # a scalar of numpy
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON allows it as it is
     if isinstance(value, bool):
         return str(value).lower()
     if not hasattr(value, "__len__"):
@@ -138,10 +131,8 @@ def toml_value(value: Any, rounding: float = 0.0) -> str:
     import numpy as np  # not for a list of names
 
     whole = np.asarray(value)
-    if whole.dtype.kind == "U":
+    if whole.dtype.kind in "Uib":
         return f"[{', '.join(map(toml_value, whole.tolist()))}]"
-    if whole.dtype.kind == "i":
-        return str(whole.tolist())
     array = np.asarray(value, dtype=float)
     clean = np.where(np.abs(array) <= rounding * np.abs(array).max(initial=0.0), 0.0, array)
     return f"[{', '.join(toml_value(entry, rounding) for entry in clean)}]"
@@ -151,10 +142,14 @@ def _lines(table: Mapping[str, Any], path: str, rounding: float) -> Iterator[str
     inner = {key: v for key, v in table.items() if isinstance(v[0] if isinstance(v, list) and v else v, dict)}
     for key, value in table.items():
         if key not in inner:
-            yield f"{key if key.isidentifier() else toml_value(key)} = {toml_value(value, rounding)}"
+            yield f"{_key(key)} = {toml_value(value, rounding)}"
     for key, value in inner.items():
-        name = f"{path}.{key}" if path else key
+        name = f"{path}.{_key(key)}" if path else _key(key)
         for each in value if isinstance(value, list) else [value]:
             yield ""
             yield f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
             yield from _lines(each, name, rounding)
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else toml_value(key)

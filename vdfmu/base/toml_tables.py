@@ -7,7 +7,6 @@ names.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from functools import reduce
 from operator import getitem
@@ -19,10 +18,8 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
-from vdfmu.base.text import FORBIDDEN, nearest, printable
+from vdfmu.base.text import FORBIDDEN, LONGEST_NAME, name_fault, nearest, printable
 
-_LONGEST_NAME = 100
-"""Characters of a name: with prefix and suffix it must fit into the 255 bytes of a file name."""
 _LONGEST_TEXT = 4000
 """Characters of any other text."""
 
@@ -163,15 +160,14 @@ class Table:
 
     def check_name(self, place: str, name: str, dots: bool = True) -> None:
         """Note a name that cannot name a file."""
-        if not re.fullmatch(r"\w[\w .+-]*" if dots else r"\w[\w +-]*", name) or len(name) > _LONGEST_NAME:
-            expected = f"a name of letters, digits, spaces and {'. ' * dots}_ + -, a letter, digit or _ first"
+        if expected := name_fault(name, dots):
             self.problems.add(place, expected, value_text(name), "It names files and folders.")
 
     def label(self, key: str) -> str:
         """Return a short string of a single line."""
         value = self.text(key)
-        if len(value) > _LONGEST_NAME:
-            most = f"at most {_LONGEST_NAME} characters"
+        if len(value) > LONGEST_NAME:
+            most = f"at most {LONGEST_NAME} characters"
             self.problems.add(self.key(key), most, str(len(value)), "It names files and folders.")
         elif "\n" in value or "\t" in value:
             self.problems.add(self.key(key), "one line without tabs", value_text(value), "Write one line.")

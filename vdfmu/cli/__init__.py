@@ -17,6 +17,7 @@ from vdfmu.base.interrupt import command_begins, command_ended
 from vdfmu.base.process import ONE_THREAD
 from vdfmu.base.text import error_text, message_of, shown
 from vdfmu.base.version import __version__
+from vdfmu.cli import own_process
 
 __all__ = ["main"]
 
@@ -24,6 +25,7 @@ __all__ = ["main"]
 def main() -> None:
     """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
     command_begins()
+    own_process.begin()
     os.environ.update(ONE_THREAD | os.environ)
     gc.set_threshold(200_000, 5, 5)  # the objects of a warm run: to search them again and again takes 35 ms
     atexit.register(gc.freeze)  # Python would search them for circles when it ends, only to free memory
@@ -39,7 +41,6 @@ def main() -> None:
         if stop is not None:
             with suppress(OSError):
                 sys.stderr.write(f"stopped: {shown(error_text(stop))}\n" if error_text(stop) else "stopped\n")
-            _flush()
         elif short := _lacks_memory(error):
             with suppress(OSError, MemoryError):
                 sys.stderr.write(f"error: the memory does not hold it ({short}): choose fewer steps or signals, ")
@@ -47,11 +48,14 @@ def main() -> None:
         elif isinstance(error, ImportError):
             _say_missing(error)
         command_ended()
-        if stop is None and short:
-            _flush()
-            sys.exit(1)
         if stop is not None:
-            sys.exit(128 + getattr(stop, "number", signal.SIGINT))
+            code = 128 + getattr(stop, "number", signal.SIGINT)
+        else:
+            code = error.code if isinstance(error, SystemExit) and isinstance(error.code, int) and not short else 1
+        own_process.finished(code)
+        if stop is not None or short:
+            _flush()
+            sys.exit(code)
         raise
 
 
@@ -80,6 +84,7 @@ def _say_missing(error: ImportError) -> None:
         f"error: the Python package {package} {'is not installed' if missing else f'cannot be imported: {error}'}. "
         f"Install it, or vdfmu with all that it needs: {sys.executable} -m pip install {package}\n"
     )
+    own_process.finished(1)
     sys.exit(1)
 
 

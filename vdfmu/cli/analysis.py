@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from vdfmu.base.option import Option, option_of
+from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, refuse, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table, tell
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _MODES, _MARGINS = "Modes", "Margins"
 
 
+@meets_code(RUNS)
 def linear(
     system: Annotated[str, Positional("Robot, scenario or system package.", metavar="[ROBOT|SCENARIO|FILE.ssp]",
         names=lambda: [*known_scenarios(), *known_robots()])] = "tracking",
@@ -191,6 +193,7 @@ def _margins(
 ) -> None:
     """Print the smallest margins of each loop over a run, or those at some times."""
     from vdfmu.study.analysis.loops import margins_along
+    from vdfmu.study.verdict import loop_sentences
 
     package = system.lower().endswith(".ssp")
     if package:
@@ -212,7 +215,9 @@ def _margins(
         style = ("bold" if mark else None) if modulus else "red"
         cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
-    state, words = loops.judged.words
+    state, sentences = loop_sentences(loops.judged.figures)
+    margin = loops.judged.figures.get("margin")
+    words = "; ".join(sentences) or (f"stable with a modulus margin of {margin['value']:.2g}" if margin else "stable")
     if as_json:
         say_json({"step": loops.step, "master": loops.algorithm, "state": state, "text": words, "margins": rows})
     else:
@@ -225,6 +230,7 @@ def _margins(
         say(f"{words[:1].upper()}{words[1:]}.")
 
 
+@meets_code(RUNS)
 def judge(
     system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO",
         names=known_scenarios)],

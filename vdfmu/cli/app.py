@@ -10,24 +10,30 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from difflib import get_close_matches
 from functools import cached_property
 from glob import glob
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import click
 
 from vdfmu.base.bars import Bars, errors
-from vdfmu.base.errors import LOG
+from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import Option
 from vdfmu.base.progress import showing
+from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.base.version import __version__
+from vdfmu.cli import own_process
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
 
 _FMUS = re.compile(r"[^-].*\.(ssp|fmu)|\w+=.*\.(fmu|py)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
+_words: list[str] = []
+"""Words of the command line."""
+_F = TypeVar("_F", bound=Callable[..., Any])
 COMPLETE = "_VDFMU_COMPLETE"
 """Variable of the shell that asks for completions."""
 
@@ -37,6 +43,23 @@ COMPILER = Option(
     more="Default: the variable VDFMU_COMPILER, else ziglang if it is installed, else cc, gcc or clang.",
 )  # fmt: skip
 """Option of the commands that build FMUs."""
+NO_ISOLATE = Option("Run code of files in this process, to debug it.")
+LOOKS, RUNS = "looks", "runs"
+"""What a command does with files that name code."""
+
+
+def meets_code(kind: str) -> Callable[[_F], _F]:
+    """Mark a command that meets files which name code.
+
+    One that looks runs none of it, unless its option ``--trust`` asks for it. One that computes runs it in a process of
+    its own.
+    """
+
+    def mark(function: _F) -> _F:
+        function.code = kind  # type: ignore[attr-defined]
+        return function
+
+    return mark
 
 
 class Described(click.Command):
@@ -46,6 +69,8 @@ class Described(click.Command):
     """Heading of its group in the list of commands."""
     of_files: click.Command | None = None
     """Command of the same name for files."""
+    code: str = ""
+    """Whether it runs code of files, or only looks at them."""
 
     def __init__(self, name: str | None, *, example: str = "", declare: Any = tuple, **settings: Any) -> None:
         super().__init__(name, **settings)
@@ -56,9 +81,11 @@ class Described(click.Command):
     def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Its parameters, made at first use."""
         declared: Sequence[click.Parameter] = self._declare()
+        names = {each.name for each in declared}
         return [
             *declared,
-            *([parameter("compiler", str, COMPILER)] if any(each.name == "backend" for each in declared) else []),
+            *([parameter("compiler", str, COMPILER)] if "backend" in names else []),
+            *([parameter("no_isolate", bool, NO_ISOLATE)] if self.code == RUNS and "isolate" not in names else []),
             parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
@@ -85,12 +112,30 @@ class Described(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, below a line that moves."""
+        in_place = ctx.params.pop("no_isolate", ctx.params.get("isolate") is False)
+        with ExitStack() as rules:
+            if isinstance(self, click.Group):
+                return self._run(ctx)
+            if self.code == LOOKS and not ctx.params.get("trust"):
+                rules.enter_context(announced_to(reading_only))
+            elif not in_place and own_process.wanted():
+                if self.code and not own_process.is_second() and (code := own_process.code_named(_words)):
+                    own_process.require(code)  # before anything that takes long is imported
+                rules.enter_context(announced_to(own_process.require))
+            try:
+                return self._run(ctx, moves=not in_place and not own_process.is_second())
+            except CodeNotRunError as error:
+                way = " --trust runs it." if "trust" in ctx.params else ""
+                raise UsageError(f"{error.code} is code, and was not run.{way}") from None
+
+    def _run(self, ctx: click.Context, moves: bool = True) -> Any:
+        """Run the command. A line that `moves` would write over the prompt of a debugger in code of the user."""
         set_verbosity(ctx.params.pop("quiet"), ctx.params.pop("verbose"))
         if (chosen := ctx.params.pop("compiler", None)) is not None:
             os.environ["VDFMU_COMPILER"] = chosen  # of other processes too
         if isinstance(self, click.Group):
             return super().invoke(ctx)
-        with Bars(ctx.command_path.partition(" ")[2]) as bars, showing(bars.update):
+        with Bars(ctx.command_path.partition(" ")[2] if moves else "") as bars, showing(bars.update):
             console.bars = bars
             try:
                 return super().invoke(ctx)
@@ -104,6 +149,7 @@ class FunctionCommand(Described):
     def __init__(self, name: str | None, *, callback: Callable[..., Any], example: str, **settings: Any) -> None:
         attributes = {"help": inspect.getdoc(callback), **settings, "declare": lambda: parameters_of(callback)}
         super().__init__(name, callback=callback, example=example, **attributes)
+        self.code = getattr(callback, "code", "")
 
 
 class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -144,7 +190,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
     def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
         """Run the command that the words name; wrong usage is an error as any other."""
         reset_verbosity()
-        words = list(sys.argv[1:] if args is None else args)
+        _words[:] = words = list(sys.argv[1:] if args is None else args)
         if os.name == "nt":
             words = [each for word in words for each in glob(word) or [word]]
         if COMPLETE in os.environ:
@@ -154,6 +200,12 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
         try:
             with self.make_context("vdfmu", words) as context:
                 self.invoke(context)
+        except own_process.OwnProcessNeeded as needed:
+            sys.exit(own_process.run_again(words, needed.code))
+        except SystemExit as end:
+            if place := own_process.foreign_exit(end):
+                fail(f"{place}: ended the command by sys.exit({end.code!r}). Raise an error, or return.", 1)
+            raise
         except click.exceptions.NoArgsIsHelpError as error:
             error.show()
             sys.exit(2)

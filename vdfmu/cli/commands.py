@@ -15,7 +15,7 @@ from rich.markup import escape
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.version import __version__
-from vdfmu.cli import analysis, doctor, files, identify, robots, runs, scenarios, studies, units, view
+from vdfmu.cli import analysis, doctor, files, identify, robots, runs, scenarios, studies, units
 from vdfmu.cli.app import COMPLETE, App, FunctionCommand
 from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
@@ -29,7 +29,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
             "--spread 'plant.mass=*normal(1, 0.05)' --spread-points 3 --margin 0.5 --method local --evaluations 30",
         ),
     ),
-    "Look": ((runs.report, "vdfmu report results/tracking results/soft"), (view.view, "vdfmu view panda_7dof")),
+    "Look": ((runs.report, "vdfmu report results/tracking results/soft"),),
     "Analyse": (
         (analysis.linear, "vdfmu linear tracking --master jacobi --at 2.5"),
         (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
@@ -46,9 +46,10 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
 """The commands in groups, each with an example; subcommands have their examples."""
 FIRST = {
     "Run": ("run", "sweep", "tune"),
-    "Look": ("report", "view"),
+    "Look": ("report",),
     "Analyse": ("linear",),
     "Exchange": ("ssp", "check"),
+    "Models": ("robot",),
 }
 """The most used commands, named by ``vdfmu``."""
 

@@ -17,10 +17,9 @@ WITHOUT = {
     "parquet": "results are CSV, three times the size",
     "matlab": "no logs from MATLAB files of version 7.3; files of version 5 need nothing",
     "sweep": "no parameter studies (vdfmu sweep) and no tuning",
-    "federate": "a system runs in one process only",
     "notebook": "no jupyter lab, no to_pandas(), no to_xarray(), no bars in a notebook",
     "motion": "no motions in the shortest time (kind fastest)",
-    "view": "no vdfmu view and no --live",
+    "view": "no meshes on pages of robots (vdfmu robot show --page)",
     "learn": "no environments for reinforcement learning",
     "robots": "no robots from MJCF; those from URDF need nothing",
 }

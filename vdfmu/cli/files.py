@@ -14,6 +14,7 @@ from vdfmu.base.plugins import added
 from vdfmu.base.standards import PYTHON_FMI, SSP_1, SSP_FORMATS
 from vdfmu.base.text import first_few
 from vdfmu.base.toml_file import shipped_names
+from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import (
     BackendOption,
     FmiOption,
@@ -39,6 +40,7 @@ FoldedOption = Annotated[bool, Option("Fix zeros of gravity, centres of mass and
 _SCHEMAS = ("robot", "scenario", "system")
 
 
+@meets_code(RUNS)
 def build(
     scenario: Annotated[str, Positional("Unit, scenario or package [tracking].",
         metavar="[UNIT|SCENARIO|FILE.ssp]", more="A unit is plant, my_unit.py or my_units.py:Name. With --robot the "
@@ -160,6 +162,7 @@ def _container(
         return write_container(package, path, step=chosen.step)
 
 
+@meets_code(RUNS)
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.option import Option, option_of, read_settings
+from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import OverwriteOption, refuse, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
@@ -25,6 +26,7 @@ _CLOSE = 0.5
 """Smallest correlation that a note names."""
 
 
+@meets_code(RUNS)
 def identify(
     log: Annotated[Path | None, Positional("Log of a motion.",
         more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.")] = None,
@@ -66,6 +68,7 @@ def identify(
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.errors import UsageError
+    from vdfmu.base.files import read_regular, write_whole
     from vdfmu.study.identify.fit import identify as estimate
     from vdfmu.study.identify.log import read_log
 
@@ -91,11 +94,15 @@ def identify(
     targets = {path: target_file(path, "", overwrite) for path in wanted}
     if len(targets) < len(wanted):
         raise UsageError(f"identify: expected files of different names, got {', '.join(map(str, wanted))}.")
-    if true is not None and not _same_chain(arm, true):
-        raise UsageError(f"identify: --truth: expected a robot with the joints of {arm.name}, got {true.name}.")
+    if true is not None and (difference := _difference(arm, true)):
+        raise UsageError(f"identify: --truth must have the joints of --robot, got {difference}.")
     columns = column or {}
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
+    beside = {} if out is None else {out.with_name(name): text.encode() for name, text in arm.files.items()}
+    beside = {path: text for path, text in beside.items() if not path.is_file() or read_regular(path) != text}
+    for path in beside:
+        target_file(path, "", overwrite)
     second = None
     if other is not None:
         second = read_log(other, arm, columns, time=time)
@@ -125,14 +132,14 @@ def identify(
         save(draw_residuals(title, left, arm), targets[residuals])
         written.append(residuals)
     if out is not None:
-        from vdfmu.base.files import write_whole
         from vdfmu.study.identify.fit import identified_robot, robot_text
 
         made, notes = identified_robot(fit, arm, log.name)
         say_notes(notes)
         head = f"{arm.name}, identified from {log.name} by vdfmu identify."
-        write_whole(targets[out], [robot_text(made, head).encode()])
-        written.append(out)
+        for path, content in ({targets[out]: robot_text(made, head).encode()} | beside).items():
+            write_whole(path, [content])
+            written.append(path)
     if written:
         say_written(*written)
 
@@ -199,12 +206,13 @@ def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None
     say_notes(fit.advice)
 
 
-def _same_chain(robot: Robot, other: Robot) -> bool:
+def _difference(robot: Robot, other: Robot) -> str:
+    """Return the first difference between the joints of two robots in words; empty if they are the same."""
     import numpy as np
 
-    return robot.joint_types == other.joint_types and all(
-        np.array_equal(getattr(robot, name), getattr(other, name)) for name in ("rotation", "offset", "ell")
-    )
+    words = {"joint_types": "types", "ell": "gear ratios", "offset": "offsets", "rotation": "rotations"}
+    pairs = ((name, *(np.array(getattr(each, name)).tolist() for each in (other, robot))) for name in words)
+    return next((f"{words[name]} {got} instead of {expected}" for name, got, expected in pairs if got != expected), "")
 
 
 def _weak(fit: Identified) -> list[str]:

@@ -24,7 +24,7 @@ _TASKS = {
     "Points": "vary sample points seed spread spread-points together",
     "Judgement": "reference judge wanted meant measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
-    "Browser": "live port pace open simulate",
+    "Browser": "pace open simulate page",
     "Output": "out overwrite format record pictures width json",
 }
 """Tasks, and their options in order. An option may name another; all others stand below "Options"."""

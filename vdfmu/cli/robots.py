@@ -5,15 +5,29 @@ from __future__ import annotations
 import math
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.markup import escape
 
+from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App
-from vdfmu.cli.options import JsonOption, OverwriteOption, RobotArgument, target_file
+from vdfmu.base.trust import CodeNotRunError
+from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
+from vdfmu.cli.options import (
+    ForeignOption,
+    JsonOption,
+    OpenOption,
+    OverwriteOption,
+    RobotArgument,
+    TrustOption,
+    refuse,
+    target_file,
+)
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_written, table
+from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_page, say_written, table
+
+if TYPE_CHECKING:
+    from vdfmu.arm.robot import Robot
 
 app = App("robot", no_args_is_help=True, help="List, show, import and export robots.")
 
@@ -26,15 +40,42 @@ def list_robots(as_json: JsonOption = False) -> None:
     say_list("robot", {name: load_robot(name).description for name in robot_names()}, as_json)
 
 
-@app.command("show", example="vdfmu robot show manipulator_6dof")
-def show_robot(name: RobotArgument) -> None:
-    """Show the parameters of a robot, with their sources."""
+@app.command("show", example="vdfmu robot show panda_7dof --page -o panda.html")
+@meets_code(LOOKS)
+def show_robot(
+    name: RobotArgument,
+    page: Annotated[bool, Option("Write a page with sliders of the joints.",
+        more="It shows the end effector, frames, masses and modes in a browser, and needs no network.")] = False,
+    pose: Annotated[str | None, Option("Start of the page in rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
+    out: Annotated[Path | None, Option("Page to write (default NAME.html).")] = None,
+    opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
+) -> None:  # fmt: skip
+    """Show the parameters of a robot, or write its page.
+
+    Each parameter is shown with its source.
+    """
+    robot = _looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
+    if page:
+        from vdfmu.base.toml_file import locate
+        from vdfmu.cli.analysis import read_pose
+        from vdfmu.study.report.robot_page import write_robot_page
+
+        target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_pose("--pose", pose)
+        with replacing_foreign(overwrite):
+            say_notes(write_robot_page(robot, target, pose=start, folder=locate(name, "robots").parent))
+        say_written(target)
+        say_page(target, opened)
+    else:
+        refuse({"--pose": pose, "-o": out, "--open": opened, "--overwrite": overwrite}, "goes with --page")
+        _show_parameters(robot)
+
+
+def _show_parameters(robot: Robot) -> None:
+    """Print the parameters of a robot, with their sources."""
     import numpy as np
 
-    from vdfmu.arm.robot import load_robot
     from vdfmu.arm.robot.parameters import OPTIONAL, section
 
-    robot = load_robot(name)
     console.print(f"[bold]{escape(robot.name)}[/bold]: {escape(robot.description)}")
     for row in section("robot"):
         source, array = robot.source_of(row.path), getattr(robot, row.name)
@@ -110,12 +151,14 @@ def import_file(
 
 
 @app.command("export", example="vdfmu robot export ur5e_6dof --to mjcf")
+@meets_code(LOOKS)
 def export_file(
     robot: RobotArgument,
     to: Annotated[str | None, Option("Default by the suffix of -o, else mjcf.", choices=("mjcf", "urdf"))] = None,
     out: Annotated[Path | None, Option("File to write (default ROBOT.xml or ROBOT.urdf).")] = None,
     rigid: Annotated[bool, Option("MJCF without springs; rotors are armature.")] = False,
     overwrite: OverwriteOption = False,
+    trust: TrustOption = False,
 ) -> None:
     """Write a robot as MJCF or URDF.
 
@@ -126,12 +169,14 @@ def export_file(
 
     suffix = ".urdf" if to == "urdf" else ".xml"
     target = target_file(out, f"{locate(robot, 'robots').stem}{suffix}", overwrite)
-    notes = export_robot(robot, target, to, rigid=rigid)
+    arm = _looked_at(robot, "springs and friction are those of an arm without it")
+    notes = export_robot(arm, target, to, rigid=rigid)
     say_notes([f"not in {target.name}: {note}" for note in notes])
     say_written(target)
 
 
 @app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")
+@meets_code(RUNS)
 def reach(
     robot: RobotArgument,
     out: Annotated[Path | None, Option("Scenario to write (default ROBOT_reach.toml).")] = None,
@@ -194,6 +239,18 @@ def list_drives(
     console.print(shown)
     rows = ((key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no") for key, motor in motors.items())
     console.print(table("motor", "inertia\nkg.m2", "winding", title=" ", rows=rows))
+
+
+def _looked_at(name: str, missing: str) -> Robot:
+    """Return a robot; if the drive of its own may not run without it, with a note on what is missing then."""
+    from vdfmu.arm.robot import load_robot
+
+    try:
+        return load_robot(name)
+    except CodeNotRunError as error:
+        robot = load_robot(name, own_drive=False)
+        say_notes([f"drive {error.code} was not run, so {missing}; --trust runs it."])
+        return robot
 
 
 def _number(value: Any) -> str:

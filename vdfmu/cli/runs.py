@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import logging
-import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
 import click
-from rich.text import Text
 
 from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
-from vdfmu.cli.options import ForeignOption, ScenarioArgument, UnpackOption, load, refuse
+from vdfmu.cli.app import LOOKS, RUNS, meets_code
+from vdfmu.cli.options import ForeignOption, OpenOption, ScenarioArgument, UnpackOption, load
 from vdfmu.cli.parameters import Positional
-from vdfmu.cli.terminal import console, say_error, say_notes, say_written, tell, unit_messages
-from vdfmu.cli.view import LiveOption, PortOption, live_view
+from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
 from vdfmu.engine.options import SystemOptions
-from vdfmu.study.options import JudgeOptions, RobotOptions, ScenarioOptions, ScenarioRunOptions
+from vdfmu.study.options import JudgeOptions, ScenarioOptions, ScenarioRunOptions
 
-_POINT, _FEDERATES = "One point of a study", "Federates"
-OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
+_POINT = "One point of a study"
 
 
+@meets_code(RUNS)
 def run(
     scenario: ScenarioArgument = "tracking", *,
     study: Annotated[Path | None, Option(
@@ -35,8 +33,8 @@ def run(
     by: Annotated[str | None, Option(
         "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
     trust: Annotated[bool, Option(
-        "Run files that a study of others names.", group=_POINT, more="They have your rights.")] = False,
-    live: LiveOption = False, port: PortOption = None, opened: OpenOption = False,
+        "Run the code that a study of others names.", group=_POINT, more="It runs with your permissions.")] = False,
+    opened: OpenOption = False,
     **options: Unpack[ScenarioRunOptions],
 ) -> None:  # fmt: skip
     """Run a scenario and judge the run, or run FMUs.
@@ -74,26 +72,23 @@ def run(
     from vdfmu.study.runs import RUN_OUTPUTS
     from vdfmu.study.runs import run as run_study
 
-    with live_view(live, port) as observer:
-        try:
-            with unit_messages() as log:
-                settings |= {"log": log, "observer": observer}
-                results = run_study(**settings)
-        except (CosimError, Interrupted) as error:
-            if error.results is not None:
-                _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)
-            raise
-        summary = results.summary
-        failed = state_of(summary) == FAILED
-        _say_verdict(summary)
-        if "no_reference" in summary:
-            say_notes([f"No reference: {summary['no_reference']}."])
-        if LOG.isEnabledFor(logging.INFO):
-            tell(run_panel(summary), *map(sheet_table, sheets(summary)))
-        (console.print if failed else tell)(verdict_table(summary))
-        folder = Path(options["out"] or Path("results", summary["scenario"]))
-        say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
-        _say_page(folder / NAME, opened)
+    try:
+        with unit_messages() as log:
+            settings["log"] = log
+            results = run_study(**settings)
+    except (CosimError, Interrupted) as error:
+        if error.results is not None:
+            _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)
+        raise
+    summary = results.summary
+    failed = state_of(summary) == FAILED
+    _say_verdict(summary)
+    if LOG.isEnabledFor(logging.INFO):
+        tell(run_panel(summary), *map(sheet_table, sheets(summary)))
+    (console.print if failed else tell)(verdict_table(summary, LOG.isEnabledFor(logging.INFO)))
+    folder = Path(options["out"] or Path("results", summary["scenario"]))
+    say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
+    say_page(folder / NAME, opened)
     if failed:
         raise SystemExit(1)
 
@@ -111,53 +106,31 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         _say_verdict(summary)
     else:
         say_error(error)
-    _say_page(page, opened)
+    say_page(page, opened)
     if not stopped:
         raise SystemExit(1)
 
 
+@meets_code(RUNS)
 def run_package(
     parts: Annotated[list[str], Positional(
         "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
     connect: Annotated[list[str] | None, Option(
         "Connect components. Repeatable.", group="System", flag="--connect", metavar="a.y=b.u",
         more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.")] = None, *,
-    split: Annotated[list[str] | None, Option(
-        "Components of a federate. Repeatable.", group=_FEDERATES, metavar="COMPONENT,...",
-        more="The system runs in several processes joined by HELICS, all from the values at the start of a step. The "
-        "first component names the federate. Components that are not named form one more.")] = None,
-    only: Annotated[str | None, Option(
-        "Run this federate only; needs --broker.", group=_FEDERATES, flag="--federate", metavar="NAME")] = None,
-    broker: Annotated[str | None, Option(
-        "Broker of all federates (default a local one).", group=_FEDERATES, metavar="HOST:PORT")] = None,
-    core: Annotated[str, Option(
-        "HELICS core; ipc is for one machine only.", group=_FEDERATES,
-        choices=("tcp_ss", "tcp", "zmq", "ipc"))] = "tcp_ss",
-    unpack_limit: UnpackOption = None, live: LiveOption = False, port: PortOption = None,
-    robot: Annotated[str | None, option_of(RobotOptions, "robot", "Arm that --live shows.")] = None,
+    unpack_limit: UnpackOption = None,
     judge: Annotated[float | None, option_of(JudgeOptions, "judge")] = None,
     meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
     """Run FMUs or a system package and write their signals.
 
-    Start, stop, step and master default to those of the package or the FMUs. With --split it runs in several
-    processes, joined by HELICS.
+    Start, stop, step and master default to those of the package or the FMUs.
     """
-    if robot is not None and not live:
-        raise UsageError("--robot needs --live.")
     if judge is not None or meant is not None:
         from vdfmu.study.referee import check_wanted  # takes long to import
 
         check_wanted(judge, meant, options["adaptive"])
-    if split:
-        alone = {"--isolate": options["isolate"], "--memory-limit": options["memory_limit"], "--judge": judge}
-        refuse(alone, "does not go with --split")
-        from vdfmu.engine.federation import Federation
-
-        options["federation"] = Federation(split, only, broker, core)
-    else:
-        refuse({"--federate": only, "--broker": broker}, "needs --split")
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
     from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
@@ -167,29 +140,27 @@ def run_package(
 
     package, source, kept = _package_of(parts, connect or [])
     folder = default_folder(package) if source is None else Path("results", package.stem)
-    folder = Path(options["out"] or (folder if only is None else folder.with_name(f"{folder.name}_{only}")))
-    options["out"] = folder
-    with live_view(live, port, robot) as observer:
-        try:
-            with unit_messages() as log, package_limit(unpack_limit):
-                options["observer"], options["log"] = observer, log
-                results = run_system(package, source, **options)
-                if judge is not None:
-                    from vdfmu.study.runs import judge_run  # takes long to import
+    options["out"] = folder = Path(options["out"] or folder)
+    try:
+        with unit_messages() as log, package_limit(unpack_limit):
+            options["log"] = log
+            results = run_system(package, source, **options)
+            if judge is not None:
+                from vdfmu.study.runs import judge_run  # takes long to import
 
-                    judge_run(package, results.summary, folder, judge, meant, **options)
-        except (CosimError, Interrupted) as error:
-            if error.results is not None:
-                from vdfmu.study.report.page import write_failed  # takes long to import
+                judge_run(package, results.summary, folder, judge, meant, **options)
+    except (CosimError, Interrupted) as error:
+        if error.results is not None:
+            from vdfmu.study.report.page import write_failed  # takes long to import
 
-                write_failed(package.stem, package, folder / PARTIAL, error)
-                _say_failed(error, folder)
-            raise
-        _say_verdict(results.summary)
-        tell(run_panel(results.summary))
-        say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
-        if state_of(results.summary) == FAILED:
-            raise SystemExit(1)
+            write_failed(package.stem, package, folder / PARTIAL, error)
+            _say_failed(error, folder)
+        raise
+    _say_verdict(results.summary)
+    tell(run_panel(results.summary))
+    say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
+    if state_of(results.summary) == FAILED:
+        raise SystemExit(1)
     del kept
 
 
@@ -218,6 +189,7 @@ def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | N
     return system.path, " ".join(parts), system
 
 
+@meets_code(LOOKS)
 def report(
     folders: Annotated[list[Path] | None, Positional(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",
@@ -236,22 +208,13 @@ def report(
         page = report_of(folders or (), out, simulate=simulate)
     say_written(page)
     if page.suffix != LATEX:
-        _say_page(page, opened)
+        say_page(page, opened)
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run in a line; with ``--quiet`` only a doubtful or failed one."""
-    from vdfmu.engine.results.verdict import GOOD, state_of
-    from vdfmu.study.report.sheets import verdict_text
+    """Print the verdict on a run; with ``--quiet`` its headline alone."""
+    from vdfmu.engine.results.verdict import headline_of, state_of
+    from vdfmu.study.report.sheets import state_text, verdict_text
 
-    if (text := verdict_text(summary)) and not (errors.quiet and state_of(summary) == GOOD):
+    if text := state_text(state_of(summary), headline_of(summary)) if errors.quiet else verdict_text(summary):
         console.print(text, soft_wrap=True)
-
-
-def _say_page(page: Path, opened: bool) -> None:
-    """Print the path of a page as a link; open it in a browser if `opened`."""
-    address = page.resolve().as_uri()
-    if not errors.quiet and page.exists():
-        console.print(Text.assemble("Open ", (str(page), f"link {address}")), soft_wrap=True)
-    if opened and not webbrowser.open(address):
-        say_notes([f"{page}: expected a browser to open it in, found none."])

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App
+from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_json, say_list, say_notes, say_written, table
@@ -23,18 +23,21 @@ def list_scenarios(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", example="vdfmu scenario show tracking")
+@meets_code(LOOKS)
 def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.", names=known_scenarios)]) -> None:
     """Show the file of a scenario."""
     from vdfmu.base.errors import UsageError
+    from vdfmu.base.files import read_text
     from vdfmu.base.toml_file import locate, read_toml
 
     if name == "reach":
         raise UsageError("reach: is made for a robot. 'vdfmu robot reach ROBOT' writes its file.")
     read_toml(path := locate(name, "scenarios"))
-    say(path.read_text(encoding="utf-8"))
+    say(read_text(path))
 
 
 @app.command("motion", example="vdfmu scenario motion path.toml --robot planar_2dof -o path.png")
+@meets_code(RUNS)
 def motion(
     file: Annotated[str, Positional("Scenario, TOML file with a motion, or CSV samples.", names=known_scenarios)],
     robot: RobotOption = None,

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Unpack
 
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App
-from vdfmu.cli.options import ForeignOption, JsonOption, ScenarioArgument, known_scenarios
+from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
+from vdfmu.cli.options import ForeignOption, JsonOption, ScenarioArgument, TrustOption, known_scenarios
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
 from vdfmu.study.options import SweepOptions, TuneOptions
@@ -33,6 +33,7 @@ app = _SweepGroup(
     example="vdfmu sweep tracking --vary 'controller.K_p[2]=*lin(0.5, 2, 20)' "
     "--measure 'error=rms(trajectory.q_d - plant.q)'"
 )
+@meets_code(RUNS)
 def run(
     scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
     vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
@@ -43,8 +44,9 @@ def run(
 ) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.
 
-    After Ctrl-C or a kill the same command resumes.
+    After Ctrl-C or a kill the same command resumes. The exit code is 1 if no point has a value.
     """
+    from vdfmu.engine.results.verdict import FAILED
     from vdfmu.study.report.sheets import sheet_table
     from vdfmu.study.sweeps.sweep import sweep
 
@@ -53,6 +55,8 @@ def run(
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
     say_written(study.path, study.report(), more=f"; {len(study)} points")
+    if study.answer.state == FAILED:
+        raise SystemExit(1)
 
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
@@ -61,6 +65,7 @@ ByOption = Annotated[str | None, Option("Measure or column (default the first)."
 
 
 @app.command(example="vdfmu sweep plot results/sweep_tracking --by error")
+@meets_code(LOOKS)
 def plot(
     study: StudyArgument,
     by: ByOption = None,
@@ -75,6 +80,7 @@ def plot(
 
 
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
+@meets_code(LOOKS)
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
     """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
     from vdfmu.study.sweeps.sweep import Sweep
@@ -89,12 +95,14 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")
+@meets_code(RUNS)
 def report(
     study: StudyArgument,
     out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
         more="FILE.tex has the measures.")] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
+    trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
     from vdfmu.study.report.sheets import LATEX, write_tables
@@ -107,7 +115,9 @@ def report(
     if out is not None and out.suffix == LATEX:
         say_written(write_tables([sweep.sheet()], out))
         return
-    say_written(sweep.report(out, simulate=simulate))
+    page = sweep.report(out, simulate=simulate, trust=trust)
+    say_notes(sweep.notes)
+    say_written(page)
 
 
 def _say_answer(study: Any) -> None:
@@ -119,6 +129,7 @@ def _say_answer(study: Any) -> None:
     tell(*rest)
 
 
+@meets_code(RUNS)
 def tune(
     scenario: ScenarioArgument = "tracking",
     *,

@@ -6,12 +6,14 @@ import logging
 import os
 import sys
 import traceback
+import webbrowser
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from rich.markup import escape
+from rich.text import Text
 
 from vdfmu.base.bars import Bars, EscapedTerminal, errors
 from vdfmu.base.bars import plain_table as table
@@ -40,12 +42,6 @@ class _StandardOutput(EscapedTerminal):
         if self.bars is not None and self.is_terminal:
             self.bars.rest()
 
-    def leave(self) -> None:
-        """Let the bars leave the terminal for good: from here on the command waits for the user."""
-        if self.bars is not None:
-            self.bars.__exit__()
-            self.bars = None
-
 
 console = _StandardOutput()
 
@@ -62,6 +58,15 @@ def say_written(*paths: Path, more: str = "") -> None:
         say(f"Written to {folder}: {', '.join(path.name for path in paths)}{more}")
     else:
         say(f"Written to {', '.join(map(str, paths))}{more}")
+
+
+def say_page(page: Path, opened: bool) -> None:
+    """Print the path of a page as a link; open it in a browser if `opened`."""
+    address = page.resolve().as_uri()
+    if not errors.quiet and page.exists():
+        console.print(Text.assemble("Open ", (str(page), f"link {address}")), soft_wrap=True)
+    if opened and not webbrowser.open(address):
+        say_notes([f"{page}: expected a browser to open it in, found none."])
 
 
 def say_json(content: Mapping[str, Any]) -> None:

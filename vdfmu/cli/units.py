@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from rich.markup import escape
 
 from vdfmu.base.option import Option
-from vdfmu.cli.app import App
+from vdfmu.cli.app import RUNS, App, meets_code
 from vdfmu.cli.options import JsonOption
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_json, say_written, table
@@ -29,6 +29,7 @@ def list_units(as_json: JsonOption = False) -> None:
 
 
 @app.command("show", example="vdfmu unit show pd_gravity")
+@meets_code(RUNS)
 def show_unit(name: Annotated[str, Positional("Name of a unit, my_unit.py or my_units.py:Name.")]) -> None:
     """Show the variables of a unit: kind, unit of measurement, meaning."""
     from vdfmu.arm.units import find_unit
@@ -62,6 +63,7 @@ def new(
 
 
 @app.command("from", example="vdfmu unit from design.py:plant --name Plant")
+@meets_code(RUNS)
 def from_(
     source: Annotated[str, Positional("Linear system, CasADi function or table.",
         more="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "

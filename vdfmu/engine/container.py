@@ -23,6 +23,7 @@ from fmpy.model_description import read_model_description
 
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing, temporary_folder
+from vdfmu.base.option import checks_types
 from vdfmu.base.standards import FMI_2
 from vdfmu.base.version import __version__
 from vdfmu.engine.algorithms import DELAYED
@@ -35,6 +36,7 @@ from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import cycles, topological
 
 
+@checks_types
 def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.PathLike[str], *, step: float) -> Path:
     """Write the container FMU of a system.
 

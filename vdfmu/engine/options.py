@@ -1,7 +1,7 @@
 """The options of a run: each is declared here once, and known then to Python, the command line and the documentation.
 
 `vdfmu.study.options` adds the options of scenarios and studies. An option of `CouplingOptions` belongs to runs of all
-kinds: scenarios, packages, federations, sweeps, tuning and margins have it, and `vdfmu.Simulator` receives it.
+kinds: scenarios, packages, sweeps, tuning and margins have it, and `vdfmu.Simulator` receives it.
 """
 
 # Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from vdfmu.engine.masters.observer import Observer
     from vdfmu.engine.package.system import Value
     from vdfmu.engine.plan.inputs import Inputs
-    from vdfmu.engine.run.isolated import Division
 
 TEXTS = list[str] | None
 """Type of an option that may be repeated on the command line."""
@@ -73,8 +72,8 @@ class InputOptions(TypedDict, total=False):
 class ObserverOptions(TypedDict, total=False):
     """Who sees a run, and when."""
 
-    observer: Annotated["Observer | None", Option("Receives rows during the run, such as a "
-        ":class:`vdfmu.LiveView`; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
+    observer: Annotated["Observer | None", Option(
+        "Receives rows during the run; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
     pace: Annotated[float | None, Option("Simulated seconds per second: 1 is real time.", "float",
         "``pace`` of the summary reports how late rows were. Default: as fast as possible. See "
         "`vdfmu.engine.masters.observer`.", metavar="FACTOR")]
@@ -115,7 +114,7 @@ class MemberOptions(InputOptions, LogOptions, total=False):
         more="They are values of the package's parameter sets.", default=False)]
     wait_limit: Annotated[float | None, Option(
         "Longest wait for a component in s (default 300).", "float [s]",
-        "For a step of isolated components, for other federates, and for loading, initialization and freeing each.")]
+        "For a step of isolated components, and for loading, initialization and freeing each.")]
 
 
 class LoadedOptions(CouplingOptions, MemberOptions, total=False):
@@ -126,13 +125,6 @@ class LoadedOptions(CouplingOptions, MemberOptions, total=False):
         "then; otherwise components could end or block this process.", flag="--isolate/--no-isolate")]
     memory_limit: Annotated[float | None, Option(
         "Memory in MB of isolated components (default half).", "float [MB]", "Half of the machine's.")]
-
-
-class FederationOptions(TypedDict, total=False):
-    """Where components run."""
-
-    federation: Annotated["Division | None", Option(
-        "Says which part of the system runs here, and how, as :func:`vdfmu.federate` does.", "Division", flag=None)]
 
 
 class AlgorithmOptions(LoadedOptions, total=False):
@@ -146,7 +138,7 @@ class AlgorithmOptions(LoadedOptions, total=False):
         f"{choice(repeats=True)} ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]
 
 
-class SimulatorOptions(AlgorithmOptions, FederationOptions, total=False):
+class SimulatorOptions(AlgorithmOptions, total=False):
     """Options of `vdfmu.Simulator`."""
 
 
@@ -169,10 +161,6 @@ class SimulateOptions(RowOptions, SimulatorOptions, total=False):
     """Options of `vdfmu.simulate`."""
 
 
-class FederateOptions(RowOptions, AlgorithmOptions, total=False):
-    """Options of `vdfmu.federate`; each federate is a process."""
-
-
 class ResultOptions(ProgressOptions, total=False):
     """Output of a run."""
 
@@ -191,13 +179,13 @@ class PictureOptions(TypedDict, total=False):
         default="160mm", metavar="LENGTH")]
 
 
-class SystemOptions(RecordOptions, LoadedOptions, FederationOptions, ResultOptions, PictureOptions, total=False):
+class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):
     """Options of `vdfmu.engine.package_run.run_system`."""
 
     master: Annotated[str | None, master_option]
     settings: Annotated[Mapping[str, Any] | None, settings_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
-        "Folder of the results (default results/NAME_ssp).", "path", "Of one federate results/NAME_ssp_FEDERATE. A "
-        "complete run replaces the files of an earlier run.", typed=Path | None)]
+        "Folder of the results (default results/NAME_ssp).", "path",
+        "A complete run replaces the files of an earlier run.", typed=Path | None)]
     variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
         metavar="SSD")]

@@ -21,6 +21,7 @@ class Rule(NamedTuple):
     title: str
     way: str
     severity: str = "problem"
+    """``problem``, or ``note``: a note neither refuses a run nor makes a check fail."""
 
 
 class Finding(str):
@@ -65,6 +66,16 @@ def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
     """Return the finding that a rule is broken; `at` is its place, or the element of XML."""
     file, line = at if isinstance(at, tuple) else place_of(at)
     return Finding(text, RULES[number], str(file), int(line))
+
+
+def problems_in(findings: Iterable[Finding]) -> list[Finding]:
+    """Return the findings whose rule makes them problems."""
+    return [each for each in findings if each.rule.severity == "problem"]
+
+
+def notes_in(findings: Iterable[Finding]) -> list[Finding]:
+    """Return the findings whose rule makes them notes."""
+    return [each for each in findings if each.rule.severity == "note"]
 
 
 def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
@@ -137,12 +148,14 @@ SSP045 | The FMU has the requested implementation | request another one
 SSP046 | An FMU that can be instantiated only once per process is there once | make a copy of the FMU
 SSP050 | A parameter binding has values, a mapping has entries, of a type of SSP | name the file, or write them there
 SSP051 | A name occurs once in a parameter set, and once as a target of a mapping | keep one
-SSP052 note | A value is for a variable or connector that exists | correct the name, or `--ignore-unmatched`
+SSP052 | A value is for a variable or connector that exists | correct the name, or `--ignore-unmatched`
 SSP053 | A value is for a variable that can be set | set another
 SSP054 | A value has the type and size of the variable | correct type or dimensions
 SSP055 | The unit of a value converts into the unit of the variable | correct the unit
 SSP056 | A value lies within the limits of the variable | choose another
 SSP057 note | A value has an effect | remove it
+SSP058 note | A connection of different units converts its values | leave `suppressUnitConversion` out
+SSP059 note | The signals of the start and of a step have an order, without a loop | see the loop
 FMI001 | An FMU is a zip file with a `modelDescription.xml` | export it again
 FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | state the version
 FMI003 | XML keeps the schema of its version | correct the line
@@ -165,6 +178,8 @@ FMI019 note | An FMU has co-simulation | export it for co-simulation
 FMI020 | A nominal value is a finite number other than 0 | state the size of the values
 FMI021 | The manifest of a layered standard states its name and version | add name or version
 FMI022 note | The manifest of FMI-LS-REF gives each related file a source and a role of the standard | correct the entry
+FMI023 | The numbers of continuous states and event indicators fit into memory | state those of the model
+FMI024 note | An FMU with libraries has the source files that it lists | add them to `sources/`
 RUN001 | Ten steps do not fail | see the component's message
 RUN002 | A component neither ends its process nor takes too long | debug the component
 RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit
@@ -174,6 +189,7 @@ RUN006 note | The file is run | mend its problems, or `--run-anyway`; leave out 
 RUN007 | The master can step the system | another master, or another FMU
 RUN008 note | An FMU is of FMI 2.0 or 3.0, or of FMI 1.0 for co-simulation | export it so
 RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
+RUN010 note | The algorithm couples all components with its order of accuracy | see the component
 SRC001 | A robot, a scenario, a system or a unit can be read | change the named entry
 SRC002 note | No entry of such a file looks like a mistake | see the named entry
 """
@@ -189,30 +205,33 @@ RULES = {
 
 @dataclass
 class Findings:
-    """Problems and notes of a file, or of a part of one."""
+    """Findings on a file, or on a part of one."""
 
-    problems: list[Finding] = field(default_factory=list[Finding])
-    """Faults: one sentence or more each, with the place."""
-    notes: list[Finding] = field(default_factory=list[Finding])
-    """Notes, not errors, such as omitted checks with their reason."""
+    entries: list[Finding] = field(default_factory=list[Finding])
+    """One sentence or more each, with the place."""
     compared: list[str] = field(default_factory=list[str])
     """Files of reference results inside FMUs whose values were compared."""
     ran: bool = False
     """Whether code of the file was run."""
 
-    def problem(self, rule: str, text: str, at: Any = ("", 0)) -> None:
-        """Add a fault; for `at` see `finding`."""
-        self.problems.append(finding(rule, text, at))
+    @property
+    def problems(self) -> list[Finding]:
+        """Findings whose rule makes them problems."""
+        return problems_in(self.entries)
 
-    def note(self, rule: str, text: str, at: Any = ("", 0)) -> None:
-        """Add a note."""
-        self.notes.append(finding(rule, text, at))
+    @property
+    def notes(self) -> list[Finding]:
+        """Findings whose rule makes them notes, such as omitted checks with their reason."""
+        return notes_in(self.entries)
+
+    def report(self, rule: str, text: str, at: Any = ("", 0)) -> None:
+        """Add a finding; for `at` see `finding`."""
+        self.entries.append(finding(rule, text, at))
 
     def add(self, other: Findings, where: str = "", file: str = "") -> None:
         """Add the findings of another check, with its place before each sentence, and `file` before each file."""
         self.ran = self.ran or other.ran
-        self.problems += _placed(other.problems, where, file)
-        self.notes += _placed(other.notes, where, file)
+        self.entries += _placed(other.entries, where, file)
         self.compared += [f"{where}: {name}" if where else name for name in other.compared]
 
 

@@ -8,6 +8,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from vdfmu.arm.fmus import build
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
+from vdfmu.base.option import checks_types
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import Report, inspect_file
@@ -27,6 +29,7 @@ from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.referee import Judgement, judge
+from vdfmu.study.run.scenario_run import judge_results
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.replace import unfolded
@@ -57,8 +60,11 @@ class System:
         Remarks of the check, such as inputs that keep their start values.
     """
 
-    def __init__(self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None) -> None:
+    def __init__(
+        self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None, scenario: Scenario | None = None
+    ) -> None:
         self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
+        self._scenario = scenario
         self._runs = KeptRuns(path)
         self._options = {key: value for key, value in (options or {}).items() if value is not None}
         checked = self._checked
@@ -96,11 +102,15 @@ class System:
         lines += [f"  free inputs: {', '.join(_shortened(texts)) or 'none'}"]
         return "\n".join(lines)
 
+    @checks_types
     def run(
         self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
-        **options: Any,
+        *, reference: bool = False, **options: Any,
     ) -> Results:  # fmt: skip
         """Run the system. Its FMUs stay loaded for the next run.
+
+        A run of a scenario has the verdict of :func:`vdfmu.run` in its summary. It is made when the summary is first
+        asked for, so that a loop over thousands of runs does not wait for it.
 
         Parameters
         ----------
@@ -108,6 +118,8 @@ class System:
             Stop time and communication step (default the system's).
         values : mapping of ``component.variable`` to value, optional
             Parameters and start values for this run, in the units of the FMUs.
+        reference : bool
+            Whether the verdict solves the scipy references of a scenario too.
         **options
             :class:`vdfmu.engine.options.SimulateOptions`.
 
@@ -116,20 +128,32 @@ class System:
         UsageError, SspError, CosimError
             See :func:`vdfmu.simulate`.
         """
-        return self._runs.run(**self._with(values, stop=stop, step=step, **options))
+        results = self._runs.run(**self._with(values, stop=stop, step=step, **options))
+        if self._scenario is not None:
+            chosen: dict[str, Any] = {"settings": dict(values or {}), "stop": stop, "step": step, "out": False}
+            chosen |= {"master": options.get("algorithm"), "reference": reference}
+            results.judge_by(partial(self._judge_run, self._scenario, chosen))
+        return results
 
+    def _judge_run(self, scenario: Scenario, options: Any, results: Results) -> None:
+        judge_results(results, scenario, self.path, **options)  # a method, so that the package lives as long as results
+
+    @checks_types
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
         """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
         return Simulator(self.path, **self._with(values, **options))
 
+    @checks_types
     def check(self, run: bool = True) -> Report:
         """Check FMUs and system by the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
         return inspect_file(self.path, run)
 
+    @checks_types
     def margins(self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Any) -> Any:
         """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
         return margins_along(self.path, opened, at, **options)
 
+    @checks_types
     def judge(
         self, wanted: float = 0.01, stop: float | None = None, step: float | None = None, *,
         values: Mapping[str, Any] | None = None, **options: Any,
@@ -137,6 +161,7 @@ class System:
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
 
+    @checks_types
     def environment(
         self, actions: Mapping[str, Any], observations: Any, reward: Callable[[Any, Any], float], **options: Any
     ) -> Any:
@@ -145,6 +170,7 @@ class System:
 
         return Environment(self, actions, observations, reward, **options)
 
+    @checks_types
     def sweep(
         self, vary: Mapping[str, Any] | Sequence[str], *, values: Mapping[str, Any] | None = None, **options: Any
     ) -> Sweep:
@@ -155,17 +181,19 @@ class System:
             chosen.setdefault("master", chosen.pop("algorithm"))
         return sweep(self.path, vary, settings=settings, **chosen)
 
+    @checks_types
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the system as a package (SSP); return its path."""
         path = Path(path)
         if path.suffix.lower() != ".ssp":
-            raise UsageError(f"path must end in .ssp, got {path}. Write {path.with_suffix('.ssp')}.")
+            raise UsageError(f"path must end in .ssp, got {path}. Write {path.parent / (path.stem or 'system')}.ssp.")
         require_ours(path)
         with storing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(self.path, path)
         return path
 
+    @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
         """Write the system as one FMU, see :func:`vdfmu.write_container`; the default step is the system's."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
@@ -187,6 +215,7 @@ def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
     return list(texts) if len(texts) <= most else [*texts[: most - 1], f"and {len(texts) - most + 1} more"]
 
 
+@checks_types
 def connect(
     components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
     fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
@@ -242,6 +271,7 @@ def connect(
     return System(package, keep=folder)
 
 
+@checks_types
 def load(source: Scenario | str | os.PathLike[str]) -> System:
     """Load a system: a package (``.ssp``), one FMU (``.fmu``), or a scenario by name or file.
 
@@ -267,7 +297,7 @@ def load(source: Scenario | str | os.PathLike[str]) -> System:
     scenario = source if isinstance(source, Scenario) else unfolded(scenario_of(source))
     with ExitStack() as stack:
         package, options = stack.enter_context(packaged(scenario))
-        return System(package, options, keep=stack.pop_all())
+        return System(package, options, keep=stack.pop_all(), scenario=scenario)
 
 
 def _word(text: str) -> str:

@@ -115,6 +115,10 @@ class ScenarioRunOptions(
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
+    limits: Annotated[Mapping[str, Any] | None, Option("Limit of the verdict: margin=0.3. Repeatable.",
+        "mapping of str to float", "See the table in docs/report.md, or `--verbose`.", flag="--limit",
+        metavar="NAME=VALUE", typed=TEXTS,
+        read=partial(read_settings, option="--limit", form="NAME=VALUE, such as margin=0.3"))]
     record: Annotated[Sequence[str], Option("Inputs to record: 'controller.q[*]'. Repeatable.",
         "sequence of str", "Outputs and inputs from outside are always recorded.", (), metavar="SIGNAL", typed=TEXTS)]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",

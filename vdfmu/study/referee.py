@@ -28,7 +28,7 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run import Simulator
+from vdfmu.engine.run import LostProcessError, Simulator
 
 MARGIN = 1.5
 """Factor on the estimate: without it, 6 of 638 systems with an error beyond the wanted one were called right."""
@@ -302,7 +302,7 @@ class _Case(NamedTuple):
                 try:
                     results = simulator.run(start=self.grid.begin, stop=self.grid.end, step=step, record=names)
                 except (CosimError, UsageError) as error:
-                    if divisor == 1 and isinstance(error, UsageError):
+                    if isinstance(error, LostProcessError) or (divisor == 1 and isinstance(error, UsageError)):
                         raise
                     at = f"the run with a step of {_time(step)} failed: {error}"
                     return Judgement(OPEN, f"Not decided: {at}{self._cause(flat, None)}", **facts)
@@ -361,10 +361,10 @@ class _Case(NamedTuple):
 
     def _cause(self, flat: FlatSystem, at: float | None) -> str:
         """Return the radius of the coupled loop, if the FMUs have derivatives and the loop grows or decays slowly."""
-        kept = {key: value for key, value in self.options.items() if key in ("parameters", "inputs", "tolerance")}
+        options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm, "log": None}
         try:
             at = None if at is None else round(at / self.step) * self.step
-            linear = linear_system(flat, at, step=self.step, algorithm=self.checked.algorithm, **kept)
+            linear = linear_system(flat, at, step=self.step, **options)
             poles = np.abs(np.linalg.eigvals(linear.sampled().A))
             opened = cut(linear)
         except (CosimError, UsageError, np.linalg.LinAlgError):

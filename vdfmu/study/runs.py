@@ -27,7 +27,7 @@ from vdfmu.study.report.page import write_failed, write_report
 from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
 from vdfmu.study.run.scenario_run import ScenarioRun, prepare
-from vdfmu.study.run.verdict import run_checks
+from vdfmu.study.verdict import calculated_checks
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
 
@@ -63,7 +63,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     scenario = prepare(scenario, **pick(ScenarioOptions, options))
     known_formats(options["formats"])
     width = known_pictures(options["pictures"], options["width"])
-    out, observer = options["out"], options["observer"]
+    out = options["out"]
     folder = Path(out or "") if out is not None else Path("results") / scenario.name
     place = (
         temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
@@ -72,13 +72,12 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     with place as made:
         made = Path(made)
         job.pack(made)
-        if out is not False:
-            keep_program(job.system, job.package)
+        program = None if out is False else keep_program(job.system, job.package)
         try:
             results = job.simulate()
         except (CosimError, Interrupted) as error:
             if out is not False:
-                write_failed(scenario.name, job.package, made, error, simulate=bool(options["simulate"]))
+                write_failed(scenario.name, job.package, made, error, program, simulate=bool(options["simulate"]))
             raise
         summary = results.summary
         job.judge(results)
@@ -87,9 +86,8 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         with doing("figures"):
             write_pictures(results, scenario.robot, made, options["pictures"], width)
         with doing("page"):
-            shown = ShownRun(scenario.name, results, summary, job.package, job.poses)
+            shown = ShownRun(scenario.name, results, summary, job.package, job.poses, program)
             write_report([shown], made / NAME, simulate=bool(options["simulate"]))
-            getattr(observer, "page", lambda path: None)(made / NAME)
         write_summary(summary, made)
         return results
 
@@ -105,7 +103,7 @@ def judge_run(
         **pick(SpanOptions, options), **pick(LoadedOptions, options),
     )  # fmt: skip
     summary["judgement"] = judgement.to_dict()
-    summary["verdict"] = verdict_of([*run_checks(summary)])
+    summary["verdict"] = verdict_of([*calculated_checks(summary)])
     write_summary(summary, folder)
 
 

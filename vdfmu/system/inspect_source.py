@@ -10,40 +10,45 @@ from typing import Any
 
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.plausible import robot_notes
-from vdfmu.base.errors import VdfmuError
+from vdfmu.arm.units import find_unit
+from vdfmu.base.errors import ModelError, VdfmuError
+from vdfmu.base.process import contained
 from vdfmu.base.toml_file import kind_of, read_toml
+from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.compiler.unit.interface import Interface, interface_of
-from vdfmu.compiler.unit.load import CodeNotRunError, load_units, reading_only
+from vdfmu.compiler.unit.load import load_units
 from vdfmu.engine.inspect.inspection import Report
 from vdfmu.engine.inspect.trial import run_apart, serve
 from vdfmu.engine.rules import Finding, Findings, finding
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
     """Check a TOML file or units with a `robot`. Python runs in another process, if `run`, after `say` got its path."""
-    default, kind = load_robot(robot), "unit" if path.suffix.lower() == ".py" else "TOML"
+    kind = "unit" if path.suffix.lower() == ".py" else "TOML"
     findings = Findings()
     try:
         if kind == "TOML":
             kind = kind_of(read_toml(path))
-        with reading_only():
-            findings.notes += _findings("SRC002", _CHECKS[kind](path, default), path)
-    except VdfmuError as error:
-        findings.problems += _findings("SRC001", str(error).splitlines(), path)
+    except ModelError as error:
+        findings.entries += _findings("SRC001", str(error).splitlines(), path)
+        return Report.of(findings, path, kind)
+    try:
+        with announced_to(reading_only):
+            findings = _run(f"{kind} {robot}", path)
     except CodeNotRunError as code:
         if run:
-            say(str(code.file))
+            say(str(code.code))
             arm = str(Path(robot).resolve()) if Path(robot).exists() else robot
             findings.add(run_apart(path, f"{kind} {arm}", "vdfmu.system.inspect_source", f"the check of {path.name}"))
         else:
-            text = f"{code.file} is code and was not run (--no-run): only its syntax was read"
-            if code.file != path:
+            text = f"{code.code} is code and was not run (--no-run): only its syntax was read"
+            if code.code != path:
                 text += f"; the parts of {path.name} that depend on it were not checked"
-            findings.notes.append(finding("RUN006", text, (str(path), 0)))
+            findings.entries.append(finding("RUN006", text, (str(path), 0)))
     return Report.of(findings, path, kind)
 
 
@@ -57,16 +62,26 @@ def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
 def _run(words: str, path: Path, *_: Any) -> Findings:
     """Check a file in this process, with its code. `words` are its kind and the robot."""
     kind, robot = words.split(" ", 1)
+    default = load_robot(robot)
     try:
-        return Findings(notes=[*_findings("SRC002", _CHECKS[kind](path, load_robot(robot)), path)])
+        return Findings([*_findings("SRC002", _CHECKS[kind](path, default), path)])
     except VdfmuError as error:
         return Findings([*_findings("SRC001", str(error).splitlines(), path)])
 
 
+def _robot(path: Path, robot: Robot) -> list[str]:
+    _trace_drive(robot := load_robot(path))
+    return robot_notes(robot)
+
+
 def _scenario(path: Path, robot: Robot) -> list[str]:
     scenario = load_scenario(path)
-    _ = SystemDescription(scenario).links
-    return model_notes(scenario)
+    system = SystemDescription(scenario)
+    _ = system.links
+    _trace_drive(scenario.robot)
+    facts = remarks(scenario, None, system.values)
+    cut = [f"stop = {scenario.stop:g} s cuts the motion of {facts['cut']['end']:g} s"] if "cut" in facts else []
+    return [*model_notes(scenario), *cut, *facts.get("unfed", ())]
 
 
 def _system(path: Path, robot: Robot) -> list[str]:
@@ -85,14 +100,21 @@ def _units(path: Path, robot: Robot) -> list[str]:
     return []
 
 
+def _trace_drive(robot: Robot | None) -> None:
+    """Trace the laws of a robot's own drive, in the units that use them."""
+    if robot is not None and robot.own_options:
+        for name in ("feedforward", "plant"):
+            _trace(interface_of(find_unit(name), robot))
+
+
 def _trace(interface: Interface) -> None:
     if interface.unit.backend != "python":
         _ = interface.program
 
 
 _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
-    "robot": lambda path, robot: robot_notes(load_robot(path)), "scenario": _scenario, "system": _system, "unit": _units
+    "robot": _robot, "scenario": _scenario, "system": _system, "unit": _units
 }  # fmt: skip
 
 if __name__ == "__main__":
-    serve(_run, *sys.argv[1:])
+    contained(serve, _run, *sys.argv[1:])

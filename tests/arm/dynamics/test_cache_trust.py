@@ -1,5 +1,7 @@
 """The cache holds code that is run: whose it must be, and what of it is taken."""
 
+import errno
+import json
 import logging
 import os
 import shutil
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import vdfmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base import cache
 from vdfmu.base.files import pack_zip
@@ -101,3 +104,45 @@ def test_a_changed_library_with_the_right_guid_is_replaced(planar, tmp_path):
     assert path.read_bytes() != whole
     build_fmus(planar, tmp_path, units=["controller"])
     assert path.read_bytes() == whole
+
+
+def test_an_entry_that_holds_something_else_is_made_anew(tmp_path):
+    """Its digest is right: another program, or another version, stored it under this name."""
+    entry = tmp_path / "programs" / "key"
+    cache.store(entry, b"no JSON")
+    assert cache.load(entry) == b"no JSON"
+    assert cache.load(entry, json.loads) is None
+    assert cache.load_or_make(entry, lambda: b"[1]", json.loads) == [1]
+    assert cache.load(entry) == b"[1]"
+
+
+def test_a_cache_that_cannot_be_written_is_said_once_with_what_to_do(tmp_path, monkeypatch, caplog):
+    def full(*_, **__):
+        raise OSError(errno.EDQUOT, "Disk quota exceeded")
+
+    monkeypatch.setattr(os, "replace", full)
+    with caplog.at_level(logging.WARNING):
+        for name in ("one", "other"):
+            cache.store(tmp_path / "c" / "native" / name, b"code")
+    (message,) = caplog.messages
+    assert message.startswith(f"the cache {tmp_path / 'c'} cannot be written: Disk quota exceeded. ")
+    assert message.endswith("Free space, or choose another folder with VDFMU_CACHE_DIR.")
+    assert not list((tmp_path / "c" / "native").iterdir())
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("content", [b"", b"wrong", b"[1, 2]", b'{"reason": 3}'])
+def test_a_run_with_wrong_entries_is_the_run_with_none(tmp_path, monkeypatch, content):
+    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
+
+    def page() -> bytes:
+        vdfmu.run("planar_tracking", stop=0.02, reference=False, simulate=True, out=tmp_path / "out")
+        return (tmp_path / "out" / "report.html").read_bytes()
+
+    whole = page()
+    entries = [entry.path for entry in cache.entries(tmp_path / "cache") if entry.path.parent.name != "seals"]
+    assert len(entries) > 20
+    for entry in entries:
+        cache.store(entry, content)
+    # pages differ in the times that the runs took
+    assert abs(len(page()) - len(whole)) < 100

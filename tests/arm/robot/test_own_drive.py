@@ -1,6 +1,10 @@
 """A drive of one's own, by a file: its laws in plant, inverse and energies, in a robot file and in a scenario."""
 
+import json
+import os
 import pickle
+import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +23,11 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import ModelError, UnitError
 from vdfmu.base.files import data_path
+from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
+from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.load import CodeNotRunError, reading_only
+from vdfmu.system.inspect_source import inspect_source
 from vdfmu.system.scenario import load_scenario
 
 EPS = np.finfo(float).eps
@@ -33,17 +39,17 @@ LIMITS = {
 }  # fmt: skip
 
 
-def data_of(text=TEXT, **tables):
-    """Return the planar arm with rotors in pure rotation and a drive of its own, in the layout of its file."""
-    data = load_robot("planar_2dof").to_dict() | {"drive": text, "rotor_coupling": False}
+def made(text=TEXT, **tables):
+    """Return the planar arm with rotors in pure rotation and a drive of its own."""
+    data = load_robot("planar_2dof").to_dict() | {"drive": "my_drive.py", "rotor_coupling": False}
     for joint, K_1 in zip(data["joints"], (12e3, 6e3), strict=True):
         joint |= tables or {"cubic": {"K_1": K_1}, "warm": {"T_s": 30.0}}
-    return data
+    return robot_from_dict(data, files={"my_drive.py": text})
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return robot_from_dict(data_of())
+    return made()
 
 
 def draw_state(robot, seed):
@@ -118,12 +124,13 @@ def test_the_inverse_knows_the_spring_and_the_energy_is_the_work_on_it(robot):
     np.testing.assert_allclose(spring(robot, torque[-1]).energy, work, rtol=1e-7)
 
 
-def test_a_robot_carries_the_text_of_its_drive(robot, planar):
+def test_a_robot_carries_the_text_of_its_drive_beside_its_data(robot, planar):
     assert state_names(robot)[4:] == ["tau_c", "T_f"]
-    assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
+    assert robot.to_dict()["drive"] == "my_drive.py" and robot.files == {"my_drive.py": TEXT}
+    assert robot_from_dict(robot.to_dict(), files=robot.files).to_dict() == robot.to_dict()
     again = pickle.loads(pickle.dumps(robot))
     assert again.to_dict() == robot.to_dict() and again.key() == robot.key()
-    other = robot_from_dict(data_of(TEXT + "# edited\n"))
+    other = made(TEXT + "# edited\n")
     assert other.key() != robot.key() != planar.key()  # what was traced of one text is not taken for another
     assert robot.with_parameters(K_1=1e4).K_1.tolist() == [1e4, 1e4]
     assert planar.rows is PARAMETERS and not {"K_1", "T_s"} & {*PARAMETERS}
@@ -137,7 +144,7 @@ def test_a_robot_file_names_the_file_of_its_drive_and_a_scenario_gives_one(tmp_p
     (tmp_path / "arm.toml").write_text(text)
     monkeypatch.chdir(tmp_path.parent)
     robot = load_robot(f"{tmp_path.name}/arm.toml")
-    assert robot.K_1.tolist() == [9e3, 9e3] and robot.drive.startswith('"""A custom drive')
+    assert robot.K_1.tolist() == [9e3, 9e3] and robot.drive.text.startswith('"""A custom drive')
     scenario = load_scenario(str(EXAMPLE / "track.toml"))
     assert scenario.robot.K_1.tolist() == [12e3, 6e3] and scenario.robot.T_s.tolist() == [30.0, 30.0]
 
@@ -153,35 +160,79 @@ def test_the_example_runs_as_its_reference():
 
 HEAD = "from dataclasses import dataclass\nfrom vdfmu.drive import *\n"
 ROWS = HEAD + "@dataclass(frozen=True, eq=False, kw_only=True)\nclass Rows:\n    {}: Array = row('mine', '1', 'x')\n"
+LAW = "def law(friction, robot, sliding, state):\n    return {}\nMINE = DriveOption(friction=law)\n"
 STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("no_such.py", r"drive must be a file of Python, got 'no_such.py'"),
-    ("x = \n", r"drive, line 1: invalid syntax"),
-    ("x = 1\ny = 1 / 0\n", r"drive, line 2: .*division by zero"),
-    ("x = 1\n", r"the file must have a DriveOption of vdfmu\.drive"),
+    ("x = \n", r"my_drive\.py, line 1: invalid syntax"),
+    ("x = 1\ny = 1 / 0\n", r"my_drive\.py, line 2: .*division by zero"),
+    ("import sys\nsys.exit(0)\n", r"my_drive\.py, line 2: SystemExit"),
+    ("x = 1\n", r"my_drive\.py must have a DriveOption of vdfmu\.drive"),
     (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
 ])  # fmt: skip
 def test_a_file_that_is_no_drive_is_refused(text, message):
+    with pytest.raises(ModelError, match=message) as refused:
+        made(text, mine={})
+    assert "mine" not in str(refused.value)  # whether a table is known depends on the drive
+
+
+@pytest.mark.parametrize(("drive", "message"), [
+    ("no_such.py", r"drive must be a Python file, got 'no_such.py': No such file"),
+    ("pipe", r"drive must be a Python file, got 'pipe': it is a pipe, a device or another special file"),
+    ("/dev/zero", r"drive must be a Python file, got '/dev/zero': it is a pipe, a device"),
+    ("large.py", r"drive must be a Python file, got 'large.py': it has more than the 1 MiB that are read"),
+    ("import os\nos.abort()\n", r"code is not run from inside a data file"),
+])  # fmt: skip
+def test_a_drive_is_a_regular_file_and_no_text(tmp_path, planar, drive, message):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "large.py").write_bytes(b"#" * 2**21)
     with pytest.raises(ModelError, match=message):
-        robot_from_dict(data_of(text, mine={}))
+        robot_from_dict(planar.to_dict() | {"drive": drive}, str(tmp_path / "arm.toml"))
+
+
+@pytest.mark.parametrize("backend", ["python", "native"])
+def test_an_fmu_carries_the_drive_as_a_file_and_no_code_in_its_data(robot, tmp_path, backend):
+    """The record of a native FMU is for people; a Python FMU makes its robot again from both."""
+    file = vdfmu.build_fmus(robot, tmp_path, units=["feedforward"], backend=backend)["feedforward"]
+    with zipfile.ZipFile(file) as fmu:
+        folder = {"python": "resources", "native": "extra/vdfmu"}[backend]
+        data = json.loads(fmu.read(f"{folder}/vdfmu.json"))
+        assert fmu.read(f"{folder}/robot/my_drive.py").decode() == TEXT
+        fmu.extractall(tmp_path / "unpacked")
+    assert data["robot"]["drive"] == "my_drive.py" and "DriveOption" not in json.dumps(data)
+    if backend == "python":
+        again = Content.read(tmp_path / "unpacked" / "resources", "Feedforward").robot
+        assert again.to_dict() == robot.to_dict(looks=False) and again.files == robot.files
+
+
+@pytest.mark.parametrize("law", [
+    "friction._replace(dry=0.1 * sliding)",  # a record, not an array
+    "friction._replace(dry=friction.dry if sliding.velocity[0] > 0.0 else friction.dry)",  # works on numbers alone
+])  # fmt: skip
+def test_a_law_that_fails_has_its_own_line_in_the_message_and_check_finds_it(tmp_path, law):
+    (tmp_path / "my_drive.py").write_text(HEAD + LAW.format(law))
+    track = (EXAMPLE / "track.toml").read_text(encoding="utf-8")
+    track = re.sub(r"(?m)^(cubic|warm) = .*$", "", track).replace("cubic_drive.py", "my_drive.py")
+    (tmp_path / "track.toml").write_text(track)
+    (problem,) = inspect_source(tmp_path / "track.toml", "planar_2dof").problems
+    assert re.search(r"drive(\.py)?, line 4: \w+\(\) of (Feedforward|Plant) (fails|cannot be traced): ", problem)
 
 
 @pytest.mark.parametrize(
     ("text", "name"), [(STATE, "tau_s"), (ROWS.format("tau") + "MINE = DriveOption()\n", "tau")], ids=["state", "row"]
 )
 def test_a_name_of_the_plant_is_refused(text, name):
-    robot = robot_from_dict(data_of(text, **({"mine": {"tau": 1.0}} if name == "tau" else {"limits": LIMITS})))
+    robot = made(text, **({"mine": {"tau": 1.0}} if name == "tau" else {"limits": LIMITS}))
     with pytest.raises(UnitError, match=rf"^.*\b{name}\b.* Rename"):
         Interface(Plant, robot)
 
 
 def test_a_number_that_is_missing_has_its_place_and_no_drive_is_run_where_files_are_only_read(robot, planar):
     with pytest.raises(ModelError, match=r"joints\[2\]\.cubic\.K_1: expected a finite number > 0 in N\.m/rad"):
-        robot_from_dict(data_of(cubic={}, warm={"T_s": 30.0}))
-    with reading_only(), pytest.raises(CodeNotRunError):
-        robot_from_dict(data_of(TEXT + "# another\n"))
+        made(cubic={}, warm={"T_s": 30.0})
+    with announced_to(reading_only), pytest.raises(CodeNotRunError):
+        made(TEXT + "# another\n")
     speed = np.array([0.3, -0.4])
     warm, cold = (joint_friction(arm, speed, speed)[1] for arm in (robot, planar))
     np.testing.assert_array_equal(warm, cold)

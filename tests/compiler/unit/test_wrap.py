@@ -164,8 +164,10 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
 
 @pytest.mark.parametrize(("source", "content", "match"), [
     ("none.mat", None, "there is no such file"), ("model.txt", "1", "must be model.mat"),
-    ("broken.npz", "1", "broken.npz: cannot be read"), ("broken.casadi", "1", "broken.casadi: cannot be read"),
-    ("empty.npz", "", "empty.npz: cannot be read"), ("empty.csv", "", "must have names"),
+    ("broken.npz", "1", "broken.npz: expected a file of numpy, got unreadable content"),
+    ("broken.casadi", "1", "broken.casadi: cannot be read"),
+    ("empty.npz", "", "empty.npz: expected a file of numpy, got unreadable content"),
+    ("empty.csv", "", "must have names"),
     ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
     ("design.py:number", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
     ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
@@ -173,7 +175,7 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
     ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
     ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
     ("short.csv", "a,b\n1,2\n", "two rows"),
-    ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 2 must have 2 numbers, got '3,x'"),
+    ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 3: b: expected a number, got 'x'"),
 ])  # fmt: skip
 def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match):
     if content is not None:

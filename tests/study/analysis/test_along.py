@@ -11,19 +11,20 @@ import vdfmu
 from tests.conftest import ran
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.linear.growth import Growth
+from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
-from vdfmu.study.analysis.loops import grown, growth_words, margins_along, run_along
+from vdfmu.study.analysis.loops import Judged, grown, judged, margins_along, run_along
 from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.scenario_run import prepare
-from vdfmu.study.run.verdict import loop_checks
 from vdfmu.study.tuning.problem import make_problem
+from vdfmu.study.verdict import loop_checks, loop_sentences
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.scenario_file import scenario_names
-from vdfmu.system.scenario.values import group_value, system_values
+from vdfmu.system.scenario.values import group_value
 
 LESS_DAMPED = {"controller.K_v": (0.75 * np.array([50.0, 50.0, 40.0, 30.0, 25.0, 20.0])).tolist()}
 """Gains of `tracking` with which the wrist's rotor oscillates where friction falls with speed."""
@@ -92,13 +93,14 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     scenario = dataclasses.replace(prepare("tracking"), stop=1.2)
     with run_along(scenario, settings=LESS_DAMPED) as (poses, _, _):
         pass
-    (check,) = loop_checks(poses, SystemDescription(scenario, system_values(scenario, LESS_DAMPED)))
+    figures = judged(poses, 0.0, scenario.stop).figures
+    checks = {check.key: check for check in loop_checks({"key_figures": figures})}
     growth = grown(poses.loops)
-    assert check.check.state == "doubtful" and not check.figures["margin"]["value"]
-    assert "stable over the run, but without a margin at joint 6, 0.8" in check.check.text
-    assert f"; a mode grows by 11 1/s at joint 6, from {growth.begin:.3g} s to {growth.end:.3g} s, " in check.check.text
+    assert checks["margin"].state == "doubtful" and not figures["margin"]["value"]
+    assert checks["margin"].sentence.startswith("modulus margin 0 at joint 6, 0.8")
+    assert f"joint 6 is unstable from {growth.begin:.3g} s to {growth.end:.3g} s" in checks["growth"].sentence
     factor = np.exp(growth.exponent)
-    assert f"by a factor of {factor:.3g} at most" in check.check.text
+    assert checks["growth"].value == pytest.approx(factor - 1.0) and checks["growth"].state == "doubtful"
     # the nonlinear run: a push on the tool before the growth begins leaves an oscillation of 11 Hz
     runs = []
     for push in (0.0, -1e-4):
@@ -114,11 +116,10 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     with run_along(dataclasses.replace(prepare("planar_tracking"), stop=0.01)) as (poses, _, _):
         loops = poses.loops
     loops.growth = lambda *_: growth  # type: ignore[method-assign]
-    assert growth_words(loops) == (
-        "a mode grows by 0.3 1/s at joint 2, slower than 2 1/s, from 0.5 s to 1.25 s, by a factor of 1.25 at most"
-    )
+    sentences = loop_sentences(Judged(loops, growth._replace(exponent=-1.0)).figures)[1]
+    assert sentences == ["joint 2 is unstable from 0.5 s to 1.25 s (grows 25 %, limit 10 %)"]
     loops.growth = lambda *_: growth._replace(exponent=0.001)  # type: ignore[method-assign]
-    assert growth_words(loops) == ""
+    assert loop_sentences(Judged(loops, growth._replace(exponent=-1.0)).figures)[1] == []
 
 
 @pytest.mark.heavy
@@ -132,12 +133,13 @@ def test_all_commands_have_one_margin(master, tmp_path):
     options = ["--master", master, "--no-reference", "--out", str(tmp_path / "run")]
     ran("run", path, *options)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    said = summary["verdict"]["checks"][0]["text"]
-    assert ("a mode grows by 1 1/s at joint 4, slower than 2 1/s" in said) == (master == "jacobi")
+    said = [check.sentence for check in checks_of(summary) if check.key in ("growth", "margin", "delay")]
+    assert any("joint 4 is unstable from" in sentence for sentence in said) == (master == "jacobi")
     margins = margins_along(path, master=master).judged
-    assert margins.words[1] == said and (master == "jacobi" or reach.words == margins.words)
-    along = ran("linear", path, "--master", master, "--json")
-    assert json.loads(along.output)["text"] == said
+    loops = [check.sentence for check in loop_checks({"key_figures": margins.figures})][1:]
+    assert loops == said and (master == "jacobi" or reach.figures == margins.figures)
+    along = json.loads(ran("linear", path, "--master", master, "--json").output)
+    assert along["state"] == loop_sentences(margins.figures)[0]
     least, shown = margins.loops.modulus, summary["key_figures"]["margin"]["value"]
     assert shown == least.min() > 0.3
     problem = make_problem(path, ["controller.K_p"], "rms(plant.q)", margin="same", master=master)
@@ -160,7 +162,7 @@ def test_a_slow_mode_does_not_keep_a_search_from_its_margin(tmp_path):
         master="jacobi", method="local", evaluations=20, stop=1.0, workers=1, out=tmp_path / "search",
     )  # fmt: skip
     assert tuned.margins[0].modulus.min() < 0.4 and tuned.after.feasible and (tuned.after.modulus >= 0.4).all()
-    assert any("margin: a mode grows by " in note and "slower than 2 1/s" in note for note in tuned.notes)
+    assert any("is unstable from" in note for note in tuned.notes)
     with (tuned.folder / "tuned.toml").open("rb") as file:
         gains = tomllib.load(file)["controller"]
     settings = {f"controller.{name}": value for name, value in gains.items()}
@@ -178,5 +180,5 @@ def test_a_run_that_fails_has_margins_until_then():
     with pytest.raises(CosimError):
         vdfmu.run("tracking", master="jacobi", settings=settings, out=False, reference=False)
     margins = margins_along("tracking", master="jacobi", settings=settings)
-    assert margins.judged.words[0] == "failed" and max(margins.times) < 3.0
+    assert loop_sentences(margins.judged.figures)[0] == "failed" and max(margins.times) < 3.0
     assert any("the run fails: plant failed at" in note for note in margins.notes)

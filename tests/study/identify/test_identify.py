@@ -1,6 +1,7 @@
 """Parameters recovered from noisy logs, what a log cannot tell, robot files of it, and logs that are wrong."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
-from vdfmu.study.identify.fit import identified_robot, identify, robot_text, score
+from vdfmu.cli.identify import _difference
+from vdfmu.study.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.study.identify.log import Log, read_log
 from vdfmu.study.report.drawings import draw_torques
 
@@ -326,3 +328,21 @@ def test_differences_of_torques_have_a_zero_line_and_a_histogram_of_the_same_val
         assert share == pytest.approx(1.0, rel=1e-9)
         ends = min(bar.get_y() for bar in bars), max(bar.get_y() + bar.get_height() for bar in bars)
         assert ends == pytest.approx((error[:, i].min(), error[:, i].max()), rel=1e-9)
+
+
+def test_a_truth_with_other_joints_is_refused_with_what_differs():
+    arm = vdfmu.load_robot("planar_2dof")
+    other = dataclasses.replace(arm, ell=np.array([100.0, 120.0]))
+    assert _difference(arm, other) == "gear ratios [100.0, 120.0] instead of [100.0, 100.0]"
+    assert _difference(arm, vdfmu.load_robot("slider_3dof")).startswith("types ['revolute', 'prismatic'")
+    assert _difference(arm, dataclasses.replace(arm, mass=2.0 * arm.mass)) == ""
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """Of estimates with normal errors of the deviations that they state, 95 % of the intervals hold the truth."""
+    dice, count = np.random.default_rng(7), 20_000
+    truth, deviation = dice.uniform(-1.0, 1.0, count), dice.uniform(0.1, 1.0, count)
+    estimates = SimpleNamespace(values=truth + deviation * dice.standard_normal(count), deviation=deviation)
+    low, high = Identified.interval(estimates)
+    held = np.mean((low <= truth) & (truth <= high))
+    assert held == pytest.approx(0.95, abs=5.0 * np.sqrt(0.95 * 0.05 / count))  # five deviations of the share

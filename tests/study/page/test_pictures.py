@@ -16,7 +16,6 @@ from PIL import Image
 
 import vdfmu
 from tests.study.page.browser import FIND_OUT, PHONE, WIDE, Browser, calm, draw_all, show
-from vdfmu.study.view.robot import RobotView
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 KEPT = Path(__file__).parent / "pictures"
@@ -69,10 +68,10 @@ def drawn(browser) -> Browser:
 
 
 @pytest.fixture(scope="module")
-def robot():
-    view = RobotView(vdfmu.load_robot("planar_2dof"))
-    yield view.address
-    view.close()
+def robot(tmp_path_factory) -> Path:
+    page = tmp_path_factory.mktemp("robot") / "robot.html"
+    vdfmu.write_robot_page(vdfmu.load_robot("planar_2dof"), page)
+    return page
 
 
 def coarse(browser: Browser, width: int, height: int) -> np.ndarray:
@@ -83,12 +82,8 @@ def coarse(browser: Browser, width: int, height: int) -> np.ndarray:
     return np.asarray(picture.reduce(CELL), dtype=int)
 
 
-def shot(browser: Browser, page: Path | str, size: tuple[int, int], scheme: str, script: str) -> np.ndarray:
-    if isinstance(page, Path):
-        show(browser, page, *size, scheme="light" if scheme == "print" else scheme)
-    else:
-        browser.open(page, *size, scheme=scheme)
-        browser.asked += [url for url in browser.requests if url.startswith(page)]
+def shot(browser: Browser, page: Path, size: tuple[int, int], scheme: str, script: str) -> np.ndarray:
+    show(browser, page, *size, scheme="light" if scheme == "print" else scheme)
     draw_all(browser)
     if scheme == "print":
         browser.call("Emulation.setEmulatedMedia", media="print")

@@ -15,9 +15,9 @@ from vdfmu.base import page as frame
 from vdfmu.base.files import read_member
 from vdfmu.engine.results.results import Signal
 from vdfmu.study.report.page import StudyPart, report_page, study_page
+from vdfmu.study.report.robot_page import robot_page
 from vdfmu.study.report.shown_run import ShownRun, write_gallery
 from vdfmu.study.run.scene import arm_of
-from vdfmu.study.view.live_server import live_page, words_page
 
 INERT = ("application/json", "text/plain")
 """Types of script elements that a browser does not run."""
@@ -62,15 +62,11 @@ def run() -> ShownRun:
 @pytest.fixture
 def pages(tmp_path):
     shown, study = run(), StudyPart("study", "about", "", {}, "lead")
-    view = vdfmu.RobotView(vdfmu.load_robot("planar_2dof"))
-    view.close()
-    about = {"arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
     return {
         "run": report_page([shown]), "runs": report_page([shown, shown]), "sweep": report_page([shown], study=study),
         "study": study_page(study), "gallery": write_gallery(tmp_path, tmp_path / "index.html").read_bytes(),
-        "robot": view._server.content,
-        "live": live_page("live", about, ["plant.q[1]", "plant.q[2]"], 0.0, 1.0),
-        "words": words_page("words", "none"), "package": frame.page("package", "", "", 76),
+        "robot": robot_page(vdfmu.load_robot("planar_2dof"), None, None)[0],
+        "package": frame.page("package", "", "", 76),
     }  # fmt: skip
 
 

@@ -132,7 +132,7 @@ def test_a_page_stays_below_its_size(planar, monkeypatch):
 
 @pytest.mark.parametrize(("changed", "words"), [
     ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
-    ({"package": Path(__file__)}, "it was not made with this cache"),
+    ({"package": Path(__file__)}, "this cache has no simulation of it"),
 ])  # fmt: skip
 def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     described, binaries = found_in(planar, **changed)
@@ -251,3 +251,16 @@ def test_what_a_unit_refuses_is_said_and_a_run_can_be_stopped(planar, browser, t
         "plant has no parameter weight.", "Error", "The run was stopped.", "AbortError", 201,
     ]  # fmt: skip
     assert browser.problems == []
+
+
+def test_a_page_keeps_its_sliders_if_the_cache_stores_nothing_and_a_page_without_says_so(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(simulation, "store", lambda place, content: None)
+    monkeypatch.setattr(simulation, "load", lambda place, read: None)
+    vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, simulate=True)
+    assert '"units"' in (tmp_path / "report.html").read_text()
+    assert not caplog.messages
+    write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True)
+    said = "this cache has no simulation of it, and a look at a run does not run its code. 'vdfmu run' makes one."
+    assert caplog.messages == [f"the page has no sliders. This run is not simulated here: {said}"]
+    text = (tmp_path / "report.html").read_text()
+    assert said in text and '"units"' not in text

@@ -68,7 +68,7 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
 
 def test_joints_that_are_moved_at_once_have_the_tracks_of_each_moved_alone(planar, described, monkeypatch):
     chosen = [GAIN, *(knob for knob in knobs(described) if knob["key"].startswith("controller."))]
-    monkeypatch.setattr(module, "load", lambda path: None)
+    monkeypatch.setattr(module, "load", lambda *_: None)
     at_once = tracks_of(planar, chosen)
     monkeypatch.setattr(module._MovedLoops, "by_joint", lambda *_: {})
     alone = tracks_of(planar, chosen)

@@ -203,7 +203,7 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
         rows = len(Results.read(tmp_path / "partial" / "results.csv"))
         assert rows == len(caught.value.results)
         unstable, kept = caught.value.__notes__
-        assert unstable.startswith("Sampled loops: unstable from the start, joint")
+        assert unstable.startswith("Stability: Unstable from the start, joint")
         assert kept.endswith(f" are in {tmp_path / 'partial' / 'results.csv'}.")
     vdfmu.run("planar_tracking", **options)
     assert len(Results.read(tmp_path / "partial" / "results.csv")) == rows

@@ -38,8 +38,9 @@ def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
 @pytest.mark.parametrize(("faulty", "said"), [
     ({"separation": {"change": 1.0}}, "separation.max_position_difference_rad: is missing"),
     (
-        {"verdict": {"state": "good", "words": "", "checks": [{"name": "a", "state": "good"}]}},
-        "verdict.checks[1].text: is missing",
+        {"verdict": {"state": "good", "headline": "", "results": "",
+                         "checks": [{"key": "a", "name": "a", "state": "good"}]}},
+        "verdict.checks[1].sentence: is missing",
     ),
     ({"position_units": ["deg", "ft"]}, 'position_units[2]: expected deg or mm, got "ft"'),
     ({"power_bond": 3}, "power_bond: expected a table, got 3"),

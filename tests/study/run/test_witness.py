@@ -13,8 +13,12 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.cache import load, store
 from vdfmu.compiler.c import generate
 from vdfmu.compiler.functions.traced import Functions
+from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.program import UnitFunctions
+from vdfmu.engine.masters.observer import Reading
+from vdfmu.engine.results.results import Results
 from vdfmu.study.run import scenario_run as study
+from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.witness import Witness
 
@@ -210,6 +214,40 @@ def test_faults_in_generated_c_are_found(fault, objects, tmp_path, monkeypatch):
     stop = 0.1 if units or "solver" in fault else 1.0  # unstable, and of short steps, with these faults
     messages = faults(backend="native", stop=stop, units=units)
     assert re.match(text, messages[0]), messages
+
+
+def test_a_number_that_is_off_by_more_than_the_promise_is_a_fault_and_a_smaller_one_is_rounding():
+    """Agreement is promised to 1e-9 of a group's largest value, and to as much as such errors of the sources cause.
+
+    The arm hangs at rest. A number that is off by 1e-8 of itself is beyond both: its sources move it by less.
+    """
+    system = SystemDescription(vdfmu.load_scenario("planar_tracking"))
+    witness, values, places = Witness(system), {}, {}
+    for name, table in system.tables.items():
+        plain = Plain(table, table.memory_of(system.values[name]))
+        plain.start()
+        plain.outputs()
+        plain.derivatives()
+        values[name] = dict(enumerate(plain.memory.tolist()))
+        places |= {f"{name}.{v.name}": k for k, v in enumerate(table.memory)}
+    none = Results(np.zeros(1), [], {})
+
+    def faults_with(signal, change):
+        name = signal.partition(".")[0]
+        moved = values | {name: values[name] | {places[signal]: (1.0 + change) * values[name][places[signal]]}}
+        witness.probe.readings = [Reading(0, 0.0, moved, {})]
+        return witness.summary(none)["faults"]
+
+    for signal in (
+        "plant.q[1]",
+        "plant.kappa[1]",
+        "plant.p_O[3]",
+        "plant.E_pot",
+        "trajectory.q_d[1]",
+        "feedforward.tau_s[1]",
+    ):
+        assert faults_with(signal, 0.0) == faults_with(signal, 1e-12) == []
+        assert faults_with(signal, 1e-8), signal
 
 
 def refuse(*_, **__):

@@ -263,7 +263,10 @@ def test_rows_are_found_by_what_they_measured(tmp_path):
     ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
     ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
     ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),
-    ({"unit.at": [1.0]}, {"time_limit": 0.0}, "time_limit"),
+    *(
+        ({"unit.at": [1.0]}, {"time_limit": float(limit)}, f"time_limit must be a positive, finite time .* {limit}")
+        for limit in ("0", "inf", "nan", "-1")
+    ),
     ({"robot": ["planar_2dof"]}, {}, "robot: expected a scenario"),
     ({"unit.at": "*1, 2"}, {}, "unit.at: expected a scenario"),
     ({"master": ["fast"]}, {}, "fast"),

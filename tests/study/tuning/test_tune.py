@@ -24,7 +24,8 @@ from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
-from vdfmu.study.tuning.problem import Evaluations, make_problem
+from vdfmu.study.tuning.problem import Evaluations, Score, SpentError, make_problem
+from vdfmu.study.tuning.tune import search
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
 SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
@@ -261,7 +262,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"method": "best"}, "method: expected both, global, local, got best"),
     ({"combine": "all"}, "combine: expected mean or worst, got all"),
     ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
-    ({"time_limit": -1.0}, "time_limit: expected a positive time, got -1 s"),
+    ({"time_limit": -1.0}, "time_limit must be a positive, finite time in s, got -1"),
     ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
     ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
     ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
@@ -287,3 +288,35 @@ def test_the_batch_engine_gives_the_same_costs(tmp_path):
         # positions are equal within 1e-9 rad; the first two rows are those of the scenario's own values
         np.testing.assert_allclose(batch[column][:2], fmu[column][:2], rtol=0.0, atol=1e-9)
     assert len(batch) == len(fmu) == 16
+
+
+class Bowl:
+    """Evaluations of a cost that is least at 0.9, 0.9, beyond a limit on the sum of both values."""
+
+    def __init__(self, budget):
+        self.budget, self.scores, self.missed = budget, [], 0
+        self.problem = SimpleNamespace(
+            start=np.array([0.2, 0.2]), poses=None, margin=np.zeros(0), loops=lambda values: None,
+            values=lambda u: u, place=lambda values: values,
+        )  # fmt: skip
+
+    def scores_of(self, several, always=False):
+        """Return a score for each of the values, as far as the budget goes."""
+        made = []
+        for values in several:
+            if len(self.scores) == self.budget:
+                raise SpentError
+            cost, over = np.array([0.1 + np.sum((values - 0.9) ** 2)]), np.array([np.sum(values) - 1.0])
+            self.scores.append(Score(values, len(self.scores), cost, 0, over, np.zeros(0), {}))
+            made.append(self.scores[-1])
+        return made
+
+
+@pytest.mark.parametrize("method", ["global", "local", "both"])
+def test_the_best_values_are_within_the_limits_also_where_others_cost_less(method):
+    bowl = Bowl(120)
+    start, best = search(bowl, method, seed=1)
+    assert any(score.cost[0] < best.cost[0] for score in bowl.scores if not score.feasible)  # the search went beyond
+    assert best.feasible and best.values.sum() <= 1.0
+    # the least within the limit is at 0.5, 0.5: 0.1 + 2 * 0.4^2. A twentieth of the way there is left at most
+    assert best.cost[0] < 0.42 + 0.05 * (start.cost[0] - 0.42)

@@ -106,7 +106,7 @@ def test_a_list_has_a_value_for_each_element(scenario):
     assert override(scenario, {"controller.K_p": np.array([300, 400])})["controller"]["K_p[2]"] == 400.0
     with pytest.raises(UsageError, match=r"plant\.K_f0: expected one value, or 2 for K_f0\[1\] to K_f0\[2\], got 3"):
         override(scenario, {"plant.K_f0": [1e4, 2e4, 3e4]})
-    with pytest.raises(UsageError, match=r"plant\.K_f0\[2\]: expected a number in N\.m/rad, got 'None'"):
+    with pytest.raises(UsageError, match=r"plant\.K_f0\[2\]: expected a number in N\.m/rad, got None"):
         override(scenario, {"plant.K_f0": [1e4, None]})
 
 

@@ -22,6 +22,7 @@ from vdfmu.arm.robot.plausible import joints_without_tool, robot_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
 from vdfmu.base.errors import ModelError, SspError, UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import read_bytes
 from vdfmu.base.toml_tables import Problems, as_number
 from vdfmu.engine.package.parse import parse_xml
@@ -40,11 +41,12 @@ class Imported(NamedTuple):
     notes: list[str]
 
 
+@checks_types
 def robot_from_urdf(
-    path: Path_,
+    path: str | os.PathLike[str],
     base: str | None = None,
     tip: str | None = None,
-    drives: Path_ | None = None,
+    drives: str | os.PathLike[str] | None = None,
     density: float | None = None,
     tool: npt.ArrayLike | None = None,
     tool_frame: str | None = None,
@@ -83,10 +85,15 @@ def robot_from_urdf(
     return import_robot(path, base, tip, drives, density, tool=tool, tool_frame=tool_frame, kind="robot").robot
 
 
+@checks_types
 def robot_from_mjcf(
-    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None,
-    tool: npt.ArrayLike | None = None, tool_frame: str | None = None,
-) -> Robot:  # fmt: skip
+    path: str | os.PathLike[str],
+    base: str | None = None,
+    tip: str | None = None,
+    drives: str | os.PathLike[str] | None = None,
+    tool: npt.ArrayLike | None = None,
+    tool_frame: str | None = None,
+) -> Robot:
     """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
 
     Parameters

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +16,9 @@ from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.files import open_regular
 from vdfmu.base.text import printable
+from vdfmu.base.toml_file import read_bytes
 from vdfmu.base.toml_tables import Problems
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
@@ -42,12 +46,36 @@ def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
         raise UsageError(
             f"{path}: MJCF needs the package mujoco: {error}. Install it: pip install 'vdfmu[robots]'."
         ) from None
+    _require_regular(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except Exception as error:  # of a type that differs with the version
         text = " ".join(str(error).split())
         raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
     return _MjcfReader(model, path, problems).tree(sites)
+
+
+_NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']""")
+_FOLDERS = re.compile(rb"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
+_LARGEST = 2**26
+"""Largest file that is included [byte]."""
+
+
+def _require_regular(path: Path) -> None:
+    """Raise ModelError if a file that the model names is a pipe, a device or a folder: MuJoCo would wait for a pipe."""
+    texts, folders, names = [read_bytes(path, "an MJCF file", _LARGEST)], {path.parent}, dict[str, None]()
+    for text in texts:  # those of includes are added below
+        folders |= {path.parent / html.unescape(name.decode(errors="replace")) for name in _FOLDERS.findall(text)}
+        for name in (html.unescape(quoted.decode(errors="replace")) for quoted in _NAMED.findall(text)):
+            if name not in names and Path(name).suffix.lower() == ".xml" and (path.parent / name).exists():
+                texts.append(read_bytes(path.parent / name, "an MJCF file", _LARGEST))
+            names[name] = None
+    for place in (folder / name for name in names for folder in folders):
+        if place.exists():
+            try:
+                open_regular(place).close()
+            except OSError as error:
+                raise ModelError(f"{path}: {place} must be a regular file, but {error.strerror}.") from None
 
 
 class _Rotor(NamedTuple):

@@ -24,6 +24,7 @@ from vdfmu.arm.robot.plausible import position_notes, speed_notes
 from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 from vdfmu.engine.plan.inputs import csv_columns
@@ -39,6 +40,7 @@ _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m":
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
+@checks_types
 def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
     """Work out the motion of a file for a robot.
 
@@ -186,7 +188,7 @@ def read_points(path: Path, robot: Robot, problems: Problems, allowed: Any) -> d
     lines: list[str] = []
     columns = csv_columns(path, lines, timed=False)
     if columns is not None:
-        names, units, values, _ = columns
+        names, units, values = columns.file.names, columns.file.units, columns.values
         keys = {"time": "times", "dwell": "dwell"}
         numbered = [f"q{j + 1}" for j in range(robot.n)]
         of_names = dict(zip(robot.joint_names, numbered, strict=False))

@@ -8,62 +8,57 @@ import traceback
 from collections.abc import Mapping
 from functools import lru_cache
 from hashlib import sha256
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from vdfmu.arm.drive.option import DriveOption
+from vdfmu.arm.robot.drive_file import DriveFile
 from vdfmu.arm.robot.parameters import PARAMETERS, Row
 from vdfmu.arm.robot.robot import Robot
-from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.errors import UnitError
 from vdfmu.base.text import kind_text
-from vdfmu.compiler.unit.load import check_may_run
-
-
-def drive_text(value: str, folder: Path) -> str:
-    """Read the file of a drive, or return a text of several lines. UsageError without a file."""
-    if "\n" in value:
-        return value
-    try:
-        return (folder / value).read_text(encoding="utf-8") + "\n"
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"drive must be a file of Python, got {value!r}: {kind_text(error)}.") from None
+from vdfmu.base.trust import before_code
 
 
 @lru_cache(maxsize=32)
-def robot_class(text: str) -> type[Robot]:
-    """Run a drive's text. Return its robots' class. UnitError for faults, CodeNotRunError if no code may run."""
-    check_may_run(Path("drive"))
-    module = ModuleType(f"_vdfmu_drive_{sha256(text.encode()).hexdigest()[:12]}")
+def robot_class(drive: DriveFile) -> type[Robot]:
+    """Run the file of a drive. Return its robots' class. UnitError for faults, CodeNotRunError if no code may run."""
+    name, file = drive.name, drive.place or drive.name
+    try:
+        code = compile(drive.text, file, "exec")
+    except SyntaxError as error:
+        raise UnitError(f"{name}, line {error.lineno}: {error.msg}.") from None
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise UnitError(f"{name}: cannot be read as Python: {error or type(error).__name__}.") from None
+    before_code(file)
+    module = ModuleType(f"_vdfmu_drive_{sha256(drive.text.encode()).hexdigest()[:12]}")
     sys.modules[module.__name__] = module
     try:
-        exec(compile(text, module.__name__, "exec"), vars(module))
-    except SyntaxError as error:
-        raise UnitError(f"drive, line {error.lineno}: {error.msg}.") from None
-    except Exception as error:  # whatever code of others raises
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == module.__name__]
-        raise UnitError(f"drive, line {lines[-1]}: {kind_text(error)}." if lines else f"drive: {error}.") from None
+        exec(code, vars(module))
+    except (Exception, SystemExit) as error:  # whatever code of others raises
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        raise UnitError(f"{name}, line {lines[-1]}: {kind_text(error)}." if lines else f"{name}: {error}.") from None
     members: dict[str, Any] = dict(vars(module))
     options = {n: value for n, value in members.items() if isinstance(value, DriveOption) and not n.startswith("_")}
     tables = [t for t in members.values() if dataclasses.is_dataclass(t) and t.__module__ == module.__name__]
     fields = [f for table in tables for f in dataclasses.fields(table) if f.metadata]
     rows = {f.name: Row(f.name, *f.metadata["row"], **f.metadata["rest"]) for f in fields}
-    _check(options, rows)
-    attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own_options": tuple(options.values()), "drive": text}
+    _check(name, options, rows)
+    attributes: dict[str, Any] = {"rows": PARAMETERS | rows, "own_options": tuple(options.values()), "drive": drive}
     attributes["joint_fields"] = (*Robot.joint_fields, *(name for name, row in rows.items() if not row.shape))
     attributes |= {"__doc__": Robot.__doc__, "__reduce__": _reduced}
     robot: Any = type("Robot", (*tables, Robot), attributes)  # pyright: ignore[reportArgumentType]
     return dataclasses.dataclass(frozen=True, eq=False, kw_only=True)(robot)
 
 
-def _check(options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
+def _check(file: str, options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
     """Raise UnitError without a drive, or for a name that every arm has already."""
     if not options:
-        raise UnitError("drive: the file must have a DriveOption of vdfmu.drive, such as MY_DRIVE = DriveOption(...).")
+        raise UnitError(f"{file} must have a DriveOption of vdfmu.drive, such as MY_DRIVE = DriveOption(...).")
     names = [*rows, *dict.fromkeys(row.section for row in rows.values())]
     every = {f.name for f in dataclasses.fields(Robot)}
     if taken := {name for name in names if name in every or names.count(name) > 1}:
-        raise UnitError(f"drive: {', '.join(sorted(taken))}: a name must be new, every arm has these. Rename them.")
+        raise UnitError(f"{file}: {', '.join(sorted(taken))}: a name must be new, every arm has these. Rename them.")
 
 
 def _reduced(robot: Robot) -> tuple[Any, ...]:
@@ -71,5 +66,5 @@ def _reduced(robot: Robot) -> tuple[Any, ...]:
     return _restored, (robot.drive, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)})
 
 
-def _restored(text: str, fields: dict[str, Any]) -> Robot:
-    return robot_class(text)(**fields)
+def _restored(drive: DriveFile, fields: dict[str, Any]) -> Robot:
+    return robot_class(drive)(**fields)

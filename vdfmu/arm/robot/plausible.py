@@ -98,7 +98,15 @@ CHECKS = (
 
 def robot_notes(robot: Robot) -> list[str]:
     """Return how plain words were converted, and probable mistakes: number, likely cause, way out."""
-    return [*plain_notes(robot.sources), *_gravity(robot), *_joints(robot), *tool_notes(robot), *_stops(robot)]
+    return [*plain_notes(robot.sources), *doubts(robot)]
+
+
+def doubts(robot: Robot) -> Iterator[str]:
+    """Yield probable mistakes of units or signs: number, likely cause, fix."""
+    yield from _gravity(robot)
+    yield from _joints(robot)
+    yield from tool_notes(robot)
+    yield from _stops(robot)
 
 
 def joints_without_tool(robot: Any) -> list[int]:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.arm.drive.option import Array, DriveOption
+from vdfmu.arm.robot.drive_file import DriveFile
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, OPTIONAL, PARAMETERS, Parameters, Row, Section, read_only
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.arm.robot.visual import Visual
@@ -98,8 +99,8 @@ class Robot(Parameters):
 
     own_options: ClassVar[tuple[DriveOption, ...]] = ()
     """Options of its own drive, see :mod:`vdfmu.arm.robot.own_drive`."""
-    drive: ClassVar[str] = ""
-    """Text of the file of its own drive."""
+    drive: ClassVar[DriveFile | None] = None
+    """File of its own drive."""
 
     name: str
     description: str
@@ -189,7 +190,8 @@ class Robot(Parameters):
         fixed = self.with_values([0.0] * len(entries))
         structure = {
             "source": source_digest("arm.kernel", "compiler.functions"), "joints": self.joint_types,
-            "friction": self.friction, "rotor_coupling": self.rotor_coupling, "drive": self.drive,
+            "friction": self.friction, "rotor_coupling": self.rotor_coupling,
+            "drive": self.drive.text if self.drive else "",
             "flags": [name for name in self.flags if getattr(self, name)], "parameters": [p.name for p in entries],
             "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in self.rows},
         }  # fmt: skip
@@ -229,7 +231,10 @@ class Robot(Parameters):
         return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
-        """Return the layout of its TOML file, `looks` with visuals, the inverse of `robot_from_dict`."""
+        """Return the layout of its TOML file, `looks` with visuals, the inverse of `robot_from_dict`.
+
+        It names the file of a drive; `files` has its text.
+        """
 
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
             return {r.key: getattr(self, r.name)[entry].tolist() for r in self.rows.values() if r.section == name}
@@ -250,13 +255,18 @@ class Robot(Parameters):
             **{name: getattr(self, name) for name in texts},
             **{flag: True for flag in (*ENDS, "tool_on_last_axis") if getattr(self, flag)},
             **({} if self.folded else {"folded": False}),
-            **({"drive": self.drive} if self.drive else {}),
+            **({"drive": self.drive.name} if self.drive else {}),
             **numbers("robot", ()),
             **({"payload": numbers("payload", ())} if self.payload else {}),
             "joints": joints,
             "sources": dict(self.sources),
             **({"visuals": [visual.to_dict() for visual in self.visuals]} if looks and self.visuals else {}),
         }
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Name to text of the files that `to_dict` names."""
+        return {self.drive.name: self.drive.text} if self.drive else {}
 
     def unfolded(self) -> Self:
         """Return a copy whose gravity, centres of mass, payload and tool are parameters at run time, zeros too."""

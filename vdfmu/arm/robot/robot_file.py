@@ -12,7 +12,8 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
-from vdfmu.arm.robot.own_drive import drive_text, robot_class
+from vdfmu.arm.robot.drive_file import DriveFile
+from vdfmu.arm.robot.own_drive import robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.plain import PLAIN, in_paper_words
@@ -21,6 +22,7 @@ from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import POSITIVE
+from vdfmu.base.option import checks_types
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
@@ -37,8 +39,14 @@ ROBOT_KEYS = (
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
 
 
-def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
-    """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError has every problem of `where`."""
+def robot_from_dict(
+    data: Mapping[str, Any], where: str = "robot", files: Mapping[str, str] | None = None, *, own_drive: bool = True
+) -> Robot:
+    """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError has every problem of `where`.
+
+    `files` are the texts of the files that the data names, see `Robot.files`. By default they are read from the folder
+    of `where`. The file of a drive is run, unless `own_drive` is False: the drive and its tables are left out then.
+    """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
     name = file.label("name")
@@ -53,7 +61,8 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     for row in section("robot"):
         if row.shape == (3, 3):
             check_rotation(problems, row.key, np.asarray(whole[row.name]))
-    made = _class(problems, file, Path(where).parent)
+    drive_class = _class(problems, file, Path(where).parent, files or {}) if own_drive else None
+    made = drive_class or Robot
     sources = _sources(file, made)
     expected = "one table [[joints]] for each joint"
     joints = file.value("joints", expected)
@@ -66,7 +75,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
         joint, of_words = in_paper_words(problems, joint, f"joints[{i}]")
         joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
         of_catalogue |= where_from | of_words
-        read.append(_joint(problems, joint, f"joints[{i}]", made))
+        read.append(_joint(problems, joint, f"joints[{i}]", drive_class))
     names = [joint["name"] for joint in read]
     for i, name_of in enumerate(names, 1):
         if name_of and names.index(name_of) < i - 1:
@@ -94,13 +103,18 @@ def robot_names() -> list[str]:
     return toml_names("robots")
 
 
-def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
+@checks_types
+def load_robot(path_or_name: str | os.PathLike[str], *, own_drive: bool = True) -> Robot:
     """Load a robot by the name of a shipped one or by the path of a TOML file.
+
+    If the file names a drive of its own, ``drive = "my_drive.py"``, that file is run as by ``import``.
 
     Parameters
     ----------
     path_or_name : str or path
         A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+    own_drive : bool
+        False leaves out the drive that the file names, and its tables; nothing is run then.
 
     Returns
     -------
@@ -114,7 +128,7 @@ def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
         If the file cannot be read or describes no physical robot; it lists every problem.
     """
     path = locate(path_or_name, "robots")
-    robot = robot_from_dict(read_toml(path), str(path))
+    robot = robot_from_dict(read_toml(path), str(path), own_drive=own_drive)
     shipped = str(path_or_name) in shipped_names("robots") and path != Path(path_or_name)
     return robot if shipped else replace(robot, file=str(path_or_name))
 
@@ -122,25 +136,28 @@ def load_robot(path_or_name: str | os.PathLike[str]) -> Robot:
 def check_robot(robot: Robot, where: str = "") -> Robot:
     """Return a physical robot, for example from `Robot.with_parameters`; ModelError with every problem found."""
     robot_argument(robot)
-    robot_from_dict(robot.to_dict(), where or f"robot {robot.name}")
+    robot_from_dict(robot.to_dict(), where or f"robot {robot.name}", robot.files)
     return robot
 
 
-def _class(problems: Problems, file: Table, folder: Path) -> type[Robot]:
-    """Return `Robot`, or the class by the key `drive`: the path of a file or its text."""
+def _class(problems: Problems, file: Table, folder: Path, files: Mapping[str, str]) -> type[Robot] | None:
+    """Return `Robot`, or the class of robots with the drive of a file that the key `drive` names; None if it fails."""
     if "drive" not in file.data:
         return Robot
+    if not (name := file.text("drive")):
+        return None
     try:
-        return robot_class(drive_text(file.text("drive"), folder))
+        return robot_class(DriveFile(name, files[name]) if name in files else DriveFile.read(name, folder))
     except (UsageError, UnitError) as error:
         problems.take(error)
-    return Robot
+    return None
 
 
-def _joint(problems: Problems, data: object, path: str, made: type[Robot]) -> dict[str, Any]:
-    """Read one [[joints]] table: field of `Robot` to this joint's value."""
+def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot] | None) -> dict[str, Any]:
+    """Read one [[joints]] table: field of `Robot` to this joint's value. Without a class it may have any tables."""
+    made = drive_class or Robot
     sections: Any = made.own_sections()
-    table = Table(problems, data, path, (*JOINT_KEYS, *sections))
+    table = Table(problems, data, path, None if drive_class is None else (*JOINT_KEYS, *sections))
     kind = table.text("type", choices=JOINT_TYPES)
     options = {option: option in table.data for option in JOINT_OPTIONS}
     name = table.label("name") if "name" in table.data else ""

@@ -13,12 +13,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from vdfmu.base.cache import keep_built
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.platforms import native_available
 from vdfmu.base.progress import warn_once
 from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI, WITHOUT_NATIVE
-from vdfmu.compiler.fmu.content import Content, is_built, keep_record
+from vdfmu.compiler.fmu.content import Content, is_built
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.evaluate import unmet
@@ -135,7 +136,7 @@ def build_units(
         with storing(path):
             out.mkdir(parents=True, exist_ok=True)
             build_python_fmu(content, path)
-            keep_record(path, content.guid)
+            keep_built(path, content.guid)
     if further is not None:
         for path, content in contents.items():
             further.load().finish(path, content, precision, step)

@@ -8,14 +8,14 @@ import tomllib
 import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import built_as
 from vdfmu.base.errors import FmuError, VdfmuError
-from vdfmu.base.files import data_path, source_bytes
+from vdfmu.base.files import data_path, read_json, read_text, source_bytes
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
@@ -31,6 +31,8 @@ CONTENT_PLACES = {"native": f"extra/vdfmu/{CONTENT_FILE}", "python": f"resources
 """Backend to the member of an FMU."""
 EFMU = "eFMU"
 """Folder of an eFMU in its FMU."""
+_ROBOT_FILES = {"native": "extra/vdfmu/robot", "python": "resources/robot"}
+"""Backend to the folder of the files that a robot names."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 THIRD_PARTY = """
@@ -113,6 +115,17 @@ class Content:
         return None if self.robot is None else self.robot.to_dict(looks=False)
 
     @property
+    def _digests(self) -> dict[str, str]:
+        """Path to digest of the files of the robot: they are members of the FMU, so that no code is in its data."""
+        return {path: sha256(content).hexdigest() for path, content in self.robot_files.items()}
+
+    @property
+    def robot_files(self) -> dict[str, bytes]:
+        """Path to content of the members with the files of the robot."""
+        files = {} if self.robot is None else self.robot.files
+        return {f"{_ROBOT_FILES[self.backend]}/{name}": text.encode() for name, text in files.items()}
+
+    @property
     def generation_tool(self) -> str:
         """Names and versions of the tools that made the FMU. The first marks it as replaceable by a later build."""
         return f"vdfmu {self.version}, {self.tool}"
@@ -135,7 +148,7 @@ class Content:
     @property
     def model_key(self) -> str:
         """Identifier of source and robot of the unit, without version of FMI and start values."""
-        parts = [self.digest, unit_name(self.unit), self._robot, self.interface.functions.digest]
+        parts = [self.digest, unit_name(self.unit), self._robot, self._digests, self.interface.functions.digest]
         return json.dumps(parts, sort_keys=True)
 
     @cached_property
@@ -160,8 +173,9 @@ class Content:
             "functions": self.interface.functions.digest,
             "tool": self.tool,
             "made_by": dict(self.made_by),
-            "start_values": {name: float(value) for name, value in sorted(self.start_values.items())},
+            "start_values": {name: float(self.interface.find(name).start) for name in sorted(self.start_values)},
             "robot": self._robot,
+            **({"robot_files": self._digests} if self.robot_files else {}),
         }
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
@@ -170,7 +184,7 @@ class Content:
         """Content of a Python FMU from its folder ``resources``; FmuError if damaged or built by another vdfmu."""
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
-            data = json.loads((resources / CONTENT_FILE).read_text(encoding="utf-8"))
+            data = read_json(resources / CONTENT_FILE)
             name, version, digest = (str(data[key]) for key in ("unit", "version", "digest"))
             if version != __version__:
                 raise FmuError(
@@ -185,7 +199,9 @@ class Content:
             unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
             if unit is None or unit_name(unit) != name or unit.__name__ != model_name:
                 raise FmuError(f"{file} belongs to unit {name!r}, expected a file of {model_name}.")
-            robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file)
+            names = [Path(path).name for path in data.get("robot_files", ())]
+            files = {name: read_text(resources / "robot" / name) for name in names}
+            robot = None if data["robot"] is None else _named(data["reader"])(data["robot"], file, files)
             made_by = {key: str(data["made_by"][key]) for key in ABOUT if key in data["made_by"]}
             content = Content(unit, robot, dict(data["start_values"]), tool=str(data["tool"]), made_by=made_by)
             _ = content.interface
@@ -205,25 +221,12 @@ def _named(place: str) -> Any:
     return getattr(import_module(module), name, None)
 
 
-def keep_record(path: Path, guid: str) -> None:
-    """Store the digest of an FMU with its GUID or instantiation token in the user's cache."""
-    store(_record(path), guid.encode())
-
-
 def is_built(path: Path, guid: str) -> bool:
-    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token.
-
-    The GUID inside does not prove it: it stays the same when a library is changed.
-    """
+    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token."""
     try:
-        return path.is_file() and load(_record(path)) == guid.encode()
+        return path.is_file() and built_as(path) == guid
     except OSError:
         return False
-
-
-def _record(path: Path) -> Path:
-    with path.open("rb") as file:
-        return cache_folder() / "built" / file_digest(file, "sha256").hexdigest()
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:

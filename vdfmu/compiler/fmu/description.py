@@ -21,6 +21,7 @@ SAMPLED = "org.vdfmu.sampled"
 """Annotation that names the parameter with the time between samples: the discrete outputs are states that are sampled
 by the inputs at the begin of a communication step. Their directional derivatives belong to the next sample."""
 FOLDED = "org.vdfmu.folded"
+CHOICES = "org.vdfmu.choices"
 """Annotation that lists the numbers of the robot that are constants of the code: names of arrays and elements."""
 TIME_STAMP = "2026-01-01T00:00:00Z"
 """Fixed, so that the same sources give the same FMU."""
@@ -158,15 +159,21 @@ def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> No
 
 
 def _add_annotations(root: Element, interface: Interface, group: str, tag: str, key: str) -> None:
-    """Add annotations of sampled states and of folded numbers; both versions of FMI have own tags."""
+    """Add annotations of sampled states, folded numbers and names of choices; each version of FMI has its own tags."""
     folded = interface.robot.constants() if interface.robot is not None and interface.has_robot else []
-    parent = SubElement(root, group) if interface.is_sampled or folded else root
+    named = [variable for variable in interface if variable.choices]
+    parent = SubElement(root, group) if interface.is_sampled or folded or named else root
     if interface.is_sampled:
         annotation = SubElement(parent, tag, {key: SAMPLED})
         SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
     if folded:
         annotation = SubElement(parent, tag, {key: FOLDED})
         SubElement(annotation, "Folded", {"xmlns": f"urn:{FOLDED}"}).text = " ".join(folded)
+    annotation = SubElement(parent, tag, {key: CHOICES}) if named else root
+    for variable in named:
+        listed = SubElement(annotation, "Choices", {"xmlns": f"urn:{CHOICES}", "variable": variable.name})
+        for name in variable.choices:  # of the values 0, 1, ..
+            SubElement(listed, "Choice", {"name": name})
 
 
 def _value_attributes(variable: Variable) -> dict[str, str]:

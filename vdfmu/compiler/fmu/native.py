@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import files as installed_files
 from importlib.util import find_spec
 from pathlib import Path
 
+from vdfmu.base.cache import keep_built
 from vdfmu.base.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.base.errors import FmuError
-from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_member, source_bytes, storing
+from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_json, read_member, source_bytes, storing
 from vdfmu.base.platforms import binaries, chosen_platforms
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.generate import generated_sources
-from vdfmu.compiler.fmu.content import CONTENT_PLACES, THIRD_PARTY, Content, is_built, keep_record, terms
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, THIRD_PARTY, Content, is_built, terms
 from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
 from vdfmu.compiler.fmu.reference_results import reference_files
@@ -45,7 +45,7 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
         with storing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             pack_zip(path, _members(content, sources[path], libraries))
-            keep_record(path, content.guid)
+            keep_built(path, content.guid)
 
 
 def unit_sources(content: Content) -> dict[str, bytes]:
@@ -98,7 +98,7 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
     if not is_built(path, content.guid):
         return False
     try:
-        inside = json.loads(read_member(path, _CONTENT) or b"{}").get("platforms", [])
+        inside = read_json(read_member(path, _CONTENT) or b"{}").get("platforms", [])
     except (ValueError, AttributeError):
         return False
     return set(platforms) <= set(inside)
@@ -122,6 +122,7 @@ def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[
         **documentation_files(content),
         **reference_files(content),
         "documentation/licenses/license.txt": (_terms_of_unit(content) + _license() + THIRD_PARTY).encode(),
+        **content.robot_files,
         _CONTENT: content.to_json(platforms=list(libraries)).encode(),
     }
 

@@ -93,12 +93,10 @@ class Functions:
         if self._cache is None:
             return self._made(name)
         path = self._cache / self._key / f"{name}.casadi"
-        stored = load(path)
-        if stored is not None:
-            loaded = ca.Function.deserialize(stored.decode("ascii"))
-            if loaded.name() == name:
-                return loaded
-        function = self._made(name)  # an unreadable or wrong file is replaced
+        loaded = load(path, lambda content: ca.Function.deserialize(content.decode("ascii")))
+        if loaded is not None and loaded.name() == name:
+            return loaded
+        function = self._made(name)
         store(path, function.serialize().encode("ascii"))
         return function
 

@@ -12,13 +12,14 @@ self.y_dot = (self.u - self.y) / self.T
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields
 from typing import Any, ClassVar, Literal, Protocol, Self, overload
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats, element_name
+from vdfmu.base.domain import NO_LIMIT as NO_LIMIT  # units import it from here
 from vdfmu.base.errors import UnitError
 
 
@@ -31,8 +32,6 @@ class _Joints:
 
 JOINTS = _Joints()
 """Length of an axis: the number of joints, or links, of the robot."""
-NO_LIMIT = 1e12
-"""Start value of a limit that does not limit; FMI lacks a portable infinity."""
 SOLVER_TOLERANCE = 1e-7
 """Default tolerance of the plant's solver, relative and absolute in SI units."""
 SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))
@@ -350,4 +349,9 @@ class Machine(Protocol):
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
         """Return it as plain lists, numbers and texts; `looks` with data that no calculation uses."""
+        ...
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """Name to text of the files that `to_dict` names; its reader takes them as a third argument."""
         ...

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,11 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.base.arrays import Floats
+from vdfmu.base.csv_file import read_columns, repeated
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.files import open_regular
+from vdfmu.base.trust import before_code
 from vdfmu.compiler.scalar.generic import clip, lookup
 from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
@@ -120,6 +123,8 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
                 f"{function}: a CasADi file can hold code that runs. If you trust its author, give --trust, or "
                 "trust=True in Python."
             )
+        before_code(function)
+        open_regular(function).close()  # CasADi would wait for a pipe
         function = ca.Function.load(str(function))
     scalar = _scalar(function)
     arguments, results = scalar.name_in(), scalar.name_out()
@@ -158,8 +163,8 @@ def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "
     ----------
     table : mapping of str to (m,) array_like, str or Path
         Columns by name, with their units of measurement in brackets: ``{"T [s]": [0, 20], "R [Ohm]": [1, 1.2]}``;
-        or a CSV file with such names in its first line. Its units may also be in the second line. Semicolons may
-        separate its columns; its numbers may then have decimal commas.
+        or a CSV file with such names in its first line. Its units may also be in the second line. Semicolons, tabs or
+        blanks may separate its columns; its numbers may then have decimal commas.
     name : str, optional
         Name of the class and of its FMU.
 
@@ -174,8 +179,8 @@ def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "
     heads = [head.partition("[") for head, _ in columns] or [("", "", "")]
     first, *names = (re.sub(r"\W+", "_", head[0].strip()).strip("_") for head in heads)
     units = [head[2].strip().removesuffix("]") or "1" for head in heads]
-    if double := next((key for key in names if [first, *names].count(key) > 1), ""):
-        raise UsageError(f"{double} must be one column of the table, got two. Rename one.")
+    if twice := repeated([first, *names]):
+        raise UsageError(f"{twice[0]} must be one column of the table, got more than one. Rename the others.")
     numbers = np.array([values for _, values in columns], float).T
     if not names or len(numbers) < 2 or not np.isfinite(numbers).all():
         raise UsageError("A table must have names, and two columns and two rows of finite numbers.")
@@ -246,23 +251,12 @@ def _scalar(function: ca.Function) -> ca.Function:
     return scalar
 
 
-def _columns(path: Path) -> list[tuple[str, Sequence[float]]]:
+def _columns(path: Path) -> list[tuple[str, Floats]]:
     """Return names, with units in brackets, and numbers of the columns of a CSV file."""
-    text = path.read_text(encoding="utf-8-sig")
-    separator = ";" if ";" in text.partition("\n")[0] else ","
-    heads, *lines = [line for line in csv.reader(text.splitlines(), delimiter=separator) if any(line)] or [[""]]
-    rows = [_numbers(line, decimal="," if separator == ";" else ".") for line in lines]
-    if rows and not rows[0]:
-        heads, rows = [f"{head}[{unit.strip()}]" for head, unit in zip(heads, lines[0], strict=False)], rows[1:]
-    if bad := next((k for k, row in enumerate(rows, 1) if len(row) != len(heads)), 0):
-        got = separator.join(lines[bad - len(rows) - 1])
-        raise UsageError(f"Row {bad} must have {len(heads)} numbers, got {got!r}.")
-    return list(zip(heads, zip(*rows, strict=True), strict=False))
-
-
-def _numbers(line: Sequence[str], decimal: str) -> list[float]:
-    """Return the numbers of a line; empty if a cell is not a number."""
-    try:
-        return [float(cell.replace(decimal, ".")) for cell in line]
-    except ValueError:
-        return []
+    columns = read_columns(path)
+    file, heads = columns.file, columns.file.headings
+    if columns.faults:
+        raise UsageError("\n".join(f"{fault[:1].upper()}{fault[1:]}." for fault in columns.faults))
+    if file.unit_row:
+        heads = [f"{head}[{unit}]" for head, unit in zip(heads, file.units, strict=False)]
+    return list(zip(heads, columns.values.T, strict=False))

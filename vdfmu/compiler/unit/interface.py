@@ -27,7 +27,6 @@ from vdfmu.compiler.unit.program import Program, UnitFunctions
 from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_variables
 
-_CAST = {"Real": float, "Integer": int, "Boolean": bool}
 _TIME = Variable("time", (), "Real", "independent", "continuous", "s", None, "Time of the simulation")
 
 
@@ -101,10 +100,11 @@ class Interface:
             variable = self.find(name)
             if variable.causality == "output":
                 problems.append(f"{name} is an output without a start value.")
-            elif problem := variable.problem(value):
-                problems.append(f"{name}: {problem}.")
-            else:
-                variables[self.reference[name]] = dataclasses.replace(variable, start=_CAST[variable.type](value))
+                continue
+            try:
+                variables[self.reference[name]] = dataclasses.replace(variable, start=variable.domain.read(value))
+            except ValueError as error:
+                problems.append(f"{name}: {error}.")
         if problems:
             raise UsageError(f"start values of {self.name}: {' '.join(problems)}")
         return tuple(variables)

@@ -6,9 +6,7 @@ import ast
 import os
 import sys
 import traceback
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Iterator
 from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -16,36 +14,15 @@ from types import ModuleType
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
+from vdfmu.base.files import read_regular
 from vdfmu.base.text import kind_text
+from vdfmu.base.trust import before_code, is_reading_only
 from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.place import declarations
 from vdfmu.compiler.unit.unit import Unit
 
-_runs: ContextVar[bool] = ContextVar("_runs", default=True)
-
-
-class CodeNotRunError(Exception):
-    """A file of units was to be run within `reading_only`."""
-
-    def __init__(self, file: Path) -> None:
-        self.file = file
-        super().__init__(file)
-
-
-@contextmanager
-def reading_only() -> Generator[None]:
-    """Run no file of units: `load_units` raises CodeNotRunError after it has read one."""
-    token = _runs.set(False)
-    try:
-        yield
-    finally:
-        _runs.reset(token)
-
-
-def check_may_run(file: Path) -> None:
-    """Raise CodeNotRunError within `reading_only`."""
-    if not _runs.get():
-        raise CodeNotRunError(file)
+LARGEST_SOURCE = 2**24
+"""Largest file of code that is read [byte]."""
 
 
 @cached_per_command
@@ -53,19 +30,20 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
 
     UsageError if the file does not exist. UnitError if it fails, declares no unit, or has a name twice. CodeNotRunError
-    if it can be read within `reading_only`.
+    if it can be read within `vdfmu.base.trust.reading_only`.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")
     path = file.resolve()
-    if not _runs.get():
+    if is_reading_only():
         try:
-            compile(path.read_bytes(), str(file), "exec", ast.PyCF_ONLY_AST)
+            compile(read_regular(path, LARGEST_SOURCE), str(file), "exec", ast.PyCF_ONLY_AST)
         except SyntaxError as error:
             raise UnitError(f"{file}, line {error.lineno}: {error.msg}.") from None
-        except (ValueError, RecursionError, MemoryError) as error:
-            raise UnitError(f"{file}: cannot be read as Python: {error or type(error).__name__}.") from None
-        check_may_run(file)
+        except (OSError, ValueError, RecursionError, MemoryError) as error:
+            reason = getattr(error, "strerror", None) or error or type(error).__name__
+            raise UnitError(f"{file}: cannot be read as Python: {reason}.") from None
+    before_code(file)
     name = f"_vdfmu_unit_{sha256(str(path).encode()).hexdigest()[:12]}_{path.stem}"
     module = _run(file, path, name)
     classes = {

@@ -17,9 +17,10 @@ import numpy as np
 
 from vdfmu.base.errors import StorageError, UnitError, UsageError
 from vdfmu.base.files import data_path, replacing, source_bytes, temporary_folder
+from vdfmu.base.foreign import TITLES, read_foreign
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import kind_text
-from vdfmu.base.unpack import UnpackBudget, mat_variables
+from vdfmu.base.trust import before_code
 from vdfmu.compiler import unit
 from vdfmu.compiler.unit.base import snake_case
 from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
@@ -154,6 +155,7 @@ def _call(
 
 def _object(path: Path, name: str) -> Any:
     """Return an object of a Python file. The file is run."""
+    before_code(path)
     sys.path.insert(0, str(path.parent.resolve()))
     try:
         source: Any = runpy.run_path(str(path)).get(name)
@@ -174,20 +176,18 @@ def _object(path: Path, name: str) -> Any:
 def _system(path: Path, source: Any) -> dict[str, Any]:
     """Return the arguments of `linear_unit` of an object, or of a file."""
     labels: dict[str, Any] = {}
+    there = ""
     if source is not None:
         variables = {key: getattr(source, key) for key in ("A", "B", "C", "D", "dt") if hasattr(source, key)}
         # of python-control
         labels = {f"{key}s": list(getattr(source, f"{key}_labels", ())) for key in ("input", "output", "state")}
-    elif path.suffix == ".npz":
-        with np.load(path) as archive:
-            UnpackBudget(path).spend(sum(info.file_size for info in archive.zip.infolist()))
-            variables = dict(archive)
-    elif path.suffix == ".mat":
-        variables = mat_variables(path)
+    elif path.suffix in TITLES:
+        content = read_foreign(path)
+        variables, there = content.arrays, f"; {content.listed()}"
     else:
         raise UsageError(f"A source must be {_KINDS}.")
     if missing := [key for key in "ABCD" if key not in variables]:
-        raise UsageError(f"A linear system must have A, B, C and D, got no {missing[0]}.")
+        raise UsageError(f"A linear system must have A, B, C and D, got no {missing[0]}{there}.")
     step = variables.get("dt", variables.get("Ts"))
     step = step if step is None or step is True or not np.size(step) else float(np.ravel(step)[0])
     return {key: np.asarray(variables[key]).tolist() for key in "ABCD"} | {"dt": step} | labels

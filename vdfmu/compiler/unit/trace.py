@@ -364,9 +364,12 @@ _OTHER_WAY_OUT = '; or write backend = "python" in the class, and its FMU runs t
 
 
 def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bool = False) -> NoReturn:
-    file = str(source_file(type(unit)))
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    file, frames = source_file(type(unit)), traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if frame.filename == str(file)]
     where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
+    ours = "<", str(PACKAGE), sys.prefix, sys.base_prefix
+    if str(file).startswith(ours) and (laws := [each for each in frames if not each.filename.startswith(ours)]):
+        where = f"{laws[-1].filename}, line {laws[-1].lineno}"  # a law of a drive, which a unit of the package calls
     if symbols:  # the error of a symbol that is compared has its way out already
         reason += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
     method = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}"

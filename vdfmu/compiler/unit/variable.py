@@ -5,7 +5,6 @@ FMI names are structured and count from 1. Python indices count from 0; `Variabl
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.arrays import element_name
-from vdfmu.base.measure import POSITIVE, derivative_of, measure, unit_of
+from vdfmu.base.domain import Domain
+from vdfmu.base.measure import derivative_of, measure, unit_of
 from vdfmu.compiler.unit.base import BaseUnit
 from vdfmu.compiler.unit.declaration import (
     JOINTS,
@@ -63,33 +63,19 @@ class Variable(Attributes):
         """First display unit of the unit, if it has any."""
         return next(iter(measure(self.unit).display), None) if self.unit else None
 
+    @cached_property
+    def domain(self) -> Domain:
+        """Its type and limits."""
+        names = {name: value for value, name in enumerate(self.choices)}
+        return Domain(self.type, names, self.minimum, self.maximum, self.unit, self.start)
+
     def problem(self, value: Any) -> str | None:
         """Return the fault of a value, as ``expected .., got ..``; None if it is valid."""
-        unit = f" {self.unit}" if self.unit and self.unit != "1" else ""
         try:
-            value = float(value)
-        except (TypeError, ValueError):
-            names = " or ".join(self.choices)
-            return f"expected {names or 'a number' + (unit and ' in' + unit)}, got {value!r}"
-        low, high = self.minimum, self.maximum
-        if self.choices:
-            if value in range(len(self.choices)):
-                return None
-            expected = " or ".join(f"{i} ({name})" for i, name in enumerate(self.choices))
-        elif self.type == "Boolean":
-            if value in (0.0, 1.0):
-                return None
-            expected = "true or false"
-        elif not math.isfinite(value):
-            expected = "a finite number"
-        elif low is not None and value < low:
-            strict = low == POSITIVE and value <= 0.0
-            expected = "a number above 0" if strict else f"at least {low:g}{unit}"
-        elif high is not None and value > high:
-            expected = f"at most {high:g}{unit}"
-        else:
-            return None
-        return f"expected {expected}, got {value:.9g}{unit}"
+            self.domain.read(value)
+        except ValueError as error:
+            return str(error)
+        return None
 
 
 _ORDER = (Input, State, Sampled, Output)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +18,7 @@ from fmpy.model_description import (
     read_model_description,
 )
 
+from vdfmu.base.cache import built_as
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import FMI_1, FMI_2, MASTER_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, element_names, read_variables, type_of
@@ -28,12 +29,11 @@ from vdfmu.engine.package.system import Value
 from vdfmu.engine.rules import Finding, breach, finding, fmpy_finding
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
-_OURS = {"resources/vdfmu.json", "extra/vdfmu/vdfmu.json"}
-"""Members of FMUs that this project built: one of these; see `vdfmu.compiler.fmu.content`."""
 _UNIT = "resources/unit.py"
 """Member of a Python FMU of this project with the code of a user's unit."""
 _TRUE = {"true", "1"}
 _SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
+_CHOICES = "{urn:org.vdfmu.choices}Choice"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 
 
@@ -114,9 +114,12 @@ class Description:
         return [v for v in self.variables.values() if v.causality == causality]
 
 
-def is_ours(names: Collection[str]) -> bool:
-    """Whether an FMU with these members claims that this project built it, without a unit of the user."""
-    return not _OURS.isdisjoint(names) and _UNIT not in names
+def is_own(unit: Archive) -> bool:
+    """Whether this user built an FMU here, to the byte, and without a unit's own Python code in it.
+
+    It alone decides which code runs in this process; all other FMUs run in a process of their own.
+    """
+    return _UNIT not in unit and built_as(unit.file) is not None
 
 
 def library_name(identifier: str, version: FmiVersion) -> str:
@@ -227,12 +230,16 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         if type_of(v.tag) == "Real" and (v.get("causality"), v.get("variability")) in _CONTINUOUS_INPUT
     )
     clocks = {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
+    names = {
+        listed.get("variable"): {each.get("name", ""): i for i, each in enumerate(listed.iterfind(_CHOICES))}
+        for listed in root.iterfind(f".//{_CHOICES}s")
+    }
     return Description(
         source=source,
         identifier=str(part.modelIdentifier or ""),
         guid=str(model.guid),
         once_per_process=bool(part.canBeInstantiatedOnlyOncePerProcess),
-        variables=read_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit")), clocks),
+        variables=read_variables(model, relative, read_units(root.iterfind("UnitDefinitions/Unit")), clocks, names),
         shapes={v.name: tuple(v.shape) for v in model.modelVariables if v.shape},
         step_dependencies=_unknowns(model.outputs),
         initial_dependencies=_unknowns(model.initialUnknowns),

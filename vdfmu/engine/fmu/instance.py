@@ -27,6 +27,8 @@ _PASSED = ("ok", "warning", "discard", "pending")
 """Status of messages in freeInstance that are not a failure; the call itself returns no status."""
 _UPDATES = 1000
 """Most updates of discrete states at an event."""
+_DRIFT = 1e-9
+"""Relative error of a clock that adds up 10 million steps: each sum rounds by 2^-53 at most."""
 _MAKING = threading.Lock()
 """Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
 
@@ -51,6 +53,8 @@ class Instance(Library):
     """Whether the master handles events of the co-simulation."""
     event_needed = False
     """Whether a step has ended at an event."""
+    step: tuple[c_double, c_double]
+    """Begin and length of the last step [s]."""
     updates = False
     """Whether the inputs follow lines, by intermediate updates."""
     _values: dict[int, list[Value]] | None = None
@@ -83,6 +87,13 @@ class Instance(Library):
     def sizes(self) -> tuple[int, int]:
         """Return the numbers of continuous states and of event indicators, for model exchange."""
         return self.description.sizes
+
+    def check_end(self, begin: float, size: float, end: float) -> None:
+        """Check the time [s] at which a step from `begin` ended, as reported; CosimError if it is not in the step."""
+        close = _DRIFT * (abs(begin) + size)
+        if not begin - close <= end <= begin + size + close:
+            step = f"the step from t = {begin:.9g} s to t = {begin + size:.9g} s"
+            raise self._failure("doStep", f"it reports that {step} ended at t = {end:.9g} s")
 
     # ------------------------------------------------------------------ steps and events
 
@@ -127,6 +138,9 @@ class Instance(Library):
         for _ in range(_UPDATES):
             again, end, _, _, defined, after = getattr(self.fmu, self.update_name)()
             self.next_event = after if defined else math.inf
+            if not self.next_event >= time - _DRIFT * abs(time):
+                reason = f"its next event must not be before this time, got t = {after:.9g} s"
+                raise CosimError(self.name, "updateDiscreteStates", time, reason)
             if end:
                 self.box.ended[self.name] = time
             if end or not again:
@@ -268,7 +282,10 @@ class Instance(Library):
         boxes[self.token] = (self.name, self.box)
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
-                self._make()
+                try:
+                    self._make()
+                finally:
+                    self.let_go()
         else:
             self._make()
         self.argument = c_void_p.from_param(self.fmu.component)

@@ -26,6 +26,14 @@ _DIFFERENCE = 1e-6
 """Size of differences, relative to sizes and nominal values."""
 _EVENTS = 1000
 """Most events in a communication step."""
+_MOST = 10_000_000
+"""Most continuous states, and most event indicators: 80 MB each."""
+
+
+def excess_of(states: int, indicators: int) -> str:
+    """Return the numbers of states and of event indicators, with their limit, if there is no memory for them."""
+    text = f"{states} continuous states and {indicators} event indicators; expected {_MOST} at most of each"
+    return text if max(states, indicators) > _MOST else ""
 
 
 class ModelExchangeIntegrator:
@@ -38,6 +46,8 @@ class ModelExchangeIntegrator:
     def __init__(self, instance: Any, tolerance: float | None) -> None:
         self.instance, self.tolerance = instance, tolerance or TOLERANCE
         n_x, n_z = instance.sizes()
+        if excess := excess_of(n_x, n_z):
+            raise self._failure(f"it has {excess}")
         self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
         self._nominals = np.ones(n_x)
         from scipy.integrate import DOP853, Radau  # import takes a third of a second

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from ctypes import CDLL, c_int
 from functools import cache, partial
 from inspect import signature
@@ -72,6 +73,14 @@ class Library:
         )  # fmt: skip
         self.argument: Any = None
         """The instance as an argument, prepared once."""
+
+    def let_go(self) -> None:
+        """Make the library of a Python FMU give up its share in what its instances hold.
+
+        pythonfmu 0.7.0 counts that down when the library is unloaded or the process ends, after it has been freed.
+        """
+        with suppress(AttributeError):  # another wrapper
+            self._library.finalizePythonInterpreter()
 
     def _symbol(self, name: str) -> str:
         return name

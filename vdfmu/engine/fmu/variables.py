@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from fmpy.model_description import ModelDescription
 
 from vdfmu.base.arrays import element_name
+from vdfmu.base.domain import Domain
 from vdfmu.base.standards import MASTER_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
@@ -67,9 +69,10 @@ class FmuVariable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `type` is Real, Integer, Enumeration, Boolean, String or Binary, `native` the type in the names of its functions,
-    `items` the items of an enumeration, `nominal` the size of its values in its unit if stated, `limits` the least and
-    the largest value. `index` is its position among the `length` elements of the array, row by row. `reference` and
-    `clocks` are value references, of itself and of its clocks. `clock` holds the properties of a clock.
+    `items` the items of an enumeration or of a choice of a unit, `nominal` the size of its values in its unit if
+    stated, `limits` the least and the largest value. `index` is its position among the `length` elements of the array,
+    row by row. `reference` and `clocks` are value references, of itself and of its clocks. `clock` holds the properties
+    of a clock.
     """
 
     name: str
@@ -100,6 +103,15 @@ class FmuVariable:
         """The type that the FMU states."""
         return self.type if self.type == "Enumeration" else self.native
 
+    @cached_property
+    def domain(self) -> Domain:
+        """Its type and limits, for an integer those of its number of bits too."""
+        low, high = self.limits
+        if self.type == "Integer":
+            least, most = RANGES[self.native]
+            low, high = max(least, low), min(most, high)
+        return Domain(self.type, self.items, low, high, self.unit.name if self.unit else None, self.start)
+
     @property
     def size(self) -> float:
         """The nominal value, by default 1 (FMI)."""
@@ -122,39 +134,38 @@ def _limits_of(variable: Any) -> tuple[float, float]:
     return limits[0], limits[1]
 
 
-def limit_fault(value: float, limits: tuple[float, float]) -> str | None:
-    """Return the fault of a value outside of limits; None for a value inside."""
-    low, high = limits
-    side = f"least {low:g}" if value < low else f"most {high:g}" if value > high else ""
-    return f"expected at {side}, the limit of the FMU, got {value:g}" if side else None
-
-
 def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
     """Return the names of the elements of a variable, row by row, counted from 1; for a scalar its name."""
     return [element_name(name, index) for index in np.ndindex(*(shape or ()))]
 
 
 def read_variables(
-    model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any]
-) -> dict[str, FmuVariable]:
-    """Return the variables of fmpy's description by their names, arrays by their elements."""
+    model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any],
+    names: Mapping[str, Mapping[str, int]],
+) -> dict[str, FmuVariable]:  # fmt: skip
+    """Return the variables of fmpy's description by their names, arrays by their elements.
+
+    `relative` has the names of relative quantities, `clocks` the elements of clocks, and `names` names of the values
+    of integers, each by variable.
+    """
     version = MASTER_VERSIONS[str(model.fmiVersion)]
     variables: dict[str, FmuVariable] = {}
     for v in model.modelVariables:
         declared = v.declaredType
         unit = v.unit or (declared.unit if declared is not None else None)
-        names = element_names(v.name, v.shape)
-        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(names))
-        for index, (name, start, nominal) in enumerate(zip(names, start_values(v), nominals, strict=True)):
+        elements = element_names(v.name, v.shape)
+        items = {str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None
+        nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(elements))
+        for index, (name, start, nominal) in enumerate(zip(elements, start_values(v), nominals, strict=True)):
             variables[name] = FmuVariable(
                 name, v.valueReference, type_of(v.type), v.causality, v.variability, v.initial,
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
-                items={str(i.name): int(str(i.value)) for i in declared.items} if declared is not None else None,
+                items=items or names.get(name),
                 nominal=abs(float(nominal or 0)) or None,
                 limits=_limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,
-                index=index, length=len(names), start=start,
+                index=index, length=len(elements), start=start,
                 clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
                 clock=_read_clock(clocks[name]) if name in clocks else None,
             )  # fmt: skip
@@ -173,9 +184,10 @@ def start_values(variable: Any) -> list[Value]:
     if kind in ("String", "Binary"):
         return [bytes.fromhex(text or "") if kind == "Binary" else text or ""] * length
     starts: list[Value] = []
+    read = float if kind == "Real" else int  # an integer may have more digits than a float
     for part in _elements(text, length):
         try:
-            starts.append(part in ("true", "1") if kind == "Boolean" else float(part or 0))
+            starts.append(part in ("true", "1") if kind == "Boolean" else read(part or 0))
         except ValueError:
-            starts.append(0)
-    return starts if kind in ("Real", "Boolean") else [int(value) for value in starts]
+            starts.append(read(0))
+    return starts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_uint, c_uint32
+from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_ubyte, c_uint, c_uint32
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,7 @@ class Instance2(Instance):
         return function, (self.argument, byref(moved.references), count, moved.pointer), moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
+        self.step = clock, size
         return self.function("DoStep"), (self.argument, clock, size, c_int.from_param(1)), "doStep"
 
     def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
@@ -92,15 +93,20 @@ class Instance2(Instance):
         """See `Instance.has_ended`."""
         before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
         try:
-            status = self.function("GetBooleanStatus")(self.argument, c_int(_TERMINATED), byref(ended))
-            if status == 0 and ended.value:
+            if self.function("GetBooleanStatus")(self.argument, c_int(_TERMINATED), byref(ended)):
+                ended.value = 0
+            elif ended.value:
                 self.function("GetRealStatus")(self.argument, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
-                self.box.ended[self.name] = time.value
-                return True
         except CosimError:  # the library lacks these functions
             pass
-        del self.box.pending[before:]  # messages of these calls do not explain the discarded step
-        return False
+        if not ended.value:
+            del self.box.pending[before:]  # messages of these calls do not explain the discarded step
+            return False
+        if not math.isnan(time.value):  # else it does not report the time
+            begin, size = self.step
+            self.check_end(begin.value, size.value, time.value)
+        self.box.ended[self.name] = time.value
+        return True
 
 
 class Instance1(Instance2):
@@ -156,6 +162,8 @@ _EVENT, _END, _EARLY = range(3)
 """Output flags of doStep."""
 _CLOSE = 1e-9
 """Part of a step that an early return may omit by rounding."""
+_RETURNS = 1000
+"""Most early returns from a communication step."""
 _KEEP = c_bool.from_param(True)
 """Argument of doStep: no state from before the step is restored."""
 _CHANGED = 2
@@ -216,8 +224,8 @@ class Instance3(Instance):
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step = self.function("DoStep")
-        self.flags, self.reached = (c_bool * 4)(), c_double()
-        """Answers of doStep: output flags, and the last successful time [s]."""
+        self.flags, self.reached = (c_ubyte * 4)(), c_double()
+        """Answers of doStep: output flags, of which an FMU may set any bit, and the last successful time [s]."""
         self._answers = *(byref(self.flags, i) for i in (_EVENT, _END, _EARLY)), byref(self.reached)
 
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
@@ -231,14 +239,22 @@ class Instance3(Instance):
         """Complete a step by its status, `flags` and time `reached`; return the last status."""
         if self._failed is not None:
             raise self._failed
-        end, any_flag = clock.value + size.value, c_uint32.from_buffer(self.flags)
+        begin, end, any_flag = clock.value, clock.value + size.value, c_uint32.from_buffer(self.flags)
         close = end - _CLOSE * size.value
-        while any_flag.value and status < 2:
-            if self._answered(self.flags, self.reached.value, self.reached.value >= close):
-                break
-            rest = c_double(self.reached.value), c_double(end - self.reached.value)
+        for _ in range(_RETURNS):
+            if not any_flag.value or status >= 2:
+                return status
+            last = self.reached.value
+            if self.flags[_END] or self.flags[_EARLY]:
+                self.check_end(begin, end - begin, last)
+            if self._answered(self.flags, last, last >= close):
+                return status
+            if not (last > begin or self.flags[_EVENT]):
+                reason = f"it returned early at t = {begin:.9g} s, where it began, without an event"
+                raise self._failure("doStep", reason)
+            begin, rest = last, (c_double(last), c_double(end - last))
             status = self.function("DoStep")(self.argument, *rest, _KEEP, *self._answers)
-        return status
+        raise self._failure("doStep", f"it returned early {_RETURNS} times in a step, the last at t = {begin:.9g} s")
 
     def _run_line(self, begin: float, end: float) -> None:
         """Begin a step with inputs on lines; a repeated step begins as before."""
@@ -314,7 +330,10 @@ class Instance3(Instance):
         n = len(references)
         intervals, qualifiers = (c_double * n)(), (c_int * n)()
         self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
-        return [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]
+        new = [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]
+        if not all(x is None or 0.0 <= x < math.inf for x in new):
+            raise self._failure("getIntervalDecimal", f"expected the interval of a clock, got {new} s")
+        return new
 
 
 def class_of(description: Description) -> type[Instance]:

@@ -38,6 +38,7 @@ def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findin
     folder = Path(fmpy.extract(str(path)))
     simulated = not description.exchange
     attempts: list[tuple[str, object, Attempt]] = [
+        ("numbers of states and event indicators", description.exchange, _initialized),
         ("event mode (hasEventMode)", description.event_mode, _event_mode),
         ("inputs, set to their start values", _inputs(description), _stepped),
         ("FMU state (canGetAndSetFMUState)", simulated and description.saves_state, _state),
@@ -50,7 +51,7 @@ def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findin
         except CosimError as error:
             problem = str(error)
         if problem:
-            findings.problem("RUN009", f"{ability}: {problem}")
+            findings.report("RUN009", f"{ability}: {problem}")
     return findings
 
 
@@ -87,6 +88,11 @@ def tried(
 def _inputs(description: Description) -> list[FmuVariable]:
     """Return the inputs for values between steps."""
     return [v for v in description.named("input") if not v.clocks and v.clock is None]
+
+
+def _initialized(*_: object) -> str:
+    """Nothing more than the initialization, which asks for the numbers."""
+    return ""
 
 
 def _event_mode(instance: Instance, start: float, step: float) -> str:

@@ -14,6 +14,8 @@ import fmpy
 from fmpy.validation import validate_model_description
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from vdfmu.engine.fmu.integrator import excess_of
+from vdfmu.engine.package.parse import schema_breaches
 from vdfmu.engine.rules import Finding, finding, fmpy_finding, line_of
 
 DESCRIPTION = "modelDescription.xml"
@@ -62,7 +64,9 @@ def description_faults(root: Any) -> tuple[list[Finding], Any]:
     try:
         model = fmpy.read_model_description(box, validate=False)
         _restore_lines(model, root)
-        return [*dangling.faults, *_rules(model)], model
+        excess = excess_of(model.numberOfContinuousStates, model.numberOfEventIndicators)
+        too_many = [finding("FMI023", f"{line_of(root)}: the model has {excess}", root)] if excess else []
+        return [*dangling.faults, *too_many, *_rules(model)], model
     except Exception as error:  # fmpy raises bare exceptions
         text = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
         return dangling.faults or [finding("FMI003", text, root)], None
@@ -75,10 +79,7 @@ def _schema(name: str) -> Any:
 
 def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
     """Return the breaches of a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
-    schema = _schema(name)
-    if schema.validate(root):
-        return []
-    return [finding("FMI003", f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log]
+    return schema_breaches(_schema(name), root, "FMI003", where)
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:

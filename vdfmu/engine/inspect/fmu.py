@@ -80,9 +80,9 @@ def note_run(findings: Findings, anyway: bool) -> bool:
     """Return whether to run a file with these findings, and note the reason; `anyway` ignores faults of FMUs."""
     numbers = [problem.rule.number for problem in findings.problems]
     if not all(anyway and n.startswith("FMI") and n not in _UNUSABLE for n in numbers):
-        findings.notes.append(NOT_RUN)
+        findings.entries.append(NOT_RUN)
         return False
-    findings.notes += [RUN_ANYWAY] if numbers else []
+    findings.entries += [RUN_ANYWAY] if numbers else []
     return True
 
 
@@ -97,7 +97,7 @@ def check_unit(
     """
     findings, standard = _examine(path, name or path.name, outer)
     if not run:
-        findings.note("RUN006", "not run (--no-run): the binary was not loaded")
+        findings.report("RUN006", "not run (--no-run): the binary was not loaded")
     elif note_run(findings, anyway):
         from vdfmu.engine.inspect.trial import run_apart
 
@@ -118,11 +118,11 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     standard = f"FMI {version}" if version else None
     if not _VERSION.fullmatch(version or ""):
         got = f"fmiVersion is {version!r}" if version else "has no fmiVersion"
-        findings.problem("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root)
+        findings.report("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root)
         return findings, standard
     if version == "1.0" and root.find("Implementation") is None:
         text = "FMI 1.0 for model exchange: fmpy runs it, the master of vdfmu takes FMI 1.0 for co-simulation only"
-        findings.note("RUN008", text, root)
+        findings.report("RUN008", text, root)
     broken, mended = _rules(unit)
     findings.add(broken)
     try:
@@ -134,9 +134,9 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
     interfaces = ("coSimulation", "modelExchange", "scheduledExecution")
     kinds = [name for name in interfaces if getattr(description, name, None) is not None]
     if version != "1.0" and "coSimulation" not in kinds:
-        findings.note("FMI019", "no co-simulation: a master needs it; other importers bring a solver", root)
+        findings.report("FMI019", "no co-simulation: a master needs it; other importers bring a solver", root)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
-        findings.problems += _experiment(description)
+        findings.entries += _experiment(description)
     _binaries(unit, description, kinds, findings)
     return findings, standard
 
@@ -156,7 +156,7 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     problems, description = description_faults(root)
     if description is None:  # breaches of the schema hide all others
         return Findings(problems), None
-    return Findings([*problems, *ours, *build.problems], [*notes, *build.notes]), description
+    return Findings([*problems, *ours, *build, *notes]), description
 
 
 def _experiment(description: Any) -> list[Finding]:
@@ -186,7 +186,7 @@ def _experiment(description: Any) -> list[Finding]:
 def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _FmuContents:
     """Read the contents of an FMU; report and skip refused XML."""
     with Archive(path, label, outer) as archive:
-        findings.notes += archive.notes
+        findings.entries += archive.notes
         if DESCRIPTION not in archive:
             hint = "; it is a package of SSP, name it .ssp" if "SystemStructure.ssd" in archive else ""
             raise breach("FMI001", f"it has no {DESCRIPTION!r}{hint}")
@@ -199,11 +199,11 @@ def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> 
                 try:
                     roots[name] = parse_xml(archive.read(name), name)
                 except SspError as error:
-                    findings.problems += error.problems
+                    findings.entries += error.problems
             if name.startswith("binaries/") and name.count("/") == 2 and name.endswith(tuple(_MAGIC)):
                 data = archive.head(name)
                 if not data.startswith(_MAGIC[posixpath.splitext(name)[1]]):
-                    findings.problem("FMI018", f"{name}: is not a shared library of the kind in its name")
+                    findings.report("FMI018", f"{name}: is not a shared library of the kind in its name")
                 elif name.split("/")[1] in (fmpy.platform, fmpy.platform_tuple):
                     processor = _architecture(data)
                     if processor not in (None, fmpy.architecture):
@@ -221,14 +221,14 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         has_sources = any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".cc")) for n in names)
         sources = "; compile its sources first" if has_sources else ""
         text = f"no binary for this platform, {fmpy.platform}; there are: {', '.join(folders) or 'none'}{sources}"
-        findings.problem("FMI017", text)
+        findings.report("FMI017", text)
         return
     for identifier in sorted({str(getattr(description, kind).modelIdentifier) for kind in kinds}):
         libraries = [f"binaries/{p}/{identifier}{fmpy.sharedLibraryExtension}" for p in here]
         if not {*libraries} & {*names}:
             folder, library = posixpath.split(libraries[0])
-            findings.problem("FMI017", f"{folder} has no {library}, as the model identifier asks for")
-        findings.problems += [finding("FMI018", unit.misbuilt[name]) for name in libraries if name in unit.misbuilt]
+            findings.report("FMI017", f"{folder} has no {library}, as the model identifier asks for")
+        findings.entries += [finding("FMI018", unit.misbuilt[name]) for name in libraries if name in unit.misbuilt]
 
 
 def _architecture(data: bytes) -> str | None:
@@ -364,28 +364,28 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[Finding]:
     return faults
 
 
-def _build_faults(root: Any, build: Any, names: Collection[str]) -> Findings:
+def _build_faults(root: Any, build: Any, names: Collection[str]) -> list[Finding]:
     """Return the faults of the source files in the model description or a build description."""
     where, listed = DESCRIPTION, root.iterfind("*/SourceFiles/File")
     if build is not None:
         version = build.get("fmiVersion") or "none"
         if not version.startswith("3."):
-            return Findings([finding("FMI002", f"{BUILD}: fmiVersion is {version!r}; expected 3.0", build)])
+            return [finding("FMI002", f"{BUILD}: fmiVersion is {version!r}; expected 3.0", build)]
         faults = schema_faults(build, "fmi3/fmi3BuildDescription.xsd", BUILD)
         if faults:
-            return Findings(faults)
+            return faults
         where, listed = BUILD, build.iterfind(".//SourceFile")
     files = dict.fromkeys(str(item.get("name")) for item in listed)
     missing = [f for f in files if not {posixpath.normpath(f"sources/{n}") for n in (f, unquote(f))} & {*names}]
     if not missing:
-        return Findings()
+        return []
     shown = ", ".join(map(repr, missing[:_SHOWN])) + (f" and {len(missing) - _SHOWN} more" if missing[_SHOWN:] else "")
     text = f"{where}: lists source files that are not in sources/: {shown}"
     stripped = not any(name.startswith("sources/") and name != BUILD for name in names)
     if stripped and any(name.startswith("binaries/") for name in names):
         text += "; without sources, it can be run by its binaries only"
-        return Findings(notes=[finding("FMI014", text, (where, 0))])
-    return Findings([finding("FMI014", text, (where, 0))])
+        return [finding("FMI024", text, (where, 0))]
+    return [finding("FMI014", text, (where, 0))]
 
 
 def _terminal_faults(terminals: Any, root: Any) -> list[Finding]:

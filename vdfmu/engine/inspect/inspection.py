@@ -43,17 +43,17 @@ class Report(Findings):
     @classmethod
     def of(cls, findings: Findings, path: Path, kind: str, standard: str | None = None) -> Report:
         """Return the report on a file, with each finding once, as a line."""
-        problems, notes = (list(dict.fromkeys(map(one_line, texts))) for texts in (findings.problems, findings.notes))
-        return cls(problems, notes, findings.compared, findings.ran, str(path), kind, standard)
+        lines = list(dict.fromkeys(map(one_line, findings.entries)))
+        return cls(lines, findings.compared, findings.ran, str(path), kind, standard)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report for JSON; ``findings`` are problems and notes with rule and place."""
         head = {name: getattr(self, name) for name in ("file", "kind", "standard", "ran", "compared")}
         findings = [
             {
-                "rule": text.rule.number, "severity": severity, "file": text.file or None, "line": text.line or None,
-                "message": str(text), "way_out": text.rule.way,
-            } for severity, texts in (("problem", self.problems), ("note", self.notes)) for text in texts
+                "rule": text.rule.number, "severity": text.rule.severity, "file": text.file or None,
+                "line": text.line or None, "message": str(text), "way_out": text.rule.way,
+            } for text in (*self.problems, *self.notes)
         ]  # fmt: skip
         return {"format": FORMAT, **head, "problems": self.problems, "notes": self.notes, "findings": findings}
 
@@ -113,11 +113,10 @@ def _inspect(path: Path, suffix: str, run: bool, anyway: bool) -> Report:
 
 
 def _renamed(findings: Findings, old: str, new: str) -> Findings:
-    problems, notes = (
-        [Finding(text.replace(old, new), text.rule, text.file.replace(old, new), text.line) for text in texts]
-        for texts in (findings.problems, findings.notes)
+    entries = (
+        Finding(each.replace(old, new), each.rule, each.file.replace(old, new), each.line) for each in findings.entries
     )
-    return replace(findings, problems=problems, notes=notes)
+    return replace(findings, entries=[*entries])
 
 
 def _require(path: Path, suffix: str) -> None:
@@ -165,7 +164,7 @@ def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> 
     heads: dict[str, Any] = {}
     try:
         with Archive(path, path.name) as archive:
-            findings.notes += archive.notes
+            findings.entries += archive.notes
             names = variants(archive)
             if DEFAULT not in names:
                 has = f"; it has {', '.join(names)}" if names else ""
@@ -177,8 +176,8 @@ def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> 
             documented = any(name.startswith("documentation/") for name in archive.names)
             if documented and "documentation/index.html" not in archive:
                 text = "has documentation/ without documentation/index.html, where readers start"
-                findings.problem("SSP007", f"{path.name}: {text}")
-            findings.notes += _same_names(heads)
+                findings.report("SSP007", f"{path.name}: {text}")
+            findings.entries += _same_names(heads)
     except SspError as error:
         return Findings(error.problems), None
     stored: dict[str, Path] = {}
@@ -198,7 +197,7 @@ def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> 
 def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Path]) -> Findings:
     """Check an SSD, and each of its FMUs that is not yet `stored`, despite other faults."""
     system, problems = read_system(path, variant)
-    findings, units = Findings(list(problems)), dict[str, list[Finding]]()
+    findings, units = Findings([*problems]), dict[str, list[Finding]]()
     with Archive(path, path.name) as archive:
         sources = [n for n in archive.names if n.lower().endswith(".fmu")]
         if system is not None:
@@ -213,16 +212,15 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
             except SspError as error:
                 units[source] = error.problems
     if system is not None:
-        findings.problems += system.faults
+        findings.entries += system.faults
         try:
-            checked = check_system(system, algorithm=master_of(system), ignore_unmatched=True)
-            problems, notes = [], cast("list[Finding]", [*checked.notes])  # all are findings without set values
+            checked = check_system(system, algorithm=master_of(system))
+            new = cast("list[Finding]", [*checked.notes])  # all are findings without set values
         except SspError as error:
-            problems, notes = error.problems, [*error.notes]
-        findings.notes += notes
+            new = [*error.problems, *error.notes]
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
-        new = [each for each in problems if not (each.startswith(starts) and each.rule.number.startswith(_OF_UNIT))]
-        findings.problems = list(dict.fromkeys([*findings.problems, *new]))
+        new = [each for each in new if not (each.startswith(starts) and each.rule.number.startswith(_OF_UNIT))]
+        findings.entries = list(dict.fromkeys([*findings.entries, *new]))
     for source, faults in units.items():
         findings.add(Findings(faults), source, f"{path.name}: {source}")
     return findings
@@ -259,4 +257,4 @@ def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
         if is_inside(member) and member not in archive:
             owner = element.getparent().get("name") or "the system"
             notes.append(finding("SSP008", f"{owner}: icon: the package has no {icon!r}", element))
-    return root, Findings(notes=notes)
+    return root, Findings(notes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import posixpath
 import zipfile
@@ -16,6 +15,7 @@ import fmpy
 import numpy as np
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.csv_file import CsvFile
 from vdfmu.base.errors import SspError
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.description import Description
@@ -24,7 +24,6 @@ from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.inspect.abilities import described, make_step, tried
 from vdfmu.engine.inspect.description import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.plan.conversion import as_type
 from vdfmu.engine.rules import Findings, finding
 
 # Reference results do not state the solver's tolerance. This is far above usual ones and far below a wrong result.
@@ -63,12 +62,12 @@ def compare(path: Path) -> Findings:
                 signals = _inputs_of(archive, inputs, description)
                 results = _results(path, description, expected, signals)
                 for problem in _differences(expected, results):
-                    findings.problem("RUN003", f"{short}: {problem}")
+                    findings.report("RUN003", f"{short}: {problem}")
                 findings.compared.append(short)
             except _NotComparedError as reason:
                 _leave(findings, name, str(reason))
             except Exception as error:  # foreign files and units
-                findings.problem("RUN003", f"{short}: the reference results cannot be compared: {error}")
+                findings.report("RUN003", f"{short}: the reference results cannot be compared: {error}")
     return findings
 
 
@@ -98,7 +97,7 @@ def _tables(archive: zipfile.ZipFile, findings: Findings) -> dict[str, str | Non
             try:
                 tables |= _experiments(parse_xml(archive.read(name), name), name, names, findings)
             except SspError as error:
-                findings.problems += [finding("RUN003", text) for text in error.problems]
+                findings.entries += [finding("RUN003", text) for text in error.problems]
     return tables
 
 
@@ -117,7 +116,7 @@ def _named(element: Any, owner: str) -> str:
 
 
 def _leave(findings: Findings, name: str, why: str) -> None:
-    findings.note("RUN004", f"{posixpath.basename(name)}: not compared: {why}")
+    findings.report("RUN004", f"{posixpath.basename(name)}: not compared: {why}")
 
 
 def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> dict[str, str | None]:
@@ -155,7 +154,7 @@ def _results_of(archive: zipfile.ZipFile, name: str, description: Description, f
 
     table = read_table(archive.read(name).decode("utf-8-sig"), skip)
     for reason, columns in left.items():
-        findings.note("RUN004", f"{posixpath.basename(name)}: {', '.join(columns)}: not compared: {reason}")
+        findings.report("RUN004", f"{posixpath.basename(name)}: {', '.join(columns)}: not compared: {reason}")
     if not table.columns:
         raise _NotComparedError("it lacks comparable columns")
     return table
@@ -184,13 +183,13 @@ def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Descri
 
 def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> ReferenceTable:
     """Read a table without columns with `skip(name)`; ValueError names the wrong line."""
-    rows = [row for row in csv.reader(io.StringIO(text), skipinitialspace=True) if row]
-    if len(rows) < 2 or len(rows[0]) < 2:
+    file = CsvFile(io.StringIO(text, newline=""))
+    head, rows = [*map(str.strip, file.headings)], [*file]
+    if not rows or len(head) < 2:
         raise ValueError("expected a head with 'time' and variables, and at least one row")
-    head = [name.strip() for name in rows[0]]
     kept = [0, *(k for k, name in enumerate(head) if k and not skip(name))]
     values: list[list[list[float]]] = []
-    for line, row in enumerate(rows[1:], start=2):
+    for line, row in rows:
         if len(row) != len(head):
             raise ValueError(f"line {line}: expected {len(head)} cells, got {len(row)}")
         try:
@@ -205,7 +204,7 @@ def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) ->
         columns[name] = np.array([row[index] for row in values])
     time = columns.pop(head[0])[:, 0]
     if not np.all(np.isfinite(time)):
-        raise ValueError(f"line {int(np.argmin(np.isfinite(time))) + 2}: times must be finite")
+        raise ValueError(f"line {rows[int(np.argmin(np.isfinite(time)))][0]}: times must be finite")
     if not np.all(np.diff(time) >= 0.0):
         raise ValueError("times must not decrease")
     return ReferenceTable(time, columns)
@@ -249,7 +248,7 @@ def _results(
             continuous = variables[0].variability == "continuous"
             if continuous or not running:
                 values = zip(variables, (lines if continuous else held)[name].tolist(), strict=True)
-                instance.set_all([(v, bool(x) if v.kind == "Boolean" else as_type(x, v)) for v, x in values])
+                instance.set_all([(v, bool(x) if v.kind == "Boolean" else v.domain.read(x)) for v, x in values])
 
     def steps(instance: Instance, *_: float) -> str:
         memory = {name: np.zeros(len(each), DTYPES[each[0].kind]) for name, each in outputs.items()}

@@ -23,16 +23,16 @@ from unittest.mock import patch
 import fmpy
 import numpy as np
 import numpy.typing as npt
-from fmpy import fmi2
+from fmpy import fmi1, fmi2
 from fmpy.fmi1 import (
     _FMU,  # pyright: ignore[reportPrivateUsage]
     FMICallException,
 )
 
 from vdfmu.base.errors import StorageError, VdfmuError
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import read_json, temporary_folder
 from vdfmu.base.interrupt import listening
-from vdfmu.base.process import Listener, end_group, limit, started
+from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.inspect.abilities import try_abilities
 from vdfmu.engine.inspect.reference import compare
@@ -59,6 +59,8 @@ _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 """Last line of the error output of a process without space."""
+_STATUS_AS_TEXT = ("fmi1InitializeSlave", "fmi1DoStep")
+"""Functions whose status FMPy declares as a text: it would read a warning as an address."""
 _MOST = 20
 """Most messages of a unit, from the first."""
 _TEXT = 1000
@@ -80,7 +82,7 @@ def run_apart(
             code, output = _contained(module, kind, str(path.resolve()), deadline, folder, str(unpack_limit()), task)
         except OSError as error:
             return Findings([finding("RUN001", f"{task} could not be tried: {error}")])
-        noted, answer, answered = Path(folder, _PHASE), Path(folder, _ANSWER), False
+        noted, answer, answered, whole = Path(folder, _PHASE), Path(folder, _ANSWER), False, False
         phase = "the start of the process"
         if noted.is_file():
             with noted.open("rb") as file:  # the unit may have written it
@@ -89,14 +91,16 @@ def run_apart(
             if answer.is_file() and answer.stat().st_size > _ANSWER_LIMIT:
                 raise ValueError(f"they have more than {_ANSWER_LIMIT} bytes")
             if answer.is_file():
-                values = json.loads(answer.read_text(encoding="utf-8"))
+                values = read_json(answer)
                 findings.add(_decoded(values))
-                answered = bool(values["whole"])
+                answered = whole = bool(values["whole"])
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
-            findings.problem("RUN002", f"the findings of {task} cannot be read: {error}")
+            findings.report("RUN002", f"the findings of {task} cannot be read: {error}")
             answered = True
+    if whole:  # a fault at the end of the process is no finding
+        return findings
     if code is None:
-        findings.problem("RUN002", f"{phase} did not end within {SECONDS:g} s")
+        findings.report("RUN002", f"{phase} did not end within {SECONDS:g} s")
         return findings
     last = output.strip().splitlines()[-1:]
     if code and last == [_FULL_NOTICE]:
@@ -104,29 +108,22 @@ def run_apart(
         raise StorageError(f"{text}; free space there, or name another folder in TMPDIR")
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        findings.problem("RUN002", f"the process crashed ({how}) in {phase}{''.join(f': {s}' for s in last)}")
+        findings.report("RUN002", f"the process crashed ({how}) in {phase}{''.join(f': {s}' for s in last)}")
     elif not answered:
-        findings.problem("RUN002", f"the unit ended the process in {phase}")
+        findings.report("RUN002", f"the unit ended the process in {phase}")
     return findings
 
 
 def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
     """Return findings for JSON, with rules by number; `whole` if no more follow."""
-    problems, notes = (
-        [(each.rule.number, each, each.file, each.line) for each in listed]
-        for listed in (findings.problems, findings.notes)
-    )
-    head = {"compared": findings.compared, "ran": findings.ran, "whole": whole}
-    return {"problems": problems, "notes": notes, **head}
+    entries = [(each.rule.number, each, each.file, each.line) for each in findings.entries]
+    return {"entries": entries, "compared": findings.compared, "ran": findings.ran, "whole": whole}
 
 
 def _decoded(values: Any) -> Findings:
     """Return the findings of :func:`_encoded`; ValueError, TypeError or KeyError for anything else."""
-    problems, notes = (
-        [finding(rule, text, (str(file), int(line))) for rule, text, file, line in values[key]]
-        for key in ("problems", "notes")
-    )
-    return Findings(problems, notes, [str(name) for name in values["compared"]], bool(values["ran"]))
+    entries = [finding(rule, text, (str(file), int(line))) for rule, text, file, line in values["entries"]]
+    return Findings(entries, [str(name) for name in values["compared"]], bool(values["ran"]))
 
 
 def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
@@ -216,17 +213,20 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     plain = _FMU._call  # pyright: ignore[reportPrivateUsage]
 
     def call(fmu: Any, name: str, *arguments: Any) -> Any:
+        if name in _STATUS_AS_TEXT:
+            fmu._functions[name].restype = ctypes.c_int
         return phase.watch("", name[4].lower() + name[5:], partial(plain, fmu, name))(*arguments)
 
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     if description.coSimulation is None and description.modelExchange is None:
-        return Findings(notes=[finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
+        return Findings([finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
-        with patch.object(_FMU, "_call", call):
+        load = phase.watch("", "load", fmi1.cdll.LoadLibrary)
+        with patch.object(_FMU, "_call", call), patch.object(fmi1.cdll, "LoadLibrary", load):
             results = fmpy.simulate_fmu(  # without validation, which the check has done, and never in another process
                 str(path), validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
                 logger=said, fmi_call_logger=_refuse_negative, debug_logging=True,
@@ -242,11 +242,11 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     findings = Findings()
     kind = description.coSimulation or description.modelExchange
     if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
-        findings.note("RUN004", "reference results not compared: the unit can be instantiated only once per process")
+        findings.report("RUN004", "reference results not compared: the unit can be instantiated only once per process")
     else:
         phase("the comparison with the reference results")
         findings = compare(path)
-    findings.notes += [] if results is True else _not_finite(results)
+    findings.entries += [] if results is True else _not_finite(results)
     phase("the calls that it declares", findings)
     findings.add(try_abilities(path, start, step, phase.watch))
     return findings
@@ -292,7 +292,7 @@ def _run_system(path: Path, deadline: float) -> Findings:
         with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session
             simulate(
                 system, start=start, stop=start + count * step, step=step, algorithm=master_of(system),
-                ignore_unmatched=True, log=lambda message: None, isolate=True,
+                log=lambda message: None, isolate=True,
                 wait_limit=max(1.0, round(deadline - monotonic(), 1)),
             )  # fmt: skip
     except (VdfmuError, OSError) as error:
@@ -322,7 +322,7 @@ def serve(check: Callable[[str, Path, float, Phase], Findings], *arguments: str)
         try:
             os.fstat(2)
         except OSError:
-            findings.problem("RUN002", "the unit closed files of the process that it does not own")
+            findings.report("RUN002", "the unit closed files of the process that it does not own")
         answer(findings, whole=True)
     except OSError as error:
         if error.errno not in _FULL:
@@ -335,4 +335,4 @@ def _check(kind: str, path: Path, deadline: float, phase: Phase) -> Findings:
 
 
 if __name__ == "__main__":
-    serve(_check, *sys.argv[1:])
+    contained(serve, _check, *sys.argv[1:])

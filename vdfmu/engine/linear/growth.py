@@ -6,7 +6,6 @@ import math
 import time as clock
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,7 +15,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.engine.linear.linearise import Linearisation, changed, with_part
+from vdfmu.engine.linear.linearise import Linearisation, with_part
 from vdfmu.engine.linear.loops import (
     SLOW,
     Loop,
@@ -33,6 +32,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.run.isolated import Isolated, LostProcessError
 
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
@@ -90,6 +90,16 @@ class Nearest(NamedTuple):
     time: float
     name: str
     """The input that opens this loop; without a margin, the state with the largest participation in the growth."""
+
+
+class Late(NamedTuple):
+    """The loop that tolerates the smallest delay."""
+
+    samples: float
+    """Delay margin in samples of the loop."""
+    time: float
+    name: str
+    """The input that opens this loop."""
 
 
 class Pose(NamedTuple):
@@ -195,9 +205,27 @@ class Along:
             return None
         pose = min(self.poses, key=lambda pose: (_modulus(pose).min(), -pose.rate))
         least = _modulus(pose)
-        name = self.system.parts.inputs[self.system.places(self.opened)[int(least.argmin())]]
+        name = self._opened_at(int(least.argmin()))
         modulus = float(least.min())
         return Nearest(modulus, pose.time, name if modulus else fastest_mode(self.part(pose.matrix))[1])
+
+    def delay(self) -> Late | None:
+        """Return the smallest delay margin of the sampled loops; None of continuous ones, or without margins."""
+        loops = [(pose.time, pose.loop) for pose in self.poses if pose.loop is not None and pose.loop.sampled]
+        if not loops:
+            return None
+        samples = np.array([loop.margins().delay / loop.step for _, loop in loops])
+        row, loop = (int(each) for each in np.unravel_index(samples.argmin(), samples.shape))
+        return Late(float(samples[row, loop]), loops[row][0], self._opened_at(loop))
+
+    def without_feedback(self) -> str | None:
+        """Return the first input to which nothing is fed back along the run; None if all have feedback."""
+        fed = np.any([pose.loop.K.any(axis=1) for pose in self.poses if pose.loop is not None], axis=0)
+        silent = np.flatnonzero(~fed) if fed.ndim else []
+        return self._opened_at(int(silent[0])) if len(silent) else None
+
+    def _opened_at(self, loop: int) -> str:
+        return self.system.parts.inputs[self.system.places(self.opened)[loop]]
 
 
 def _modulus(pose: Pose) -> Floats:
@@ -270,7 +298,7 @@ def _change(before: Pose, after: Pose) -> float:
 
 
 class Poses(Tap):
-    """Linearises the loops of a run at some of its rows, if its components are in this process.
+    """Linearises the loops of a run at some of its rows.
 
     Loops are opened at the inputs `opened`, by default at connected inputs named `group`, at any component, else at the
     inputs of :func:`~vdfmu.engine.linear.system.cut`. `alternative` is a second linearisation at the same states,
@@ -290,7 +318,7 @@ class Poses(Tap):
         self.alternative: Along | None = None
         self.seconds = 0.0
         """Wall time of the linearisations [s]."""
-        self.components: Components | None = None
+        self.components: Components | Isolated | None = None
         self._linearisation: Linearisation | None = None
         self._systems: list[tuple[float, LinearSystem]] = []
         self._rows = _ChosenRows(0, ())
@@ -308,19 +336,18 @@ class Poses(Tap):
     def take(self, k: int, time: float, components: Any) -> None:
         """Linearise the components."""
         self._rows.row = k
-        if not isinstance(components, Components):
-            self._rows.stop()
-            return
         began = clock.perf_counter()
         try:
             self._look(components, time)
+        except LostProcessError:
+            raise
         except (VdfmuError, np.linalg.LinAlgError) as error:
             if isinstance(error, VdfmuError) or self._loops is None or not self._loops.rows:
                 self.lacking = str(error)
             self._rows.stop()  # numbers overflow; the poses so far are enough
         self.seconds += clock.perf_counter() - began
 
-    def _look(self, components: Components, time: float) -> None:
+    def _look(self, components: Components | Isolated, time: float) -> None:
         if self.lacking:
             return
         if self._linearisation is None:
@@ -378,7 +405,6 @@ class Poses(Tap):
         self, values: Mapping[str, Mapping[str, Value]], rows: list[tuple[float, LinearSystem]]
     ) -> list[tuple[float, Floats]]:
         assert self.components is not None
-        with ExitStack() as stack:
-            for unit, new in values.items():
-                rows = with_part(rows, stack.enter_context(changed(self.components, unit, new)))
+        for unit, new in values.items():
+            rows = with_part(self.components, unit, new, rows)
         return [(time, self._matrix(system)) for time, system in rows]

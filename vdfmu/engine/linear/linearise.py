@@ -16,7 +16,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.fmu.access import Call
+from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.linear.system import LinearSystem, Samples, reached
 from vdfmu.engine.masters.components import Components
@@ -24,6 +26,7 @@ from vdfmu.engine.masters.coupled import jacobian_of
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, periods
 from vdfmu.engine.plan.conversion import Port
+from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.simulator import Simulator
 
 
@@ -37,7 +40,7 @@ def linear_system(
     `algorithm` and `parameters`, see :class:`vdfmu.Simulator`. UsageError for co-simulation components without
     directional derivatives.
     """
-    simulator = Simulator(system, isolate=False, **options)
+    simulator = Simulator(system, **options)
     step = simulator.grid(None, None, step)[2]
     with simulator:
         components = simulator.stand(at, step)
@@ -45,31 +48,35 @@ def linear_system(
 
 
 class Linearisation:
-    """Linearises components in this process at their current states; see :func:`linear_system`.
+    """Linearises components at their current states; see :func:`linear_system`.
 
     With `loops`, derivatives by inputs outside of loops may be left 0. UsageError for components without derivatives.
     """
 
-    def __init__(self, components: Components, step: float, loops: bool = False) -> None:
-        checked = components.checked
+    def __init__(self, components: Components | Isolated, step: float, loops: bool = False) -> None:
+        checked = components.exchange.checked
         blind = [name for name, each in checked.descriptions.items() if not (each.derives_unknowns or each.exchange)]
         if blind:
             raise UsageError(
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange. Export them "
                 "so; native FMUs of this project have directional derivatives."
             )
-        looped = _on_loops(checked) if loops else None
-        self._parts = [_Linearised(name, instance, looped) for name, instance in components.instances.items()]
-        self._sizes = n, m, p, s = [sum(len(part.groups[kind]) for part in self._parts) for kind in range(4)]
+        self._derive = _derive(components)
+        counts = self._derive("begin", loops)
+        groups = {name: _groups(checked.descriptions[name], count) for name, count in counts.items()}
+        self._sizes = n, m, p, s = [sum(len(each[kind]) for each in groups.values()) for kind in range(4)]
         self._fixed = np.zeros((n + p + s, n + m + s))  # the matrices without the components' Jacobians
+        self._places: list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]] = []
+        """Rows and columns of each component's Jacobian in these matrices."""
         begins = np.zeros(4, np.intp)
-        for part in self._parts:
-            x, u, y, held = (begin + np.arange(len(each)) for begin, each in zip(begins, part.groups, strict=True))
-            begins += [len(each) for each in part.groups]
+        for part in groups.values():
+            x, u, y, held = (begin + np.arange(len(each)) for begin, each in zip(begins, part, strict=True))
+            begins += [len(each) for each in part]
             k = len(y) - len(held)
-            part.places = np.concatenate([x, n + y[:k], n + p + held]), np.concatenate([x, n + u, n + m + held])
+            rows = np.concatenate([x, n + y[:k], n + p + held])
+            self._places.append((rows, np.concatenate([x, n + u, n + m + held])))
             self._fixed[n + y[k:], n + m + held] = 1.0  # a sampled state is an output
-        variables = [[(part.name, v) for part in self._parts for v in part.groups[kind]] for kind in range(4)]
+        variables = [[(name, v) for name, part in groups.items() for v in part[kind]] for kind in range(4)]
         self._names = [tuple(f"{name}.{v.name}" for name, v in each) for each in variables]
         self._units = [tuple(v.unit.name if v.unit else "1" for _, v in each) for each in variables]
         rows, columns = ({name: i for i, name in enumerate(self._names[kind])} for kind in (1, 2))
@@ -79,7 +86,7 @@ class Linearisation:
             if start in columns and end in rows and link.stepped:
                 links[rows[end], columns[start]] = link.conversion.factor
                 fresh[rows[end]] = link.end in checked.schedule.fresh
-            elif link.source.type == "Real" and end.partition(".")[0] in components.instances and link.discrete:
+            elif link.source.type == "Real" and end.partition(".")[0] in groups and link.discrete:
                 constant[start] = None
         step /= max(1, checked.how.substeps)
         every = {name: n for name, period in periods(checked).items() if (n := round(period / step)) != 1}
@@ -93,17 +100,16 @@ class Linearisation:
     def at(self, time: float, values: bool = True) -> LinearSystem:
         """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
         M, notes, (n, m, p, _) = self._fixed.copy(), list(self._notes), self._sizes
-        for part in self._parts:
-            M[np.ix_(*part.places)] = part.jacobian(time)
-            notes += part.notes()
-        read = [part.values() for part in self._parts] if values else []
+        jacobians, read, more = self._derive("at", time, values)
+        for (rows, columns), J in zip(self._places, jacobians, strict=True):
+            M[np.ix_(rows, columns)] = np.reshape(J, (len(rows), len(columns)))
         x, u, y, s = (
             np.concatenate([each[kind] for each in read]) if read else np.zeros(self._sizes[kind]) for kind in range(4)
         )
         names, units = self._names, self._units
         parts = StateSpace(
             M[:n, :n], M[:n, n : n + m], M[n : n + p, :n], M[n : n + p, n : n + m], names[0], names[1], names[2],
-            units[0], units[1], units[2], x, u, y, notes=tuple(dict.fromkeys(notes)),
+            units[0], units[1], units[2], x, u, y, notes=tuple(dict.fromkeys([*notes, *more])),
         )  # fmt: skip
         signals = list(zip(names[3], units[3], s.tolist(), strict=True))
         samples = Samples(signals, M[:n, n + m :], M[n : n + p, n + m :], M[n + p :])
@@ -120,33 +126,82 @@ def _on_loops(checked: Checked) -> set[Port]:
     return {link.end for link in checked.links if behind[link.end[0]][names.index(link.start[0])]}
 
 
+def _derive(components: Any) -> Callable[..., Any]:
+    """Return the function that calls a method of the `Derivatives` of components, here or in their process."""
+    if not isinstance(components, Components):
+        return components.derive
+    derivatives = Derivatives(components)
+    return lambda call, *arguments: getattr(derivatives, call)(*arguments)
+
+
+class Derivatives:
+    """Derivatives and values of components in this process, as numbers for the process that joins them."""
+
+    def __init__(self, components: Components) -> None:
+        self._components = components
+        self._parts: list[_Linearised] = []
+
+    def begin(self, loops: bool) -> dict[str, int]:
+        """Begin to linearise, for `loops` see :class:`Linearisation`; return the number of states by component."""
+        looped = _on_loops(self._components.checked) if loops else None
+        self._parts = [_Linearised(name, each, looped) for name, each in self._components.instances.items()]
+        return {part.name: len(part.groups[0]) for part in self._parts}
+
+    def at(self, time: float, values: bool) -> tuple[list[Floats], list[list[Floats]], list[str]]:
+        """Return the Jacobian of each component, the values of its groups if wanted, and all notes."""
+        jacobians = [part.jacobian(time) for part in self._parts]
+        notes = [note for part in self._parts for note in part.notes()]
+        return jacobians, [part.values() for part in self._parts] if values else [], notes
+
+    def changed(
+        self, name: str, values: Mapping[str, Value], rows: Sequence[tuple[float, Floats, Floats]]
+    ) -> list[Floats]:
+        """Return the Jacobians of a component with other parameters, at times [s], states and inputs."""
+        with _changed(self._components, name, values) as instance:
+            _, inputs, outputs, _ = _groups(instance.description)
+            held = np.zeros(len(inputs))
+            calls, jacobian = instance.access("Set", inputs, held), jacobian_of(instance, inputs, outputs)
+            made: list[Floats] = []
+            for time, x, u in rows:
+                if instance.description.exchange:
+                    instance.call("SetTime", c_double(time))
+                    instance.transfer("SetContinuousStates", x)
+                held[:] = u
+                instance.run(calls)
+                made.append(jacobian().copy())
+        return made
+
+
+def _groups(description: Description, count: int | None = None) -> tuple[list[FmuVariable], ...]:
+    """Return a component's states, the first `count`, inputs, outputs with sampled states, and sampled states."""
+    variables = description.variables.values()
+    sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
+    inputs, outputs = (
+        [v for v in variables if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
+        for causality in ("input", "output")
+    )
+    first = {(v.reference, v.index): v for v in reversed([*variables])}
+    states = [first[x, i] for x, _, length in description.states for i in range(length)]
+    return states[:count], inputs, [*outputs, *sampled], sampled
+
+
 class _Linearised:
     """A component: its states, inputs, outputs with sampled states, sampled states; and its matrices."""
 
-    places: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
-    """Rows and columns of its Jacobian in the matrices of all."""
-
     def __init__(self, name: str, instance: Instance, looped: Container[Port] | None) -> None:
         description = instance.description
-        variables = description.variables.values()
-        sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
-        inputs, outputs = (
-            [v for v in variables if v.causality == causality and v.type == "Real" and v.variability != "discrete"]
-            for causality in ("input", "output")
-        )
-        first = {(v.reference, v.index): v for v in reversed([*variables])}
-        states = [first[x, i] for x, _, length in description.states for i in range(length)]
         self.name, self.instance, self.acts = name, instance, False
+        count = None if description.derives_unknowns else instance.sizes()[0]
+        self.groups = _, inputs, unknowns, sampled = _groups(description, count)
         if description.derives_unknowns:
-            knowns, unknowns = [*inputs, *sampled], [*outputs, *sampled]
+            knowns = [*inputs, *sampled]
             some = [i for i, v in enumerate(knowns) if v in sampled or looped is None or (name, v.name) in looped]
             whole, part = (jacobian_of(instance, knowns, unknowns, each) for each in (None, some))
             self._ways: list[Callable[[float], Floats]] = [lambda _: part(), lambda _: whole()]
         else:
             assert instance.integrator is not None
-            differences, states = instance.integrator.differences, states[: instance.sizes()[0]]
-            self._ways = [lambda time: differences(time, inputs, outputs)]
-        self.groups = states, inputs, [*outputs, *sampled], sampled
+            differences = instance.integrator.differences
+            self._ways = [lambda time: differences(time, inputs, unknowns)]
         self._values = [np.zeros(len(group)) for group in self.groups]
         self._reads: list[Call] | None = None
 
@@ -173,14 +228,14 @@ class _Linearised:
             yield f"without declared states, and no output depends on an input directly: {self.name}"
 
 
-def can_change(components: Components, name: str) -> bool:
-    """Whether :func:`changed` can be called for a component: it has derivatives, and no sampled states."""
-    description = components.instances[name].description
+def can_change(checked: Checked, name: str) -> bool:
+    """Whether :func:`with_part` can be called for a component: it has derivatives, and no sampled states."""
+    description = checked.descriptions[name]
     return description.derives_unknowns and not description.sampled
 
 
 @contextmanager
-def changed(components: Components, name: str, values: Mapping[str, Value]) -> Generator[Instance]:
+def _changed(components: Components, name: str, values: Mapping[str, Value]) -> Generator[Instance]:
     """Yield another instance of a component with other parameters; for model exchange if it has states to be set."""
     checked = components.checked
     description = checked.descriptions[name]
@@ -200,28 +255,21 @@ def changed(components: Components, name: str, values: Mapping[str, Value]) -> G
         instance.close()
 
 
-def with_part(rows: Sequence[tuple[float, LinearSystem]], instance: Instance) -> list[tuple[float, LinearSystem]]:
-    """Return times and systems of a run with this instance as a component, at the states and inputs of the run."""
-    name, parts, variables = instance.name, rows[0][1].parts, instance.description.variables
+def with_part(
+    components: Components | Isolated, name: str, values: Mapping[str, Value],
+    rows: Sequence[tuple[float, LinearSystem]],
+) -> list[tuple[float, LinearSystem]]:  # fmt: skip
+    """Return times and systems of a run with other parameters of a component, at the states and inputs of the run."""
+    parts = rows[0][1].parts
     x, u, y = (
         np.flatnonzero([each.partition(".")[0] == name for each in names])
         for names in (parts.states, parts.inputs, parts.outputs)
     )
-    inputs, outputs = (
-        [variables[names[i].partition(".")[2]] for i in places]
-        for names, places in ((parts.inputs, u), (parts.outputs, y))
-    )
-    values, n = np.zeros(len(u)), len(x)
-    calls, jacobian = instance.access("Set", inputs, values), jacobian_of(instance, inputs, outputs)
-    made: list[tuple[float, LinearSystem]] = []
-    for time, system in rows:
-        parts = system.parts
-        if instance.description.exchange:
-            instance.call("SetTime", c_double(time))
-            instance.transfer("SetContinuousStates", np.ascontiguousarray(parts.x[x]))
-        values[:] = parts.u[u]
-        instance.run(calls)
-        J = jacobian()
+    n, made = len(x), list[tuple[float, LinearSystem]]()
+    places = [(time, system.parts.x[x], system.parts.u[u]) for time, system in rows]
+    jacobians = _derive(components)("changed", name, values, places)
+    for (time, system), numbers in zip(rows, jacobians, strict=True):
+        parts, J = system.parts, np.reshape(numbers, (n + len(y), n + len(u)))
         A, B, C, D = (each.copy() for each in (parts.A, parts.B, parts.C, parts.D))
         A[np.ix_(x, x)], B[np.ix_(x, u)], C[np.ix_(y, x)], D[np.ix_(y, u)] = J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]
         made.append((time, replace(system, parts=replace(parts, A=A, B=B, C=C, D=D))))

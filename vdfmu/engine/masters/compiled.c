@@ -19,7 +19,7 @@ enum { REACHED, ASKS, NOT_FINITE };
 typedef int Values2(void *, const unsigned *, size_t, void *);
 typedef int Values3(void *, const unsigned *, size_t, void *, size_t);
 typedef int Step2(void *, double, double, int);
-typedef int Step3(void *, double, double, bool, bool *, bool *, bool *, double *);
+typedef int Step3(void *, double, double, bool, unsigned char *, unsigned char *, unsigned char *, double *);
 
 typedef struct {
     int kind, types; /* of a copy: 16 times the type of the source, plus the type of the target */
@@ -33,7 +33,7 @@ typedef struct {
     const void *source;
     const ptrdiff_t *to, *from;
     const double *factor, *offset;
-    bool *flags; /* event, end of simulation, early return */
+    unsigned char *flags; /* event, end of simulation, early return */
     double *reached;
 } Action;
 
@@ -103,7 +103,9 @@ static bool copy(const Action *a)
             MOVE(LONG, LONG, int64_t, int64_t)
             MOVE(INT, INT, int32_t, int32_t)
             MOVE(INT, BOOL, int32_t, bool)
-            MOVE(BOOL, INT, bool, int32_t)
+        case 16 * BOOL + INT: /* an FMU may set any bit, which a bool may not have */
+            ((int32_t *)a->values)[t] = ((const unsigned char *)a->source)[s] != 0;
+            break;
             WHOLE(INT, int32_t)
             WHOLE(SHORT, int16_t)
             WHOLE(BYTE, int8_t)

@@ -241,9 +241,9 @@ class CompiledSteps:
             self._kept += [instance.flags, instance.reached]
 
         def judge(master: Any) -> None:
-            status = master.status
+            status, instance.step = master.status, (c_double(master.point), c_double(master.length))
             if isinstance(instance, Instance3):
-                status = instance.complete(status, c_double(master.point), c_double(master.length))
+                status = instance.complete(status, *instance.step)
             if status:
                 instance.judge(status, "doStep")
 

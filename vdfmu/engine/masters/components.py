@@ -23,6 +23,7 @@ from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.observer import reader
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 
 CONVERGENCE = 1e-8
@@ -78,8 +79,6 @@ class Components:
     `Instance`.
     """
 
-    exchanges = Exchange
-
     def __init__(
         self,
         checked: Checked,
@@ -90,11 +89,13 @@ class Components:
     ) -> None:
         self.checked, self.folders, self.box = checked, folders, box
         self.instances: dict[str, Instance] = {}
-        self.exchange = self.exchanges(checked, self.instances, box, words)
+        self.exchange = Exchange(checked, self.instances, box, words)
         self._watch = watch
         self._events: Events | None = None
         self._stepper: Stepper | None = None
         self._kept: list[list[tuple[Instance, c_void_p]]] = []
+        self._start: list[tuple[Instance, c_void_p]] = []
+        """States to go back to."""
 
     def load(self) -> None:
         """Load the libraries and create the instances."""
@@ -183,12 +184,46 @@ class Components:
         self._kept.clear()
         return looks
 
-    def reset(self) -> None:
-        """Return all to their state after loading."""
-        stepper, self._stepper, self._events = self._stepper, None, None
+    def put(self, name: str, values: Sequence[tuple[str, Value]]) -> None:
+        """Set variables of a component."""
+        variables = self.checked.descriptions[name].variables
+        self.instances[name].set_all([(variables[each], value) for each, value in values])
+
+    def value(self, name: str, variable: str) -> Value:
+        """Get a variable of a component."""
+        return self.instances[name].get(self.checked.descriptions[name].variables[variable])
+
+    def between_events(self, name: str, variable: str) -> bool:
+        """Whether a variable of a component is set between events."""
+        return self.instances[name].between_events(self.checked.descriptions[name].variables[variable])
+
+    def keep_start(self) -> bool:
+        """Keep the states that all components have now; whether they can go back to them."""
+        # arrays of FMI 3.0 are set as a whole, with elements that the instance remembers
+        simple = all(d.saves_state and not d.version.arrays for d in self.checked.descriptions.values())
+        if simple and type(self._stepper) is SampledStepper:
+            self._start = [(instance, instance.saved_state()) for instance in self.instances.values()]
+        return bool(self._start)
+
+    def to_start(self) -> None:
+        """Take all components back to the states of `keep_start`."""
+        for instance, state in self._start:
+            instance.restore_state(state)
+
+    def _free(self) -> None:
+        """Free stepper and kept states."""
+        stepper, self._stepper = self._stepper, None
+        start, self._start = self._start, []
+        if stepper is not None:
+            stepper.free()
+        for instance, state in start:
+            instance.free_state(state)
+
+    def reset(self, checked: Checked) -> None:
+        """Return all to their state after loading; `checked` has their start values."""
+        self.checked, self._events = checked, None
         with InterruptGuard():
-            if stepper is not None:
-                stepper.free()
+            self._free()
             for instance in self.instances.values():
                 instance.reset()
         self.exchange.checked = self.checked
@@ -205,8 +240,7 @@ class Components:
         """Terminate and free them all; return the first failure. The others become messages."""
         failure = None
         try:
-            if self._stepper is not None:
-                self._stepper.free()
+            self._free()
         except CosimError as error:
             failure = error
         return self._first([failure, *(instance.close() for instance in self.instances.values())])

@@ -244,17 +244,14 @@ class Exchange:
             self._carry(link, self._value(link))
 
     def _value(self, link: Link) -> Any:
-        value: Any = self._source(link)
+        if link.start[0] == SOURCE:
+            bank = self._bank(link.source.kind)
+            value: Any = bank.memory[bank.position[link.start]].item()
+        else:
+            value = self.instances[link.start[0]].get(link.source)
         if link.conversion.table is not None:
             return link.conversion.table.get(int(value), int(value))
         return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
-
-    def _source(self, link: Link) -> Any:
-        """Return the value at the start of a connection."""
-        if link.start[0] == SOURCE:
-            bank = self._bank(link.source.kind)
-            return bank.memory[bank.position[link.start]].item()
-        return self.instances[link.start[0]].get(link.source)
 
     def _carry(self, link: Link, value: Value) -> None:
         self.instances[link.end[0]].set_all([(link.sink, value)])

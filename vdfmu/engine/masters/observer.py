@@ -46,10 +46,6 @@ class Observer(Protocol):
         """Take all rows of the run, also of a failed one."""
         ...
 
-    def page(self, path: Path) -> None:
-        """Take the page that :func:`vdfmu.run` has written of the finished run; the file moves afterwards."""
-        ...
-
 
 class Tap:
     """Looks at the components of a run in some rows, and at signals in all rows. It leaves the run unchanged."""

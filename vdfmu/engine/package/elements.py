@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
+from vdfmu.base.errors import SspError
 from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.algorithms import ALGORITHMS, choice
@@ -49,8 +50,12 @@ class Scope:
     """Names in the tree of units that another SSD of the tree defines differently."""
     units: dict[str, UnitFactor] = field(default_factory=dict)
     """All unit definitions of the tree."""
+    defined: dict[Any, dict[str, str]] = field(default_factory=dict)
+    """The aliases of the files whose units are defined, since a file may be referred to many times."""
     files: dict[str, Document] = field(default_factory=dict)
     """All files that were read, each once."""
+    refused: dict[str, SspError] = field(default_factory=dict)
+    """Errors of the files that could not be read, so that none is tried again at each reference to it."""
 
     def member(self, source: str, where: str, at: Any = ("", 0)) -> str:
         """Return the member that a URI of the SSD names; SspError if it leaves the package."""
@@ -64,13 +69,23 @@ class Scope:
         """Return the root of a file of the package, or of an FMU in it; SspError if the schema refuses it."""
         archive = archive or self.archive
         key = f"{self.prefix}{archive.label}{INSIDE}{member}"
+        if key in self.refused:
+            raise SspError(self.refused[key].problems)
         if key not in self.files:
             where, version = f"{self.label}: {member}", None if kind == "ssd" else self.version
-            self.files[key] = Document(kind, parse_ssp_xml(archive.read(member), kind, where, version), where)
+            try:
+                self.files[key] = Document(kind, parse_ssp_xml(archive.read(member), kind, where, version), where)
+            except SspError as error:
+                self.refused[key] = error
+                raise
         return self.files[key].root
 
     def define(self, root: Any, kind: str = "ssd") -> None:
-        """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's."""
+        """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's, once."""
+        if root in self.defined:
+            self.aliases.update(self.defined[root])
+            return
+        self.defined[root] = self.aliases
         for name, unit in read_units(root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)).items():
             if self.units.setdefault(name, unit) != unit:
                 self.aliases[name] = alias = f"{name} of {self.prefix}{self.document}"

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import pack_zip, require_ours, storing
 from vdfmu.base.measure import BASE_UNITS
-from vdfmu.base.text import close_to
+from vdfmu.base.text import close_to, name_fault
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
-from vdfmu.engine.package.system import UnitFactor, Value, spread
-from vdfmu.engine.package.writing import META, add, root, to_bytes
+from vdfmu.engine.package.parse import FOREIGN
+from vdfmu.engine.package.system import UnitFactor
+from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes
+from vdfmu.engine.plan.check import require_algorithm
+from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
 
 Ends = str | Sequence[str]
 Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
 """``component.output`` to one or several ``component.input``; without an index, whole vectors."""
-_NAME = re.compile(r"[A-Za-z_][\w-]*")
 _TYPES = {"Real", "Integer", "Boolean", "String"}
 """Types of SSP 1.0 that need nothing further; a connector may leave the others out."""
 _CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
@@ -76,16 +78,23 @@ def join(
     """
     if not fmus:
         raise UsageError("components must be at least one, got none. Give a name and an FMU: {'plant': 'Plant.fmu'}.")
-    if bad := [each for each in fmus if not _NAME.fullmatch(each)]:
-        raise UsageError(f"component {bad[0]!r}: name must have letters, digits and _ only. Rename it.")
+    for each, dots in (*dict.fromkeys(fmus, False).items(), (name, True)):
+        if expected := name_fault(each, dots):
+            raise UsageError(f"{'name' if dots else 'component'}: expected {expected}, got {each!r:.60}.")
+    for key, time in (("stop", stop), ("step", step)):
+        if time is not None and not 0.0 < time < math.inf:
+            raise UsageError(f"{key}: expected a positive finite time in s, got {time:g}.")
+    require_algorithm(algorithm)
     ports = _Ports({component: _described(component, Path(fmu)) for component, fmu in fmus.items()})
     read = ports.descriptions.values()
     stop = max((each.stop for each in read if each.stop is not None), default=1.0) if stop is None else stop
     step = min((each.step for each in read if each.step is not None), default=1e-3 * stop) if step is None else step
-    items: Any = connections.items() if isinstance(connections, Mapping) else connections
-    ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
-    pairs = [pair for start, end in ends for pair in ports.pairs(start, end)]
-    bound = ports.bound(values or {})
+    pairs = [pair for start, end in _ends(connections) for pair in ports.pairs(start, end)]
+    bound: Starts = {}
+    try:
+        bound = overrides(ports.descriptions, values or {})
+    except UsageError as error:
+        ports.faults += str(error).splitlines()
     if ports.faults:
         raise UsageError("\n".join(dict.fromkeys(ports.faults)))
     require_ours(path)
@@ -95,6 +104,20 @@ def join(
         path.parent.mkdir(parents=True, exist_ok=True)
         pack_zip(path, {"SystemStructure.ssd": text, **members})
     return path
+
+
+def _ends(connections: Any) -> list[tuple[str, str]]:
+    """Return each output with an input; UsageError for anything else than texts."""
+    items = connections.items() if isinstance(connections, Mapping) else connections
+    try:
+        ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
+    except (TypeError, ValueError):
+        ends = [(connections, None)]
+    for start, end in ends:
+        if not (isinstance(start, str) and isinstance(end, str)):
+            got = f"{start!r:.60}" + (f" -> {end!r:.60}" if end is not None else "")
+            raise UsageError(f"connections: expected 'component.output' to one or several inputs, got {got}.")
+    return ends
 
 
 def _described(component: str, path: Path) -> Description:
@@ -127,13 +150,7 @@ class _Ports:
         ]
         matches = sorted(matches, key=lambda v: group_of(v.name)[1])
         if not matches:
-            allowed = [v.name for v in description.named(causalities[0])]
-            groups = list(dict.fromkeys(group_of(each)[0] for each in allowed))
-            more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
-            self.faults.append(
-                f"{where}: {component} has no variable {wanted!r}{close_to(wanted, [*allowed, *groups])}. "
-                f"Its {causalities[0]}s: {', '.join(groups[:12]) or 'none'}{more}."
-            )
+            self.faults.append(f"{where}: {unknown_variable(component, wanted, description.named(causalities[0]))}")
         elif matches[0].causality not in causalities:
             got = f"{component}.{matches[0].name} is of causality {matches[0].causality}"
             self.faults.append(f"{where}: must go from an output to an input, but {got}.")
@@ -153,19 +170,6 @@ class _Ports:
             return []
         return [((source, a), (sink, b)) for a, b in zip(sources, sinks, strict=False)]
 
-    def bound(self, values: Mapping[str, Any]) -> dict[str, list[tuple[FmuVariable, Value]]]:
-        """Return the values of each component's variables."""
-        bound: dict[str, list[tuple[FmuVariable, Value]]] = {}
-        for text, value in values.items():
-            variables = self.elements(text, ("parameter", "structuralParameter", "input", "output"), text)
-            try:
-                each = spread(value, [v.name for v in variables]) if variables else []
-            except ValueError as error:
-                self.faults.append(f"{text}: {error}.")
-                continue
-            bound.setdefault(text.partition(".")[0], []).extend(zip(variables, each, strict=True))
-        return bound
-
     @property
     def units(self) -> dict[str, UnitFactor]:
         """Units of measurement with a definition; of several with one name, the first."""
@@ -182,7 +186,7 @@ def _is_plain(unit: UnitFactor | None) -> bool:
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 
-def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tuple[Any, Any, Any]) -> Any:
+def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: tuple[Any, Any, Any]) -> Any:
     units = ports.units
     top = root(
         "ssd:SystemStructureDescription", {"version": "1.0", "name": name, **META}, ("ssd", "ssc", "ssv", *FOREIGN)
@@ -190,7 +194,7 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
     system = add(top, "ssd:System", name=name)
     elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():
-        element = add(elements, "ssd:Component", name=component, source=f"resources/{component}.fmu",
+        element = add(elements, "ssd:Component", name=component, source=quote(f"resources/{component}.fmu"),
                        type="application/x-fmu-sharedlibrary")  # fmt: skip
         variables = [v for kind in ("input", "output") for v in description.named(kind)]
         used = {id(v): v for pair in pairs for owner, v in pair if owner == component}
@@ -206,11 +210,10 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
             binding = add(add(element, "ssd:ParameterBindings"), "ssd:ParameterBinding")
             values = add(add(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name=component)
             listed = add(values, "ssv:Parameters")
-            for variable, value in bound[component]:
+            for variable, value in bound[component].values():
                 kind = type_of(variable.native)
                 kind = kind if kind in _TYPES else "Integer"
-                text = str(value).strip().lower() if kind == "Boolean" else str(value)
-                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=text)
+                add(add(listed, "ssv:Parameter", name=variable.name), f"ssv:{kind}", value=value)
     wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
         plain = source.unit != sink.unit and (_is_plain(source.unit) or _is_plain(sink.unit))
@@ -223,8 +226,5 @@ def _structure(ports: _Ports, pairs: Any, bound: Any, name: str, experiment: tup
             scale = {"factor": unit.factor if unit.factor != 1.0 else None, "offset": unit.offset or None}
             add(add(box, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **powers, **scale)
     stop, step, algorithm = experiment
-    default = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=stop)
-    if step is not None or algorithm is not None:
-        note = add(add(default, "ssd:Annotations"), "ssc:Annotation", type=EXPERIMENT_TYPE)
-        add(note, "vdfmu:Experiment", communicationStepSize=step, algorithm=algorithm)
+    add_experiment(top, stop, step, algorithm=algorithm)
     return top

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
-from vdfmu.engine.rules import breach, finding
+from vdfmu.engine.rules import Finding, breach, finding
 
 _FILES = {
     "ssc": "SystemStructureCommon",
@@ -34,6 +35,10 @@ _NAMED = {
         ("ssb", "DictionaryEntry"),
     )
 }  # fmt: skip
+_MANY = 1000
+"""Most breaches of a schema that are reported each, with lines."""
+_SMALL = 2**14
+"""Size of an XML file [byte] up to which any number of breaches takes a tenth of a second."""
 
 
 def parse_xml(data: bytes, where: str) -> Any:
@@ -83,11 +88,32 @@ def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> Non
     schema = schema_of(kind, version)
     if schema is None:
         nameless = [item for item in root.iter(*_NAMED) if item.get("name") is None]
-        wrong = [(item.sourceline, f"{item.tag.rsplit('}')[1]} has no name") for item in nameless]
+        places = [(item.sourceline, item.tag.rsplit("}")[1]) for item in nameless]
+        wrong = [finding("SSP003", f"{where}, line {n}: {tag} has no name", (where, n)) for n, tag in places]
     else:
-        wrong = [] if schema.validate(root) else [(entry.line, entry.message) for entry in schema.error_log]
+        wrong = schema_breaches(schema, root, "SSP003", where)
     if wrong:
-        raise SspError([finding("SSP003", f"{where}, line {n}: {text}", (where, n)) for n, text in wrong])
+        raise SspError(wrong)
+
+
+def schema_breaches(schema: Any, root: Any, rule: str, where: str) -> list[Finding]:
+    """Return the breaches of a schema as findings on a rule, in a file that messages call `where`.
+
+    The validation of a tree writes a path for each breach, which counts the elements before: thousands of breaches take
+    minutes. A parser takes time in proportion, but gives no lines. So it looks at large trees first, and reports the
+    first breach of very many.
+    """
+    text = etree.tostring(root, with_tail=False)
+    if len(text) > _SMALL:
+        parser = etree.XMLParser(schema=schema)
+        with suppress(etree.XMLSyntaxError):
+            etree.fromstring(text, parser)
+        if (count := len(parser.error_log)) > _MANY:
+            first = f"{where}: {parser.error_log[0].message} This is the first of {count} breaches of the schema"
+            return [finding(rule, first, (where, 0))]
+    if schema.validate(root):
+        return []
+    return [finding(rule, f"{where}, line {e.line}: {e.message}", (where, e.line)) for e in schema.error_log]
 
 
 def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_1.name) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import SspError
+from vdfmu.base.option import checks_types
 from vdfmu.engine.package import limits, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
@@ -17,12 +18,13 @@ from vdfmu.engine.package.parse import NAMESPACES, version_of
 from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.package.tree import TreeReader
 from vdfmu.engine.package.wiring import Wiring
-from vdfmu.engine.rules import Finding, breach, finding, place_of
+from vdfmu.engine.rules import Finding, breach, finding, notes_in, place_of, problems_in
 
 DEFAULT = "SystemStructure.ssd"
 """The SSD that a package must have."""
 
 
+@checks_types
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
@@ -96,9 +98,9 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
     wiring = Wiring(top)
     bindings = Bindings(wiring, top)
     experiment, faults = read_experiment(root, f"{path.name}: {scope.document}")
-    problems = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
+    read = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
     connections = tuple(wiring.flatten())  # adds to wiring.problems
-    notes = [*wiring.notes, *bindings.notes]
+    notes = [*notes_in(read), *wiring.notes, *bindings.notes]
     if parse.schema_of("ssd", scope.version) is None:
         text = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
         notes.insert(0, finding("SSP009", text))
@@ -112,10 +114,10 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
             ) for node in top.components()
         ),
         connections=connections, units=dict(scope.units), experiment=experiment,
-        problems=(*problems, *wiring.problems), unmatched=tuple(bindings.unmatched), notes=tuple(notes),
+        problems=(*problems_in(read), *wiring.problems), unmatched=tuple(bindings.unmatched), notes=tuple(notes),
         faults=tuple(_file_faults(scope.files.values())), version=scope.version,
     )  # fmt: skip
-    return system, problems
+    return system, problems_in(read)
 
 
 def variants(archive: Archive) -> list[str]:

@@ -38,6 +38,8 @@ class TreeReader:
         self._structure = structure
         self._open: list[str] = []
         """Systems under reading, from files or by reference, to find circles."""
+        self._systems: dict[Any, dict[str | None, Any]] = {}
+        """Systems by their ids, for the root of each file."""
         self._count = 0
 
     def _fault(self, rule: str, text: str, at: Any) -> None:
@@ -131,15 +133,18 @@ class TreeReader:
 
     def _by_reference(self, node: Node, source: str, where: str) -> Node:
         """Read a system of the same SSD once more, to replace a component."""
-        tree = node.element.getroottree()
-        named = [s for s in tree.getroot().iterfind(".//ssd:System", NAMESPACES) if s.get("id") == source[1:]]
-        if not named:
+        root = node.element.getroottree().getroot()
+        if root not in self._systems:
+            listed = reversed(list(root.iterfind(".//ssd:System", NAMESPACES)))  # the first of an id counts
+            self._systems[root] = {system.get("id"): system for system in listed}
+        named = self._systems[root].get(source[1:])
+        if named is None:
             raise breach("SSP015", f"{where}: source {source!r}: the SSD has no system with that id", node.element)
         with self._opened(node.scope.prefix + node.scope.document + source, where, node.element):
-            if any(named[0] is above for above in node.element.iterancestors()):
+            if any(named is above for above in node.element.iterancestors()):
                 text = f"{where}: source {source!r} is a system that holds the component itself"
                 raise breach("SSP015", text, node.element)
-            return self._stand_in(node, named[0], node.scope, where)
+            return self._stand_in(node, named, node.scope, where)
 
     @contextmanager
     def _opened(self, key: str, where: str, at: Any) -> Generator[None]:

@@ -8,7 +8,7 @@ from typing import Any
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.base.version import __version__
-from vdfmu.engine.package.parse import FOREIGN, NAMESPACES
+from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE
 
 META = {
     "generationTool": f"vdfmu {__version__}",
@@ -29,9 +29,27 @@ def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> A
 
 def add(parent: Any, name: str, /, **attributes: Any) -> Any:
     """Append an element ``prefix:name`` with the attributes except None."""
-    # repr: the shortest text of a float that reads back as the same number
-    texts = {k: repr(float(v)) if isinstance(v, float) else str(v) for k, v in attributes.items() if v is not None}
+    texts = {key: _text(value) for key, value in attributes.items() if value is not None}
     return etree.SubElement(parent, _tag(name), texts)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(float(value))  # the shortest text that reads back as the same number
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def add_experiment(top: Any, stop: float, step: float | None, **ours: Any) -> None:
+    """Append the default experiment, with annotations of vdfmu, with `ours`, and of libcosim."""
+    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(stop))
+    if step is None and not any(value is not None for value in ours.values()):
+        return
+    annotations = add(experiment, "ssd:Annotations")
+    annotation = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
+    add(annotation, "vdfmu:Experiment", communicationStepSize=step, **ours)
+    if step is not None:
+        algorithm = add(add(annotations, "ssc:Annotation", type=OSP_TYPE), "osp:Algorithm")
+        add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(step))
 
 
 def to_bytes(element: Any) -> bytes:

@@ -11,12 +11,12 @@ from vdfmu.engine.algorithms import ALGORITHMS, DELAYED, Algorithm, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.checker import Checker, overrides
+from vdfmu.engine.plan.checker import Checker, overrides, unfed
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.feed import Feed, feed_inputs
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.plan.schedule import Schedule, choose_schedule
-from vdfmu.engine.rules import finding
+from vdfmu.engine.rules import Finding, finding
 
 
 @dataclass(frozen=True)
@@ -101,9 +101,8 @@ def check_system(
     UsageError
         For an unknown algorithm, for `inputs` without a free input, and for unknown, fixed or mistyped `parameters`.
     """
-    if algorithm is not None and algorithm not in ALGORITHMS:
-        raise UsageError(f"unknown algorithm {algorithm!r}; there are {', '.join(ALGORITHMS.names())}")
-    checker = Checker(system, strict, ignore_unmatched, parameters or {})
+    require_algorithm(algorithm)
+    checker = Checker(system, ignore_unmatched, parameters or {})
     checker.read()
     links = checker.link()
     descriptions = {c.name: checker.descriptions[c.name] for c in system.components if c.name in checker.descriptions}
@@ -112,35 +111,49 @@ def check_system(
         raise UsageError("\n".join(wrong))
     if feed is not None:
         links += feed.links
-        checker.notes += feed.notes
     checker.inputs(links)
     starts = checker.start_values()
     # start values of inputs in parameter sets are common and need no note
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")
-        checker.notes += [finding("SSP057", note) for note in notes]
+        checker.findings += [finding("SSP057", note) for note in notes]
     sources = descriptions if feed is None else {**descriptions, SOURCE: feed.description}
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
         schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
     notes += [f"algebraic loop during initialization, solved: {loop}" for loop in dict.fromkeys(schedule.initial.loops)]
-    checker.problems += [finding("SSP039", loop) for loop in loops]
-    checker.notes += [finding("SSP039", note) for note in notes]
+    checker.findings += [finding("SSP039", loop) for loop in loops] + [finding("SSP059", note) for note in notes]
     problems, notes = _check_abilities(descriptions, links, schedule, algorithm, repeats)
-    checker.problems += [finding("RUN007", problem) for problem in problems]
-    checker.notes += [finding("RUN007", note) for note in notes]
-    if checker.problems:
-        error = SspError(list(dict.fromkeys(checker.problems)))
+    checker.findings += [finding("RUN007", each) for each in problems] + [finding("RUN010", each) for each in notes]
+    if problems := checker.problems:
+        error = SspError(list(dict.fromkeys(problems)))
         error.notes = checker.notes
         raise error
+    notes = *checker.notes, *(feed.notes if feed is not None else ())
     checked = Checked(
         system, descriptions, tuple(links), algorithm, schedule,
-        {name: list(values.values()) for name, values in starts.items()}, tuple(checker.notes), feed,
+        {name: list(values.values()) for name, values in starts.items()}, notes, feed,
         tuple(checker.clock_links),
     )  # fmt: skip
-    return with_parameters(checked, parameters or {})
+    checked = with_parameters(checked, parameters or {})
+    if strict:
+        require_values(checked)
+    return checked
+
+
+def require_values(checked: Checked) -> None:
+    """Raise SspError for inputs that have neither a connection nor a value."""
+    unset = [each for each in checked.notes if isinstance(each, Finding) and each.rule.number == "SSP038"]
+    if unset:
+        raise SspError(unset)
+
+
+def require_algorithm(name: str | None) -> None:
+    """Raise UsageError for the name of an algorithm that there is not."""
+    if name is not None and name not in ALGORITHMS:
+        raise UsageError(f"unknown algorithm {name!r}; there are {', '.join(ALGORITHMS.names())}")
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
@@ -150,6 +163,8 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     notes = [*checked.notes]
     for name, values in overrides(checked.descriptions, parameters).items():
         starts.setdefault(name, {}).update(values)
+        without = {unfed(name, each) for each in values}
+        notes = [each for each in notes if each not in without]
         notes += _fed(name, values, fed, "the value that was given")
     return replace(checked, starts={name: list(each.values()) for name, each in starts.items()}, notes=tuple(notes))
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from functools import cache
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
-from vdfmu.engine.fmu.variables import FmuVariable, limit_fault, type_of
+from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.system import (
     BoundParameter,
@@ -24,8 +25,8 @@ from vdfmu.engine.package.system import (
     spread,
 )
 from vdfmu.engine.package.wiring import CONVERT, fits, show_shape
-from vdfmu.engine.plan.conversion import Conversion, Link, MisfitError, Port, as_type, compose
-from vdfmu.engine.rules import Finding, finding
+from vdfmu.engine.plan.conversion import Conversion, Link, MisfitError, Port, compose
+from vdfmu.engine.rules import Finding, finding, notes_in, problems_in
 
 Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 """Variables and their values by component and name."""
@@ -38,7 +39,7 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
     for full, value in parameters.items():
         owners = [name for name in descriptions if full.startswith(name + ".")]
         if not owners:
-            problems.append(f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}")
+            problems.append(f"parameter {full!r}: no component of that name; there are {', '.join(descriptions)}.")
             continue
         wanted = {
             owner: named for owner in owners if (named := _named(descriptions[owner].variables, full[len(owner) + 1 :]))
@@ -46,20 +47,34 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
         if not wanted:
             owner = max(owners, key=len)
             name = full[len(owner) + 1 :]
-            whole = dict.fromkeys(v.partition("[")[0] for v in descriptions[owner].variables)
-            problems.append(f"parameter {full!r}: {owner} has no variable {name!r}" + close_to(name, whole))
+            text = unknown_variable(owner, name, descriptions[owner].named("parameter"))
+            problems.append(f"parameter {full!r}: {text}")
         for owner, named in wanted.items():
             try:
                 for name, element in zip(named, spread(value, named), strict=True):
                     variable = descriptions[owner].variables[name]
                     if not variable.settable:
                         raise ValueError(why_not(variable) + _start_of(name, descriptions[owner].variables))
-                    starts.setdefault(owner, {})[name] = (variable, as_type(element, variable))
+                    starts.setdefault(owner, {})[name] = (variable, variable.domain.read(element))
             except ValueError as error:
-                problems.append(f"parameter {full!r}: {error}")
+                problems.append(f"parameter {full!r}: {error}.")
     if problems:
         raise UsageError("\n".join(problems))
     return starts
+
+
+def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]) -> str:
+    """Say that a component lacks a variable, and which of a causality it has."""
+    groups = list(dict.fromkeys(v.name.partition("[")[0] for v in variables))
+    kind = variables[0].causality if variables else "variable"
+    more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
+    close = close_to(name, [*(v.name for v in variables), *groups]) or "."
+    return f"{component} has no variable {name!r}{close} Its {kind}s: {', '.join(groups[:12]) or 'none'}{more}."
+
+
+def unfed(component: str, variable: str) -> Finding:
+    """Return the finding of an input without a connection and a value."""
+    return finding("SSP038", f"{component}.{variable}: input is not connected and keeps its start value")
 
 
 def _named(variables: Mapping[str, FmuVariable], name: str) -> list[str]:
@@ -85,12 +100,9 @@ _PAIRS = {("output", "input"), ("calculatedParameter", "parameter"), ("calculate
 class Checker:
     """Collects problems and notes of a system; for parameters see `vdfmu.engine.plan.check.check_system`."""
 
-    def __init__(
-        self, system: FlatSystem, strict: bool, ignore_unmatched: bool, parameters: Mapping[str, Value]
-    ) -> None:
-        self.system, self.strict, self.ignore_unmatched, self.parameters = system, strict, ignore_unmatched, parameters
-        self.problems = list(system.problems)
-        self.notes: list[str] = [*system.notes]
+    def __init__(self, system: FlatSystem, ignore_unmatched: bool, parameters: Mapping[str, Value]) -> None:
+        self.system, self.ignore_unmatched, self.parameters = system, ignore_unmatched, parameters
+        self.findings = [*system.problems, *system.notes]
         self.descriptions: dict[str, Description] = {}
         self.clock_links: list[tuple[Port, Port]] = []
         self._reported: set[Hashable] = set()
@@ -99,15 +111,15 @@ class Checker:
 
     def _unmatched(self, text: Finding) -> None:
         if self.ignore_unmatched:
-            self.notes.append(text.reworded(f"{text}; the value is ignored"))
+            self.findings.append(finding("SSP057", f"{text}; the value is ignored", (text.file, text.line)))
         else:
             way = "ignore_unmatched, 'vdfmu run --ignore-unmatched'"
-            self.problems.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
+            self.findings.append(text.reworded(f"{text}; correct the name, or have it ignored: {way}"))
 
     def read(self) -> None:
         """Read the FMUs and check the connectors against their variables."""
         if not self.system.components:
-            self.problems.append(finding("SSP023", f"{self.system.path.name}: the system has no components"))
+            self.findings.append(finding("SSP023", f"{self.system.path.name}: the system has no components"))
         with ExitStack() as stack:
             path = self.system.path
             opened = cache(lambda: stack.enter_context(Archive(path, path.name)))
@@ -122,7 +134,7 @@ class Checker:
                     for connector in component.connectors.values():
                         for rule, text in self._connector(connector, description):
                             text = f"{component.name}.{connector.name}: {text}"
-                            self.problems.append(finding(rule, text, connector.place))
+                            self.findings.append(finding(rule, text, connector.place))
         self._same_names()
         users: dict[str, list[str]] = {}
         for name, description in self.descriptions.items():
@@ -131,7 +143,7 @@ class Checker:
         for source, names in users.items():
             if len(names) > 1:
                 text = f"{', '.join(names)}: {source} can be instantiated only once per process"
-                self.problems.append(finding("SSP046", text))
+                self.findings.append(finding("SSP046", text))
 
     def _inspect(
         self, package: Callable[[], Archive], component: Component, sizes: dict[str, Value]
@@ -148,7 +160,7 @@ class Checker:
         description, problems = read[place]
         if key not in self._reported:
             self._reported.add(key)
-            self.problems += [problem.within(component.name) for problem in problems]
+            self.findings += [problem.within(component.name) for problem in problems]
         return description
 
     def _sizes(self, component: Component, description: Description) -> dict[str, Value]:
@@ -158,8 +170,8 @@ class Checker:
         for v in description.named("structuralParameter"):
             value = self.parameters.get(f"{component.name}.{v.name}", stated.get(v.name, v.start))
             with suppress(ValueError):  # the check of its value reports it
-                size = as_type(value, v)
-                sizes |= {v.name: size} if size != v.start and not limit_fault(float(size), v.limits) else {}
+                size = v.domain.read(value)
+                sizes |= {v.name: size} if size != v.start else {}
         return sizes
 
     def _same_names(self) -> None:
@@ -172,7 +184,7 @@ class Checker:
                 for variable in description.variables:
                     if f"{inner}.{variable}" in names:
                         text = f"{name}.{variable}: two variables have this name, of {outer} and of {name}"
-                        self.notes.append(finding("SSP021", f"{text}; rename a component"))
+                        self.findings.append(finding("SSP021", f"{text}; rename a component"))
 
     def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
         """Yield the rules that a connector breaks, compared with the variable of its name."""
@@ -229,7 +241,7 @@ class Checker:
                 continue
 
             def fault(rule: str, text: str, connection: Connection = connection) -> None:
-                self.problems.append(finding(rule, f"connection {connection}: {text}", connection.hops[-1].place))
+                self.findings.append(finding(rule, f"connection {connection}: {text}", connection.hops[-1].place))
 
             types = [source.declared, *(h.type for h in connection.hops[:-1] if h.type), sink.declared]
             if len({type_of(name) for name in types}) > 1:
@@ -254,7 +266,7 @@ class Checker:
             suppressed = any(hop.suppress_unit_conversion for hop in connection.hops) and source.type == "Real"
             if suppressed and unit is not None and target is not None and not unit.same_as(target):
                 text = f"connection {connection}: passes {unit.name!r} as {target.name!r}, without a conversion"
-                self.notes.append(finding("SSP034", text, connection.hops[-1].place))
+                self.findings.append(finding("SSP058", text, connection.hops[-1].place))
             if shape != other:
                 fault("SSP035", f"dimension mismatch, {show_shape(shape)} to {show_shape(other)}")
             links += [
@@ -269,14 +281,22 @@ class Checker:
         named = {c.end: c.indices[1] for c in self.system.connections} | set_here
         fed = {link.end for link in links}
         fed |= {(port[0], v.name) for port, index in named.items() for v in self._elements(port, index)[0]}
-        report = self.problems if self.strict else self.notes
         for name, description in self.descriptions.items():
             for variable in description.named("input"):
                 if variable.clock is not None and not variable.clock.triggered:
                     continue  # the master ticks it
                 if (name, variable.name) not in fed:
-                    text = f"{name}.{variable.name}: input is not connected and keeps its start value"
-                    report.append(finding("SSP038", text))
+                    self.findings.append(unfed(name, variable.name))
+
+    @property
+    def problems(self) -> list[Finding]:
+        """What refuses the run."""
+        return problems_in(self.findings)
+
+    @property
+    def notes(self) -> list[Finding]:
+        """What does not."""
+        return notes_in(self.findings)
 
     def start_values(self) -> Starts:
         """Check the bound parameters and convert them to the units of the FMUs."""
@@ -303,12 +323,10 @@ class Checker:
                     try:
                         value = self._converted(parameter, value, variable)
                         starts.setdefault(component.name, {})[variable.name] = (variable, value)
-                        if not isinstance(value, (str, bytes)) and (fault := limit_fault(value, variable.limits)):
-                            faults.append(("SSP056", fault))
                     except MisfitError as error:
                         faults.append((_OF_VALUE[error.kind], str(error)))
                 for rule, text in dict.fromkeys(faults):
-                    self.problems.append(finding(rule, f"{where}: {text}", parameter.place))
+                    self.findings.append(finding(rule, f"{where}: {text}", parameter.place))
         return starts
 
     def _exists(self, component: str, name: str) -> bool:
@@ -323,21 +341,32 @@ class Checker:
                 if hop.transformation is not None and hop.transformation.kind == "enumeration":
                     value = hop.transformation.names.get(value, value)
             hops = ()
-        value = as_type(value, variable, exact=parameter.type)
+        domain = variable.domain  # its limits are those of the converted value
+        mapped = any(hop.transformation is not None for hop in hops)
+        names = None if mapped else domain.names
+        try:
+            if parameter.type == "String" != variable.type:
+                raise domain.misfit(value)
+            value = replace(domain, low=None, high=None, names=names).read(value)
+        except ValueError as error:
+            raise MisfitError("type", str(error)) from None
         unit = self.port_unit((parameter.component, parameter.name), variable)
         conversion = compose(
             hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
             (variable.items, variable.items),
         )  # fmt: skip
         if conversion.table is not None:
-            return as_type(conversion.table.get(int(value), int(value)), variable)
-        if isinstance(value, float) and not conversion.trivial:
-            return conversion.factor * value + conversion.offset
-        return value
+            value = conversion.table.get(int(value), int(value))
+        elif isinstance(value, float) and not conversion.trivial:
+            value = conversion.factor * value + conversion.offset
+        try:
+            return domain.read(value)
+        except ValueError as error:
+            raise MisfitError("limit", str(error)) from None
 
 
 _OF_CONNECTION = {"type": "SSP033", "unit": "SSP034", "transformation": "SSP036"}
-_OF_VALUE = {"type": "SSP054", "unit": "SSP055", "transformation": "SSP036"}
+_OF_VALUE = {"type": "SSP054", "unit": "SSP055", "limit": "SSP056", "transformation": "SSP036"}
 """Kinds of misfits, to the rule that each breaks."""
 _SAME = {"Real": "Float64", "Integer": "Int32"}
 """Types of SSP 1.0 and FMI 2.0 to types of SSP 2.0 and FMI 3.0."""

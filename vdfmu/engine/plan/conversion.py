@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vdfmu.engine.fmu.variables import RANGES, FmuVariable, type_of
-from vdfmu.engine.package.system import Hop, Transformation, UnitFactor, Value
+from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.package.system import Hop, Transformation, UnitFactor
 
 
 class MisfitError(ValueError):
-    """A mismatch of two variables; `kind` is type, unit or transformation."""
+    """A mismatch of two variables, or of a value; `kind` is type, unit, limit or transformation."""
 
     def __init__(self, kind: str, text: str) -> None:
         super().__init__(text)
@@ -116,50 +115,6 @@ def _values_of(
                 raise MisfitError("transformation", text)
         table[(source or {})[name]] = (target or {})[meaning]
     return table
-
-
-def as_type(value: Value, variable: FmuVariable, exact: str | None = None) -> Value:
-    """Convert a value to the type of a variable; MisfitError if it does not fit.
-
-    With `exact`, the type in a parameter set, only integers convert, to reals and enumerations. Without, text is read
-    as a value of the variable's type, and whole numbers as integers.
-    """
-    allowed = {"Real": {"Real", "Integer"}, "Enumeration": {"Enumeration", "Integer"}}
-    kind = variable.type
-    if exact is not None and type_of(exact) not in allowed.get(kind, {kind}):
-        raise MisfitError("type", f"type mismatch, {exact} for a {kind} variable")
-    misfit = MisfitError("type", f"expected a value of type {kind}, got {value!r}")
-    if kind == "String":
-        if not isinstance(value, str):
-            raise misfit
-        return value
-    if kind == "Binary":
-        try:
-            return value if isinstance(value, bytes) else bytes.fromhex(str(value))
-        except ValueError:
-            raise misfit from None
-    if kind == "Boolean":
-        text = str(value).strip().lower()
-        if text not in {"true", "false", "1", "0"}:
-            raise misfit
-        return text in {"true", "1"}
-    if kind == "Enumeration" and isinstance(value, str) and value in (variable.items or {}):
-        return (variable.items or {})[value]
-    if isinstance(value, bool):
-        raise misfit
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise misfit from None
-    if kind == "Real":
-        return number
-    if not (math.isfinite(number) and number == int(number)):
-        raise misfit
-    whole = value if isinstance(value, int) else int(number)  # a float has 53 bits
-    low, high = RANGES.get(variable.native, RANGES["Integer"])
-    if not low <= whole <= high:
-        raise misfit
-    return whole
 
 
 Port = tuple[str, str]

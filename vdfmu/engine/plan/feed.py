@@ -12,7 +12,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import BASE_UNITS, coherent, measure
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description
-from vdfmu.engine.fmu.variables import FmuVariable, limit_fault
+from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import UnitFactor
 from vdfmu.engine.plan.conversion import SOURCE, Conversion, Link, Port, between
 from vdfmu.engine.plan.inputs import Course, InputTable
@@ -143,5 +143,5 @@ def _check_values(values: np.ndarray, sink: FmuVariable, conversion: Conversion)
         expected = "0 or 1" if sink.type == "Boolean" else "whole numbers"
         raise ValueError(f"expected {expected} for a variable of type {sink.type}, got {values[np.argmin(allowed)]:g}")
     for value in (values.min(), values.max()):
-        if fault := limit_fault(float(conversion.factor * value + conversion.offset), sink.limits):
+        if fault := sink.domain.fault(float(conversion.factor * value + conversion.offset)):
             raise ValueError(fault)

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats, element_name
+from vdfmu.base.csv_file import CsvColumns, read_columns, repeated
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import read_text
 
-_HEADING = re.compile(r"(.*?)(?:\s+\[(.+)\])?")
-"""A name, and a unit of measurement in brackets behind a space."""
 _CLOSE = 1e-12
 """Rounding of a time and of a row's time, relative to the largest time."""
 _STRAIGHT = 1e-9
 """Rounding of slopes, relative to the largest: no bend."""
-_MOST_PROBLEMS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,71 +125,39 @@ def _from_arrays(name: str, pair: tuple[Any, Any], hold: bool, problems: list[st
     return InputTable(where, tuple(names), ("",) * len(names), t, columns, hold, group=name)
 
 
-class Columns(NamedTuple):
-    """A CSV file: names and units of its columns, values (m, n), and whether it holds results."""
-
-    names: list[str]
-    units: list[str]
-    values: Floats
-    results: bool
-
-
-def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> Columns | None:
+def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> CsvColumns | None:
     """Read a CSV file of named columns of numbers with increasing ``time``, the first column if `timed`.
 
     Units are in brackets or in a second row, as in ``results.csv``. Faults of rows are added to `problems`, and rows
     that cannot be read are left out. None for a file in another form.
     """
     try:
-        text = read_text(path)
-        reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-        lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = getattr(error, "strerror", None) or error
-        problems.append(f"{path}: expected a CSV file, but it cannot be read: {why}")
+        columns = read_columns(path)
+    except UsageError as error:
+        problems.append(str(error))
         return None
-    headings = [_heading(cell) for cell in lines[0][1]] if lines else []
-    names, units = [name for name, _ in headings], [unit for _, unit in headings]
-    body = lines[1:]
-    results = bool(body) and body[0][1][0] == "s"
-    if results:
-        units = [unit if unit not in ("integer", "boolean") else "" for unit in body.pop(0)[1]]
+    names, units = columns.file.names, columns.file.units
     fault = ""
     if timed and (names[:1] != ["time"] or units[:1] not in ([""], ["s"])):
-        got = repr(lines[0][1][0]) if lines else "an empty file"
-        fault = f"row 1: expected 'time' as the first column, in s, got {got}. Separate columns with commas"
+        got = repr(columns.file.headings[0].strip()) if names else "an empty file"
+        fault = f"row 1: expected 'time' as the first column, in s, got {got}"
     elif (timed and len(names) == 1) or not all(names):
         fault = "row 1: expected an input in each column, such as 'plant.F_e[1] [N]'"
-    elif twice := sorted({name for name in names if names.count(name) > 1}):
+    elif twice := repeated(names):
         fault = f"row 1: {', '.join(twice)}: more than one column has this name"
     elif len(units) != len(names):
         fault = f"row 2: expected {len(names)} units of measurement, got {len(units)}"
-    elif not body:
+    elif not columns.lines.size and not columns.faults:
         fault = "expected rows of numbers below the names, got none"
     if fault:
         problems.append(f"{path}: {fault}")
         return None
-    rows: dict[int, list[float]] = {}
-    faults: list[str] = []
-    for number, cells in body:
-        if len(cells) != len(names):
-            faults.append(f"row {number}: expected {len(names)} cells, got {len(cells)}")
-            continue
-        floats: list[float] = []
-        for name, cell in zip(names, cells, strict=True):
-            try:
-                floats.append(float(cell))
-            except ValueError:
-                faults.append(f"row {number}: {name}: expected a number, got {cell!r}")
-        if len(floats) == len(cells):
-            rows[number] = floats
-    more = [f"{len(faults) - _MOST_PROBLEMS} more rows like these"] if len(faults) > _MOST_PROBLEMS else []
-    problems += [f"{path}: {text}" for text in (*faults[:_MOST_PROBLEMS], *more)]
-    table, numbers = np.array([*rows.values()]).reshape(-1, len(names)), [*rows]
-    t = table[:, names.index("time")] if "time" in names else np.arange(float(len(rows)))
+    problems += [f"{path}: {text}" for text in columns.faults]
+    table, numbers = columns.values, columns.lines
+    t = table[:, names.index("time")] if "time" in names else np.arange(float(len(table)))
     signals = [i for i, name in enumerate(names) if name != "time"]
     _check_rows(str(path), lambda i: f"row {numbers[i]}", [names[i] for i in signals], t, table[:, signals], problems)
-    return Columns(names, units, table, results)
+    return columns
 
 
 def _from_csv(path: Path, hold: bool, problems: list[str]) -> InputTable | None:
@@ -203,15 +165,9 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> InputTable | None:
     columns = csv_columns(path, problems)
     if columns is None or len(problems) > before:
         return None
-    names, units, table, results = columns
-    return InputTable(
-        str(path), tuple(names[1:]), tuple(units[1:]), table[:, 0].copy(), table[:, 1:], hold, not results
-    )
-
-
-def _heading(cell: str) -> tuple[str, str]:
-    match = _HEADING.fullmatch(cell)
-    return (match[1], match[2] or "") if match else (cell, "")
+    names, table, results = columns.file.names[1:], columns.values, bool(columns.file.unit_row)
+    units = ["" if unit in ("integer", "boolean") else unit for unit in columns.file.units[1:]]
+    return InputTable(str(path), tuple(names), tuple(units), table[:, 0].copy(), table[:, 1:], hold, not results)
 
 
 def _check_rows(

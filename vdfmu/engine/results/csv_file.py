@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats, scipy_part
+from vdfmu.base.csv_file import MOST_FAULTS, CsvFile, open_csv, repeated
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import write_whole
+from vdfmu.base.files import read_json, write_whole
 from vdfmu.engine.results.arrays import joined
 from vdfmu.engine.results.formats import Format, Stream
 from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 
 _BLOCK = 512
-_NUMBERS = 2**18
-"""Numbers that are read at a time."""
 
 
 def write_csv(results: Recorded, path: Path) -> None:
@@ -33,57 +30,48 @@ def write_csv(results: Recorded, path: Path) -> None:
 
 
 def read_csv(path: Path) -> Recorded:
-    """Read what `write_csv` or a run wrote."""
-    try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            names, units = _read_head(path, stream)
-            signals: list[Signal] = []
-            chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
-            for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
-                kind = unit if unit in KINDS[1:] else "real"
-                signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
-                chosen[kind].append(index)
-            blocks = (
-                (table[:, 0].copy(), {kind: table[:, columns].astype(TYPES[kind]) for kind, columns in chosen.items()})
-                for table in _read_tables(path, stream, len(names))
-            )
-            return joined(path, blocks, signals, summary_beside(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    """Read what `write_csv` or a run wrote, or another CSV file with ``time`` in the first column."""
+    with open_csv(path) as file:
+        return csv_results(path, file)
 
 
-def _read_head(path: Path, stream: TextIO) -> tuple[list[str], list[str]]:
-    """Return names and units."""
-    reader = csv.reader(stream)
-    try:
-        names, units = next(reader), next(reader)
-    except (StopIteration, csv.Error):
-        raise UsageError(f"{path}: expected a line of names and a line of units") from None
-    if len(names) != len(units) or names[:1] != ["time"]:
-        raise UsageError(f"{path}: expected as many units as names, and 'time' as the first column")
-    return names, units
+def csv_results(path: Path, file: CsvFile) -> Recorded:
+    """Return the results in an open CSV file. Without a line of units all signals are real."""
+    names, units = (file.headings, file.unit_row) if file.unit_row else (file.names, file.units)
+    if names[:1] != ["time"] or units[:1] not in (["s"], [""]) or len(units) != len(names):
+        raise UsageError(
+            f"{path}: expected 'time' in s as the first column, and as many units as names if the second line has "
+            f"units; got {', '.join(names[:3]) or 'nothing'} and {len(units)} units of {len(names)} columns."
+        )
+    if twice := repeated(names[1:]):
+        raise UsageError(f"{path}: {', '.join(twice)}: more than one column has this name.")
+    signals: list[Signal] = []
+    chosen: dict[str, list[int]] = {kind: [] for kind in KINDS}
+    for index, (name, unit) in enumerate(zip(names[1:], units[1:], strict=True), start=1):
+        kind = unit if unit in KINDS[1:] else "real"
+        signals.append(Signal(name, kind, unit if kind == "real" else "", len(chosen[kind])))
+        chosen[kind].append(index)
+    blocks = (
+        (table[:, 0].copy(), {kind: table[:, columns].astype(TYPES[kind]) for kind, columns in chosen.items()})
+        for table in _tables(path, file)
+    )
+    return joined(path, blocks, signals, summary_beside(path))
 
 
-def _read_tables(path: Path, stream: TextIO, columns: int) -> Iterator[Floats]:
+def _tables(path: Path, file: CsvFile) -> Iterator[Floats]:
     """Yield the numbers of stretches of lines, at least one."""
-    lines = (line for line in stream if line.strip())
-    rows, first = max(_BLOCK, _NUMBERS // columns), 0
-    while (block := list(islice(lines, rows))) or not first:
-        try:
-            table = np.loadtxt(block, delimiter=",", ndmin=2, comments=None) if block else np.empty((0, columns))
-        except ValueError as error:
-            row = re.sub(r"(?<= at row )\d+", lambda match: str(first + int(match[0])), str(error))  # noqa: B023
-            raise UsageError(f"{path}: {row}") from None
-        if table.shape[1] != columns:
-            raise UsageError(f"{path}: expected {columns} columns, got {table.shape[1]}")
+    yield np.empty((0, len(file.names)))
+    faults: list[str] = []
+    for _, table in file.blocks(faults):
+        if faults:
+            raise UsageError("\n".join(f"{path}: {fault}." for fault in faults[:MOST_FAULTS]))
         yield table
-        first += max(len(block), 1)
 
 
 def summary_beside(path: Path) -> dict[str, Any]:
     """Return the ``summary.json`` next to a CSV file if it lists the file; else an empty mapping."""
     try:
-        summary = json.loads(path.with_name("summary.json").read_bytes())
+        summary = read_json(path.with_name("summary.json"))
         return summary if path.name in [*summary["files"]] else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}

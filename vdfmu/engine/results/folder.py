@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Generator, Iterable, Sequence
@@ -13,7 +12,7 @@ from threading import Lock
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.files import exists
+from vdfmu.base.files import exists, make_folder, read_json, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.measure import inches
 from vdfmu.base.text import to_json
@@ -147,7 +146,7 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
                 f"{folder}: expected a new folder, or results of an earlier run, got {', '.join(foreign)} that no run "
                 "wrote. Choose another folder with --out, or replace them with --overwrite."
             )
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         with _one_process(folder):  # until the new folder is locked
             _remove_orphans(folder, outputs)
             partial.mkdir(exist_ok=True)
@@ -182,7 +181,7 @@ def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
 def _ours(folder: Path) -> set[str]:
     """Return the names of the files of the last run."""
     try:
-        names = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["files"]
+        names = read_json(folder / "summary.json")["files"]
         return {name for name in names if name == os.path.basename(name)}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
@@ -196,24 +195,29 @@ def _remove(folder: Path, names: Iterable[str]) -> None:
 def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
     """Move the files of a complete run to their place, the summary with the list of files last.
 
-    Files of the earlier run are kept until then, and restored if a move fails.
+    Files of the earlier run are kept until then, and restored if a move fails. The disk has the new files before they
+    move, and their names afterwards.
     """
     ours, before = _ours(folder), partial / "before"
     moved: list[tuple[Path, Path]] = []
     try:
         new = [name for name in written(partial, outputs) if name != "summary.json"] + ["summary.json"]
         old = [name for name in written(folder, outputs) if name in ours or name in new]
+        for name in new:
+            sync(partial / name)
         before.mkdir()
         for source, target, names in ((folder, before, old), (partial, folder, new)):
             for name in names:
                 os.replace(source / name, target / name)
                 moved.append((source / name, target / name))
+        sync(folder)
     except OSError as error:
         with suppress(OSError):
             for source, target in reversed(moved):
                 os.replace(target, source)
             before.rmdir()
-        raise VdfmuError(f"{folder}: cannot be written: {error}. Choose another folder with --out.") from error
+        why = f"{error.strerror}: {error.filename}" if error.filename else error.strerror or error
+        raise VdfmuError(f"{folder}: cannot be written: {why}. Choose another folder with --out.") from error
     with suppress(OSError):  # something else is in it
         _remove(before, old)
         before.rmdir()
@@ -242,6 +246,7 @@ def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] 
     if results is not None:
         results.summary["error"] = str(error)
         state = FAILED if isinstance(error, CosimError) else DOUBTFUL
-        end = Check("Runs to its end", state, str(error), str(error))
+        failed = f"{error.unit} failed" if isinstance(error, CosimError) else "stopped"
+        end = Check("end", "Runs to its end", state, f"{failed} at {error.time:.3g} s", str(error))
         results.summary["verdict"] = verdict_of([*checks, end])
         write_summary(results.summary, folder)

@@ -6,7 +6,6 @@ The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the si
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import replacing
+from vdfmu.base.files import read_json, replacing
+from vdfmu.base.foreign import Foreign, read_foreign
 from vdfmu.base.text import to_json
-from vdfmu.base.unpack import mat_variables
 from vdfmu.engine.results.arrays import grouped, no_rows, placed_arrays
 from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import Recorded, Signal
@@ -51,8 +50,7 @@ def write_mat(results: Recorded, path: Path) -> None:
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))
         content["units"][name] = units[0] if len(units) == 1 else np.array([s.unit for s in members], object)
-    facts = to_json({"signals": [s[:3] for s in results.signals], "summary": results.summary})
-    content["vdfmu"] = json.dumps(json.loads(facts))  # letters beyond ASCII as \u, for every reader
+    content["vdfmu"] = to_json({"signals": [s[:3] for s in results.signals], "summary": results.summary}, None)
     try:
         with replacing(path) as file:
             savemat(file, content, long_field_names=True)
@@ -64,20 +62,27 @@ def write_mat(results: Recorded, path: Path) -> None:
 
 def read_mat(path: Path) -> Recorded:
     """Read what `write_mat` wrote."""
-    variables = mat_variables(path)
+    return mat_results(read_foreign(path))
+
+
+def mat_results(content: Foreign) -> Recorded:
+    """Return the results in the content of a MATLAB file."""
+    path, arrays = content.path, content.arrays
     try:
-        facts = json.loads(str(variables["vdfmu"]))
+        facts = read_json(content.texts["vdfmu"])
         signals = [Signal(name, kind, unit, 0) for name, kind, unit in facts["signals"]]
-        summary = facts["summary"]
+        summary = dict(facts["summary"])
+        groups = grouped(signals)
     except (KeyError, TypeError, ValueError):
         raise UsageError(
-            f"{path}: expected results that vdfmu wrote, with the variable vdfmu; there are {', '.join(variables)}."
+            f"{path}: expected results that vdfmu wrote, with the variable vdfmu; {content.listed()}."
         ) from None
-    groups = grouped(signals)
-    names = _legal_names(groups)
     try:
-        arrays = [variables[name].reshape(-1, len(each)) for name, each in zip(names, groups.values(), strict=True)]
-        return Recorded(variables["time"].reshape(-1), *placed_arrays(signals, arrays), summary)
+        ordered = [
+            arrays[name].reshape(-1, len(each))
+            for name, each in zip(_legal_names(groups), groups.values(), strict=True)
+        ]
+        return Recorded(arrays["time"].reshape(-1), *placed_arrays(signals, ordered), summary)
     except (KeyError, ValueError) as error:
         raise UsageError(f"{path}: expected an array for each signal of the variable vdfmu: {error}.") from None
 

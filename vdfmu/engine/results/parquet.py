@@ -6,8 +6,6 @@ summary as JSON. Columns are compressed, reals as split bytes (BYTE_STREAM_SPLIT
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,20 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import replacing
+from vdfmu.base.files import read_json, replacing
+from vdfmu.base.foreign import Foreign, NamedArray, imported, read_foreign
 from vdfmu.base.text import to_json
-from vdfmu.base.unpack import UnpackBudget, imported
-from vdfmu.engine.results.arrays import grouped, joined, no_rows, placed_arrays
+from vdfmu.engine.results.arrays import no_rows
 from vdfmu.engine.results.formats import Format
-from vdfmu.engine.results.results import Recorded, Signal
+from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 
 _GROUP = 2**16
 """Rows of a compressed group, the part of a long run in memory."""
 _KEY = b"vdfmu"
-_WIDTHS = {"BOOLEAN": 1, "INT32": 4, "INT64": 8, "INT96": 12, "FLOAT": 4, "DOUBLE": 8}
-"""Bytes of a number in memory, by its type in the file; the file states the size of texts and lists."""
+_KINDS = {"double": "real", "int32": "integer", "bool": "boolean"}
+"""Kinds of signals by the types of their columns."""
 
 
 def needed() -> tuple[ModuleType, ...]:
@@ -62,66 +59,35 @@ def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 
-def checked(path: Path, file: Any) -> Any:
-    """Return a ``ParquetFile``; UsageError, before it is read, if its columns unpack to more than a budget."""
-    budget, facts = UnpackBudget(path), file.metadata
-    for group in map(facts.row_group, range(facts.num_row_groups)):
-        for column in map(group.column, range(facts.num_columns)):
-            size = _WIDTHS.get(column.physical_type, 0) * max(group.num_rows, column.num_values)
-            budget.spend(max(size, column.total_uncompressed_size))
-    return file
-
-
-def read_table(path: Path) -> tuple[Any, Any]:
-    """Return the schema of a Parquet file of any tool, and a ``pyarrow.Table`` of its columns of numbers and times."""
-    pa, parquet = needed()
-    try:
-        with open(path, "rb") as stream:
-            file = checked(path, parquet.ParquetFile(stream))
-            columns = [field.name for field in file.schema_arrow if pa.types.is_primitive(field.type)]
-            return file.schema_arrow, file.read(columns, use_threads=False)  # threads hang where memory is short
-    except (OSError, pa.ArrowException) as error:
-        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-
-
 def read_parquet(path: Path) -> Recorded:
-    """Read what `write_parquet` wrote."""
-    pa, parquet = needed()
-    try:
-        with open(path, "rb") as file:
-            table = checked(path, parquet.ParquetFile(file))
-            schema = table.schema_arrow
-            kinds = {pa.float64(): "real", pa.int32(): "integer", pa.bool_(): "boolean"}
-            _require(path, schema.names, [f.name for f in schema if f.type not in kinds])
-            try:
-                summary = json.loads((schema.metadata or {}).get(_KEY, b"{}"))
-            except (ValueError, RecursionError):  # not ours
-                summary = {}
-            signals = [
-                Signal(f.name, kinds[f.type], (f.metadata or {}).get(b"unit", b"").decode(), 0)
-                for f in list(schema)[1:]
-            ]
-            placed, empty = placed_arrays(signals, [np.empty((0, len(each))) for each in grouped(signals).values()])
-
-            def blocks() -> Iterator[tuple[Floats, dict[str, NDArray[Any]]]]:
-                yield np.empty(0), empty
-                for batch in table.iter_batches(_GROUP, use_threads=False):  # threads hang where memory is short
-                    _require(path, schema.names, [name for name in schema.names if batch[name].null_count])
-                    columns = {name: batch[name].to_numpy(zero_copy_only=False) for name in schema.names}
-                    arrays = [np.column_stack([columns[s.name] for s in each]) for each in grouped(signals).values()]
-                    yield columns["time"], placed_arrays(signals, arrays)[1]
-
-            return joined(path, blocks(), placed, summary)
-    except (OSError, pa.ArrowException) as error:
-        raise UsageError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    """Read what `write_parquet` wrote, or another Parquet file with ``time`` in the first column."""
+    return parquet_results(read_foreign(path))
 
 
-def _require(path: Path, names: Sequence[str], wrong: Sequence[str]) -> None:
-    if names[:1] != ["time"] or wrong:
+def parquet_results(content: Foreign) -> Recorded:
+    """Return the results in the content of a Parquet file."""
+    time, *columns = content.blocks or [NamedArray([], np.empty(0), "")]
+    unfit = [name for block in columns if block.kind not in _KINDS for name in block.names]
+    if time.names != ["time"] or time.kind != "double" or unfit or content.left_out:
+        got = [*map(repr, unfit), *content.left_out] or [repr(name) for name in time.names]
         raise UsageError(
-            f"{path}: expected 'time' as the first column, and columns of float64, int32 and bool without gaps; "
-            f"got {', '.join(f'{name!r}' for name in wrong or names[:1])}"
+            f"{content.path}: expected 'time' as the first column, and columns of float64, int32 and bool; "
+            f"got {', '.join(got) or 'no columns of numbers'}."
         )
+    try:
+        summary = dict(read_json(content.texts.get(_KEY.decode(), "{}")))
+    except (TypeError, ValueError):  # not ours
+        summary = {}
+    data = {kind: np.empty((len(time.values), 0), TYPES[kind]) for kind in KINDS}
+    places: dict[str, tuple[str, int]] = {}
+    for block in columns:
+        kind = _KINDS[block.kind]
+        data[kind] = block.values
+        places |= {name: (kind, i) for i, name in enumerate(block.names)}
+    signals = [
+        Signal(name, places[name][0], content.units.get(name, ""), places[name][1]) for name in content.names[1:]
+    ]
+    return Recorded(time.values[:, 0], signals, data, summary)
 
 
 FORMAT = Format(needed, write_parquet, read_parquet)

@@ -46,10 +46,23 @@ class Recorded:
         summary: dict[str, Any] | None = None, messages: Sequence[Any] = (),
     ) -> None:  # fmt: skip
         self.time = time
-        self.summary: dict[str, Any] = {} if summary is None else summary
+        self._summary: dict[str, Any] = {} if summary is None else summary
+        self._judge: Callable[[Any], object] | None = None
         self.messages = list(messages)
         self._signals = {signal.name: signal for signal in signals}
         self.data = dict(data)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Facts about the run. Those that :meth:`judge_by` promised are made when it is first asked for."""
+        judge, self._judge = self._judge, None
+        if judge is not None:
+            judge(self)
+        return self._summary
+
+    def judge_by(self, judge: Callable[[Any], object]) -> None:
+        """Let a function add a verdict to the summary when the summary is first asked for, so that runs stay fast."""
+        self._judge = judge
 
     @property
     def names(self) -> list[str]:
@@ -155,11 +168,15 @@ class Recorded:
         data = {kind: np.concatenate([part[kind] for part in parts]) for kind in self.data}
         return type(self)(self.time[::stride], list(self._signals.values()), data, self.summary, self.messages)
 
-    def blocks(self, rows: int) -> Iterator[Self]:
-        """Yield stretches of at most `rows` rows; pages of arrays on disk leave memory."""
+    def blocks(self, rows: int, overlap: int = 0) -> Iterator[Self]:
+        """Yield blocks of at most `rows` rows, each after the last `overlap` rows before it.
+
+        So any ``overlap + 1`` consecutive rows are together in exactly one block, also if the last block is a single
+        row: a difference over them is taken once. Pages of arrays on disk leave memory.
+        """
         signals = list(self._signals.values())
         for first in range(0, len(self), rows):
-            part = slice(first, first + rows)
+            part = slice(max(0, first - overlap), first + rows)
             yield type(self)(self.time[part], signals, {kind: array[part] for kind, array in self.data.items()})
             for array in self.data.values():
                 if isinstance(array.base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):

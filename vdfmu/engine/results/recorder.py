@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -117,16 +118,19 @@ class Recorder(RowsInMemory):
     def finish(self, time: Floats) -> dict[str, NDArray[Any]]:
         """Write the remaining rows, up to the last `time`; return all rows by kind, mapped from disk."""
         self._flush(time[self._first :])
-        for file, _ in self._texts:
-            file.close()
         rows: dict[str, NDArray[Any]] = {}
-        for kind, block in self.data.items():
-            shape = len(time), block.shape[1]
-            if 0 in shape:
-                rows[kind] = np.empty(shape, block.dtype)
-            else:
-                rows[kind] = np.memmap(self._files[kind], block.dtype, "c", shape=shape)
-                self._files[kind].close()  # the map stays
+        try:
+            for file, _ in self._texts:
+                file.close()
+            for kind, block in self.data.items():
+                shape = len(time), block.shape[1]
+                if 0 in shape:
+                    rows[kind] = np.empty(shape, block.dtype)
+                else:
+                    rows[kind] = np.memmap(self._files[kind], block.dtype, "c", shape=shape)
+                    self._files[kind].close()  # the map stays
+        except OSError as error:
+            raise no_rows(self._path, error) from error
         return rows
 
     def _flush(self, time: Floats) -> None:
@@ -141,8 +145,9 @@ class Recorder(RowsInMemory):
                 write_all(file, self.data[kind][rows].tobytes())
         except BaseException as error:  # a second Ctrl-C too
             for file, position in before:
-                file.truncate(position)
-                file.seek(position)
+                with suppress(OSError):  # of the same disk
+                    file.truncate(position)
+                    file.seek(position)
             if isinstance(error, OSError):
                 raise no_rows(self._path, error) from error
             raise

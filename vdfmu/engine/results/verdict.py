@@ -1,53 +1,96 @@
-"""The verdict on a run in its summary: checks, their states, and a line; terminal, page and exit code read it."""
+"""The verdict on a run in its summary: checks against limits, their states, and a headline for the worst."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 GOOD, DOUBTFUL, FAILED = STATES = ("good", "doubtful", "failed")
-"""States of a check, the worst last. A run has the state of its worst check; a failed one ends with exit code 1."""
-SIGNS = {GOOD: "\u2713", DOUBTFUL: "!", FAILED: "\u2717"}
-_LONGEST = 160
-"""Most characters of a check that is quoted in the line."""
+"""States of a verdict, the worst last. A failed run ends with exit code 1."""
+UNJUDGED = "not judged"
+"""State of a check that does not apply, or that was not asked for. It leaves the verdict as it is."""
+SIGNS = {GOOD: "\u2713", DOUBTFUL: "!", FAILED: "\u2717", UNJUDGED: "\u2013"}
+LONGEST = 90
+"""Most characters of a headline."""
 
 
 class Check(NamedTuple):
     """One check of a run."""
 
+    key: str
+    """Name of its row in a table of limits."""
     name: str
     state: str
-    text: str
-    """The result, and the limit that it was compared with."""
-    words: str = ""
-    """The result in the line of a run that is not good; by default the line quotes the check."""
+    sentence: str
+    """What, where and when: short enough for the headline."""
+    more: str = ""
+    """What else was measured, or the whole message of an error."""
+    value: float = math.nan
+    limit: float = math.nan
+    """The number that was judged and the limit that it was compared with, in one unit; NaN without them."""
+    by: str = ""
+    """Whose limit it is: an option, a file, or the reference that recommends it."""
+
+    @property
+    def text(self) -> str:
+        """The sentence with what else was measured."""
+        first = self.sentence.partition(" ")[0]
+        sentence = (
+            f"{first.capitalize()}{self.sentence[len(first) :]}"
+            if first.islower() and first.isalpha()
+            else self.sentence
+        )
+        return "; ".join(filter(None, (sentence, self.more)))
+
+    @property
+    def source(self) -> str:
+        """The limit and whose it is; empty without a limit."""
+        return f"limit {self.limit:.3g}: {self.by}" if math.isfinite(self.limit) else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the check for JSON, without numbers that it does not have."""
+        facts = self._asdict()
+        return {key: value for key, value in facts.items() if value != "" and value == value}
 
 
-def verdict_of(checks: Sequence[Check], numbers: str = "") -> dict[str, Any]:
-    """Return the entry ``verdict`` of a summary: ``state``, ``words``, and ``checks`` with name, state and text.
+def verdict_of(checks: Sequence[Check], results: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the entry ``verdict`` of a summary: ``state``, ``headline``, ``results`` and ``checks``.
 
-    The words follow the order of the checks. Without checks the run was not judged, and is doubtful. `numbers` are the
-    words of a good run, and the last words of a doubtful run.
+    The headline is the sentence of the worst check, the first of several; of a good run, the first of its `results`,
+    the phrases for what the run came to. Checks that were not judged are named behind the results. A run without any
+    check that could be judged is doubtful.
     """
-    state = max((check.state for check in checks), key=STATES.index, default=DOUBTFUL)
-    bad = [check for check in checks if check.state != GOOD]
-    words = [check.words for check in bad if check.words]
-    if not any(check.words for check in bad if check.state == state):
-        words += [_short(f"{check.name}: {check.text}") for check in bad if check.state == state][:1]
-    words += [] if checks else ["not judged, since no check applies to this run"]
-    words += [numbers] if numbers and state != FAILED else []
-    kept = [{"name": check.name, "state": check.state, "text": check.text} for check in checks]
-    return {"state": state, "words": "; ".join(words), "checks": kept}
+    judged = [check for check in checks if check.state != UNJUDGED]
+    state = max((check.state for check in judged), key=STATES.index, default=DOUBTFUL)
+    phrases = [*results, *unjudged_phrase(checks)]
+    if state == GOOD:
+        room, told = LONGEST - len(f"{GOOD}: "), 1 if phrases else 0
+        while told < len(phrases) and len("; ".join(phrases[: told + 1])) <= room:
+            told += 1
+        headline, phrases = "; ".join(phrases[:told]) or "all checks pass", phrases[told:]
+    else:
+        headline = next((check.sentence for check in judged if check.state == state), "no check applies to this run")
+    return {
+        "state": state, "headline": _short(f"{state.capitalize()}: {headline}"), "results": "; ".join(phrases),
+        "checks": [check.to_dict() for check in checks],
+    }  # fmt: skip
+
+
+def unjudged_phrase(checks: Iterable[Check]) -> list[str]:
+    """Return the phrase that names the checks that were not judged; none if all were."""
+    names = [check.name[:1].lower() + check.name[1:] for check in checks if check.state == UNJUDGED]
+    return [f"not judged: {', '.join(names)}"] if names else []
 
 
 def _short(text: str) -> str:
     text = " ".join(text.split())
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1].rstrip()}\u2026"
 
 
 def checks_of(summary: Mapping[str, Any]) -> list[Check]:
     """Return the checks of a run from its summary; empty without a verdict."""
-    return [Check(each["name"], each["state"], each["text"]) for each in _verdict(summary).get("checks", ())]
+    return [Check(**each) for each in _verdict(summary).get("checks", ())]
 
 
 def state_of(summary: Mapping[str, Any]) -> str:
@@ -55,14 +98,19 @@ def state_of(summary: Mapping[str, Any]) -> str:
     return _verdict(summary).get("state", "")
 
 
-def line_of(summary: Mapping[str, Any]) -> str:
-    """Return the line of a run, ``Good: stable; tool error ...``; empty without a verdict."""
-    return ": ".join(filter(None, (state_of(summary).capitalize(), _verdict(summary).get("words", ""))))
+def headline_of(summary: Mapping[str, Any]) -> str:
+    """Return the headline of a run, ``Doubtful: modulus margin 0.14 at joint 6``; empty without a verdict."""
+    return _verdict(summary).get("headline", "")
+
+
+def results_of(summary: Mapping[str, Any]) -> str:
+    """Return what a run came to beside its headline: largest errors, and checks that were not judged."""
+    return _verdict(summary).get("results", "")
 
 
 def checks_line(summary: Mapping[str, Any]) -> str:
     """Return the number of passed checks, ``3 of 4 checks pass, 1 doubtful``; empty without checks."""
-    states = [check.state for check in checks_of(summary)]
+    states = [check.state for check in checks_of(summary) if check.state != UNJUDGED]
     rest = "".join(f", {states.count(state)} {state}" for state in STATES[1:] if state in states)
     return f"{states.count(GOOD)} of {len(states)} checks pass{rest}" if states else ""
 

@@ -4,12 +4,12 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.engine.run.isolated import mapped
+from vdfmu.engine.run.isolated import LostProcessError
 from vdfmu.engine.run.kept import KeptRuns
 from vdfmu.engine.run.session import Interrupted
 from vdfmu.engine.run.simulator import Simulator, check_coupling, simulate
 
 __all__ = [
-    "ALGORITHMS", "Interrupted", "KeptRuns", "LogMessage", "Results", "Signal", "Simulator", "check_coupling",
-    "check_system", "mapped", "simulate",
+    "ALGORITHMS", "Interrupted", "KeptRuns", "LogMessage", "LostProcessError", "Results", "Signal", "Simulator",
+    "check_coupling", "check_system", "simulate",
 ]  # fmt: skip

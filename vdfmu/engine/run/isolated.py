@@ -13,20 +13,22 @@ import os
 import pickle
 import signal
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 
 
@@ -39,33 +41,12 @@ class Limits:
         if memory is None:
             with suppress(AttributeError, ValueError, OSError):  # unknown
                 self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-        for name, value, unit in (("wait_limit", self.time, "s"), ("memory_limit", self.memory, "MB")):
-            if not value > 0.0:
-                raise UsageError(f"{name} must be positive, got {value:g} {unit}")
-
-
-class Elsewhere(Stepper):
-    """Components of a run in other processes, and their stepper in one; `exchange` reads their values."""
-
-    exchange: Exchange
-    load: Callable[[], None]
-    initialize: Callable[..., None]
-    couple: Callable[..., Stepper]
-    close: Callable[[], CosimError | None]
-
-
-Making = Callable[[Checked, Mapping[str, Path], MessageBox, Path, Limits], Elsewhere]
-"""Makes them from a checked system, the folders of its FMUs, the box for messages, a temporary folder, and limits."""
-
-
-class Division(Protocol):
-    """Chooses the algorithm from the wanted one, the components that run here, and their maker.
-
-    `simulate`, `run_system` and `Simulator` take it as `federation`.
-    """
-
-    def algorithm(self, wanted: str | None) -> str: ...  # noqa: D102
-    def apart(self, checked: Checked) -> tuple[Checked, Making]: ...  # noqa: D102
+        if not 0.0 < self.time < math.inf:
+            raise UsageError(
+                f"wait_limit must be a positive, finite time in s, got {self.time:g}. The default is 300 s."
+            )
+        if not self.memory > 0.0:
+            raise UsageError(f"memory_limit must be positive, got {self.memory:g} MB")
 
 
 STEP = struct.Struct("<ddd")
@@ -80,10 +61,21 @@ _PATIENCE = 0.5
 """Longest time of a step after Ctrl-C [s]."""
 
 
-class Isolated(Elsewhere):
-    """`Components` and their stepper, in a process that runs the module `server`."""
+def _asked(name: str) -> Any:
+    """Return the method of `Isolated` that calls the method of this name in the process."""
 
-    server = "vdfmu.engine.run.isolated_server"
+    def asked(self: Isolated, *arguments: Any) -> Any:
+        return self._ask(name, *arguments)  # pyright: ignore[reportPrivateUsage]
+
+    return asked
+
+
+class LostProcessError(CosimError):
+    """The process of the components has ended, or did not answer in time."""
+
+
+class Isolated(Stepper):
+    """`Components` and their stepper, in a process that runs `vdfmu.engine.run.isolated_server`."""
 
     def __init__(
         self, checked: Checked, folders: Mapping[str, Path], box: MessageBox, folder: Path, limits: Limits
@@ -91,55 +83,64 @@ class Isolated(Elsewhere):
         self.box, self.limits = box, limits
         self._names = list(checked.descriptions)
         self._memory = folder / "memory"
-        self._memory.write_bytes(bytes(8 * words_of(checked)))
+        with storing(self._memory):
+            self._memory.write_bytes(bytes(8 * words_of(checked)))
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
-        self.content = pickle.dumps((checked, dict(folders)))
+        self._content = pickle.dumps((checked, dict(folders)))
         self._child: Child | None = None
         self._pressed_at, self._cut_off, self._late, self._stepping = math.inf, False, False, False
 
     def load(self) -> None:
         """Start the process, load the libraries and create the instances."""
-        self.start()
-        self.take()
-        self.ask("load", self.content)
-
-    def start(self) -> None:
-        """Start the process; its first answer says so."""
-        arguments = str(self._memory), str(self.limits.memory)
-        self._child = Child(self.server, *arguments, limit=self.limits.time, show=True, stop=self._stop, gone=self.gone)
+        self._child = Child(
+            "vdfmu.engine.run.isolated_server", str(self._memory), str(self.limits.memory),
+            limit=self.limits.time, show=True, stop=self._stop,
+        )  # fmt: skip
         self._child.since += _START
+        self._take()
+        self._ask("load", self._content)
 
     def initialize(self, *arguments: Any) -> None:
         """See `Components.initialize`."""
         self.box.time = arguments[0]
-        self.ask("initialize", *arguments)
+        self._ask("initialize", *arguments)
 
     def couple(self, *arguments: Any) -> Self:
         """See `Components.couple`."""
-        self.ask("couple", *arguments)
+        self._ask("couple", *arguments)
         self._stepping = True
         return self
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all components."""
-        self.post_step(time, step, stop)
-        self.take()
+        assert self._child is not None
+        self._child.post(_STEPS + STEP.pack(time, step, stop))
+        self._take()
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the steps, if the process lives."""
-        return {} if self._child is None else self.ask("facts")
+        return {} if self._child is None else self._ask("facts")
 
     def notes(self) -> list[str]:
         """Return notes on the run."""
-        return self.ask("notes")
+        return self._ask("notes")
 
-    def keep(self, names: Sequence[str]) -> None:
-        """See `Components.keep`."""
-        self.ask("keep", names)
+    keep, look, bring_inputs, put, between_events, keep_start, to_start, derive = map(
+        _asked, ("keep", "look", "bring_inputs", "put", "between_events", "keep_start", "to_start", "derive")
+    )
+    """See `Components`; for `derive` see `Server.derive`."""
 
-    def look(self, steps: Mapping[str, float], times: Sequence[float], end: float) -> Any:
-        """See `Components.look`."""
-        return self.ask("look", steps, times, end)
+    def value(self, name: str, variable: str) -> Value:
+        """See `Components.value`."""
+        value = self._ask("value", name, variable)
+        binary = self.exchange.checked.descriptions[name].variables[variable].kind == "Binary"
+        return bytes.fromhex(value) if binary else value
+
+    def reset(self, checked: Checked) -> None:
+        """See `Components.reset`."""
+        self.exchange.checked, self._stepping = checked, False
+        starts = {name: [(v.name, value) for v, value in each] for name, each in checked.starts.items()}
+        self._ask("reset", starts, dict(checked.multiples))
 
     def close(self) -> CosimError | None:
         """Free all, end the process, and return the first failure."""
@@ -147,8 +148,8 @@ class Isolated(Elsewhere):
         self._stepping = False
         self.pressed = lambda: False
         try:
-            if self.waiting:
-                failure = self.ask("close", self.box.time)
+            if self._child is not None and self._child.since == math.inf:  # it waits for a request
+                failure = self._ask("close", self.box.time)
                 failure = None if failure is None else CosimError(*failure)
             elif self._child is not None:  # interrupted in a call
                 self._child.kill()
@@ -159,28 +160,19 @@ class Isolated(Elsewhere):
         self.box.flush()
         return failure
 
-    def ask(self, name: str, *arguments: Any) -> Any:
+    def _ask(self, name: str, *arguments: Any) -> Any:
         """Make the process call a method of its `Server`."""
-        self.post_call(name, *arguments)
-        return self.take()
-
-    def post_call(self, name: str, *arguments: Any) -> None:
-        """Send the request that it call a method."""
         assert self._child is not None
         self._child.send((name, arguments))
+        return self._take()
 
-    def post_step(self, time: float, step: float, stop: float) -> None:
-        """Send the request that it step all components."""
-        assert self._child is not None
-        self._child.post(_STEPS + STEP.pack(time, step, stop))
-
-    def take(self) -> Any:
+    def _take(self) -> Any:
         """Wait for the answer to a request; CosimError if it failed or the process has ended."""
         assert self._child is not None
         try:
             reply = self._child.take()
         except EOFError:
-            lost = self.lost()
+            lost = self._lost()
             raise KeyboardInterrupt if self._cut_off else lost from None
         if reply is None:
             return None
@@ -195,16 +187,6 @@ class Isolated(Elsewhere):
             raise VdfmuError(reply["fault"])
         return reply["result"]
 
-    @property
-    def late(self) -> bool:
-        """Whether the process took too long."""
-        return self._late if self._child is None else self._child.late
-
-    @property
-    def waiting(self) -> bool:
-        """Whether the process waits for a request."""
-        return self._child is not None and self._child.since == math.inf
-
     def _called(self) -> tuple[str, str]:
         """Return the component and the function that the process called last; empty if it called none."""
         number = abs(self.exchange.running.value)
@@ -214,7 +196,7 @@ class Isolated(Elsewhere):
             return self._names[int(position)], call
         return "", ""
 
-    def lost(self) -> CosimError:
+    def _lost(self) -> CosimError:
         """Return the error of a process that has ended, or sends an invalid answer."""
         code, peak = self._end()
         unit, call = self._called()
@@ -223,7 +205,7 @@ class Isolated(Elsewhere):
             with suppress(ValueError):
                 code = signal.Signals(-code).name
         if not unit:
-            return self.idle(time, code)
+            return LostProcessError("components", "start of their process", time, f"it ended with code {code}")
         if self.exchange.running.value < 0:
             ending = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
             why = f"the process {ending} after this call had returned: it left damage, or vdfmu has a fault"
@@ -235,11 +217,7 @@ class Isolated(Elsewhere):
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
-        return CosimError(unit, call, time, why)
-
-    def idle(self, time: float, code: int | str) -> CosimError:
-        """Return the error of a process that has ended between calls; `code` may name a signal."""
-        return CosimError("components", "start of their process", time, f"it ended with code {code}")
+        return LostProcessError(unit, call, time, why)
 
     def _stop(self) -> bool:
         """Pass Ctrl-C on; return whether to cut off a long step."""
@@ -249,9 +227,6 @@ class Isolated(Elsewhere):
         since = math.inf if self._child is None else self._child.since
         self._cut_off = monotonic() - max(since, self._pressed_at) > _PATIENCE
         return self._cut_off
-
-    def gone(self) -> None:
-        """Note in another thread that the process ended before its time."""
 
     def _end(self) -> tuple[Any, float]:
         """End the process and its children; return its exit code and its peak memory [MB]."""

@@ -7,25 +7,24 @@ import math
 import pickle
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.process import Parent, limit
+from vdfmu.base.process import Parent, contained, limit
 from vdfmu.base.text import kind_text
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.package.system import Value
 from vdfmu.engine.run.isolated import CALLS, STEP, mapped
 
 
 class Server:
     """Serves requests of `Isolated` in the process, by methods of itself, the stepper or the components."""
-
-    components = Components
 
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
@@ -53,8 +52,30 @@ class Server:
 
             return noted
 
-        self._components = self.components(checked, folders, self._box, self._words, watch)
+        self._derivatives: Any = None
+        self._components = Components(checked, folders, self._box, self._words, watch)
         self._components.load()
+
+    def reset(self, starts: Mapping[str, Sequence[tuple[str, Value]]], multiples: Mapping[str, int]) -> None:
+        """See `Components.reset`; for the values see `Checked`."""
+        checked, tables = self._components.checked, self._components.checked.descriptions
+        mine = {name: [(tables[name].variables[each], value) for each, value in values]
+                for name, values in starts.items()}  # fmt: skip
+        self._box.ended.clear()
+        self._derivatives = None
+        self._components.reset(replace(checked, starts=mine, multiples=multiples))
+
+    def derive(self, call: str, *arguments: Any) -> Any:
+        """Call a method of the `Derivatives` of the components."""
+        from vdfmu.engine.linear.linearise import Derivatives  # few runs need it
+
+        self._derivatives = self._derivatives or Derivatives(self._components)
+        return getattr(self._derivatives, call)(*arguments)
+
+    def value(self, name: str, variable: str) -> Value:
+        """See `Components.value`; binary values as hexadecimal text."""
+        value = self._components.value(name, variable)
+        return value.hex() if isinstance(value, bytes) else value
 
     def couple(self, adaptive: float | None, convergence: float | None, span: float, record: Any) -> None:
         """See `Components.couple`."""
@@ -81,13 +102,11 @@ class Server:
         return getattr(owner, name)
 
     def answer(self, request: bytes, parent: Parent) -> dict[str, Any] | None:
-        """Serve a request; return the reply, None for a step with nothing to report."""
+        """Serve a request; return the reply, None if there is nothing to report."""
         reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
         try:
             if not request:
                 self.advance(*STEP.unpack(parent.read(STEP.size)))
-                if not (self._box.pending or self._box.ended):
-                    return None
             else:
                 name, arguments = pickle.loads(request)
                 reply["result"] = self.method(name)(*arguments)
@@ -100,6 +119,8 @@ class Server:
         except Exception as error:
             reply["failure"] = ("vdfmu", "step", self._box.time, _fault(error))
         messages = [*self._said, *self._box.pending]
+        if reply["result"] is None and not (messages or self._box.ended or any(reply.values())):
+            return None
         self._said.clear()
         self._box.pending.clear()
         return reply | {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
@@ -114,17 +135,17 @@ def _fault(error: Exception) -> str:
     return f"{kind_text(error)} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
-def serve(make: Callable[[str], Server], memory: str, most: str) -> None:
+def serve(memory: str, most: str) -> None:
     """Serve requests until their end; `memory` is a file, `most` in MB."""
     parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))
     logging.getLogger("vdfmu.compiler.fmu").addHandler(logging.NullHandler())  # its log comes back as messages
-    server = make(memory)
+    server = Server(memory)
     parent.reply()  # it has started
     for request in parent.requests():
         parent.reply(server.answer(request, parent))
 
 
 if __name__ == "__main__":
-    serve(Server, *sys.argv[1:])
+    contained(serve, *sys.argv[1:])

@@ -17,7 +17,8 @@ import numpy as np
 from vdfmu.base.errors import LOG, CosimError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.engine.fmu.description import is_ours
+from vdfmu.base.process import is_contained
+from vdfmu.engine.fmu.description import is_own
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.components import Components, failure_message
@@ -29,32 +30,31 @@ from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.exits import report_exits
-from vdfmu.engine.run.isolated import Elsewhere, Isolated, Limits, Making
+from vdfmu.engine.run.isolated import Isolated, Limits
 
 
 class Session:
     """The components of a system for runs in a row; its exit frees them and removes the unpacked FMUs.
 
-    For `isolate` and `limits` see `simulate`; `apart`, if given, replaces `Isolated`.
+    For `isolate` and `limits` see `simulate`.
     """
 
-    components: Components | Elsewhere
+    components: Components | Isolated
 
     def __init__(
         self, checked: Checked, log: Callable[[LogMessage], None] | None, isolate: bool | None, limits: Limits,
-        apart: Making | None = None, coupling: tuple[float | None, float | None] = (None, None),
+        coupling: tuple[float | None, float | None] = (None, None),
     ) -> None:  # fmt: skip
         self.checked, self.box, self._limits, self._coupling = checked, MessageBox(log), limits, coupling
         self.resting = False
         """Whether no run uses the components."""
         self.plan: RunPlan | None = None
         """Plan of the last run, if the next run may take it."""
-        self.isolated = isolate if apart is None else True
+        self.isolated = isolate
         self.results: Results | None = None
         """Results of the last run."""
         self.save: Callable[[], str] = lambda: ""
         """Saves the rows of the current run; returns a text about them."""
-        self._apart = apart or Isolated
         self._stack = ExitStack()
 
     def __enter__(self) -> Session:
@@ -64,15 +64,15 @@ class Session:
             raise no_room(tempfile.gettempdir(), error) from error
         self._tell()
         try:
-            folders, isolated = unpack_units(self.checked, folder)
+            folders, foreign = unpack_units(self.checked, folder)
             once = any(each.once_per_process for each in self.checked.descriptions.values())
-            self.isolated = isolated if self.isolated is None else self.isolated
+            self.isolated = foreign and not is_contained() if self.isolated is None else self.isolated
             if self.isolated:
-                self.components = self._apart(self.checked, folders, self.box, folder, self._limits)
+                self.components = Isolated(self.checked, folders, self.box, folder, self._limits)
             else:
                 self._stack.enter_context(report_exits(self.box, lambda: self._left(folder), lambda: self.resting))
                 self.components = Components(self.checked, folders, self.box)
-            self.lasts = not (isolated or self.isolated or once)
+            self.lasts = not (foreign or self.isolated or once)
             """Whether components may stay loaded after a run, for others."""
             self.components.load()
         except BaseException as error:
@@ -106,15 +106,14 @@ class Session:
             raise failure
 
     def reset(self, checked: Checked) -> None:
-        """Return components that are not isolated to their state after loading; `checked` has their start values."""
-        assert isinstance(self.components, Components)
-        self.checked = self.components.checked = checked
+        """Return components to their state after loading; `checked` has their start values."""
+        self.checked = checked
         self.box.flush()
         self.box.kept.clear()
         self.box.ended.clear()
         self.results, self.save, self.resting = None, lambda: "", False
         self._tell()
-        self.components.reset()
+        self.components.reset(checked)
 
     def _tell(self) -> None:
         for note in self.checked.notes:
@@ -183,24 +182,23 @@ class RunPlan:
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
-    """Unpack the FMUs of a system; return their folders by source, and whether to isolate them by default.
+    """Unpack the FMUs of a system; return their folders by source, and whether any of them is foreign.
 
-    FMUs without the mark of this project are isolated; the mark can be forged. VdfmuError if the disk is full, or if
-    Python FMUs cannot run in a folder of this name.
+    VdfmuError if the disk is full, or if Python FMUs cannot run in a folder of this name.
     """
     unpacked: dict[str, Path] = {}
-    path, isolated = checked.system.path, False
+    path, foreign = checked.system.path, False
     with Archive(path, path.name) as package:
         for source in dict.fromkeys(d.source for d in checked.descriptions.values()):
             unpacked[source] = folder / f"{len(unpacked)}"
             try:
                 with package.opened(source, source) as unit:
-                    isolated = isolated or not is_ours(unit.names)
+                    foreign = foreign or not is_own(unit)
                     unit.extract(unpacked[source], _needed)
             except OSError as error:
                 raise no_room(str(folder), error) from error
             _refuse_escapes(unpacked[source])
-    return unpacked, isolated
+    return unpacked, foreign
 
 
 def _refuse_escapes(folder: Path) -> None:

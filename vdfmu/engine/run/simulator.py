@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import check_type, lists_options, pick, with_options
+from vdfmu.base.option import check_type, checks_types, lists_options, pick, with_options
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
@@ -19,13 +19,13 @@ from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.check import Checked, check_system, with_parameters, with_steps
+from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.isolated import Limits
+from vdfmu.engine.run.isolated import Isolated, Limits
 from vdfmu.engine.run.session import Run, Session
 
 
@@ -102,8 +102,6 @@ class Simulator:
     def __init__(self, system: FlatSystem | str | Path, **options: Unpack[SimulatorOptions]) -> None:
         self._system = system if isinstance(system, FlatSystem) else load_ssp(system)
         experiment, tolerance = self._system.experiment, options["tolerance"]
-        if options["federation"] is not None:
-            options["algorithm"] = options["federation"].algorithm(options["algorithm"])
         if options["algorithm"] is None:
             options["algorithm"] = experiment.algorithm
             if options["adaptive"] is None:
@@ -122,22 +120,18 @@ class Simulator:
         self._tables = read_inputs(options["inputs"], bool(options["input_hold"]))
         self._checked = check_system(
             self._system, options["parameters"], inputs=self._tables, algorithm=options["algorithm"],
-            repeats=options["adaptive"] is not None, strict=options["strict"],
+            repeats=options["adaptive"] is not None,
             ignore_unmatched=options["ignore_unmatched"],
         )  # fmt: skip
-        self._apart = None
         self.sizes = {
             f"{name}.{v.name}"
             for name, each in self._checked.descriptions.items()
             for v in each.named("structuralParameter")
         }
         """Parameters that are sizes of arrays."""
-        if options["federation"] is not None:
-            self._checked, self._apart = options["federation"].apart(self._checked)
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        self._end_by_hand()
         self._checked = None
         self._free(error)
 
@@ -198,6 +192,7 @@ class Simulator:
         if failure is not None:
             raise failure
 
+    @checks_types
     def reset(
         self, *, start: float | None = None, stop: float | None = None, step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
@@ -205,7 +200,7 @@ class Simulator:
         """Begin a run by hand, with steps by :meth:`step`; for arguments see :meth:`run`.
 
         With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
-        step. All others are initialized again. For errors see :meth:`run`; UsageError for isolated components, too.
+        step. All others are initialized again. For errors see :meth:`run`.
         """
         values = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
         grid = self.grid(start, stop, step)
@@ -216,21 +211,22 @@ class Simulator:
                     return
         checked = self._prepared(grid.step, parameters)
         with self._freeing():
-            session = self._ready(checked)
-            if not isinstance(session.components, Components):
-                raise UsageError("reset: isolated components are not stepped by hand; use isolate=False.")
+            session = self._ready(checked, again=True)
             self._initialize(session, grid)
             self._by_hand, self._begun = ByHand(session, grid), wanted
 
+    @checks_types
     def step(self, count: int = 1) -> None:
         """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
         steps = self._by_hand or self._stepped
         try:
             steps.step(count)
-        except CosimError as error:
-            self._free(error)
+        except (CosimError, KeyboardInterrupt) as error:
+            if isinstance(error, CosimError) or (self._session and self._session.isolated):  # an answer is outstanding
+                self._free(error)
             raise
 
+    @checks_types
     def set(self, name: str, value: Any) -> None:
         """Set an unconnected input, or a tunable parameter, ``component.variable``, for the next steps.
 
@@ -238,6 +234,7 @@ class Simulator:
         """
         self._stepped.set(name, value)
 
+    @checks_types
     def get(self, name: str) -> Any:
         """Return the current value of ``component.variable``; without an index all elements of an array."""
         return self._stepped.get(name)
@@ -272,6 +269,8 @@ class Simulator:
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'.")
         checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
+        if self._options["strict"]:
+            require_values(checked)
         if changed := _sizes(checked).items() - _sizes(self._checked).items():
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
@@ -283,11 +282,10 @@ class Simulator:
         assert self._checked is not None
         return self._checked
 
-    def stand(self, time: float | None = None, step: float | None = None) -> Components:
+    def stand(self, time: float | None = None, step: float | None = None) -> Components | Isolated:
         """Run the system to a time, by default its start; return its components, with their inputs at this time.
 
-        They stay until the next run or the end of the block. The simulator must not isolate them. For errors see
-        :meth:`run`.
+        They stay until the next run or the end of the block. For errors see :meth:`run`.
         """
         grid = self.grid(None, None, step)
         time = grid.begin if time is None else time
@@ -299,35 +297,28 @@ class Simulator:
             raise UsageError(f"at: expected a time of the run from {grid.begin:g} s, got {time:g} s.")
         assert self._session is not None
         components = self._session.components
-        assert isinstance(components, Components)
         self._session.plan = None  # a user may change what it needs
         if time != grid.begin:
             components.bring_inputs(time)
         return components
 
-    def _ready(self, checked: Checked) -> Session:
-        """Return the components in their state after loading."""
-        self._end_by_hand()
-        if self._session is not None and self._session.isolated:
+    def _ready(self, checked: Checked, again: bool = False) -> Session:
+        """Return the components in their state after loading; with `again` isolated ones keep their process too."""
+        self._by_hand = None
+        if self._session is not None and self._session.isolated and not again:
             self._free()
         if self._session is not None:
             self._session.reset(checked)
             return self._session
         options = self._options
         self._session = Session(
-            checked, options["log"], options["isolate"], self._limits, self._apart,
-            (options["adaptive"], options["convergence"]),
+            checked, options["log"], options["isolate"], self._limits, (options["adaptive"], options["convergence"]),
         ).__enter__()  # fmt: skip
         return self._session
 
     def _initialize(self, session: Session, grid: Grid) -> None:
         convergence = self._options["convergence"] or CONVERGENCE
         session.components.initialize(grid.begin, grid.end, self._options["tolerance"], convergence)
-
-    def _end_by_hand(self) -> None:
-        if self._by_hand is not None:
-            self._by_hand.close()
-            self._by_hand = None
 
     def grid(self, start: float | None, stop: float | None, step: float | None) -> Grid:
         """Return start, stop, step and number of steps; UsageError when they do not fit."""

@@ -19,7 +19,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.option import check_type
+from vdfmu.base.option import checks_types
 from vdfmu.base.state_space import StateSpace
 from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
 from vdfmu.compiler.unit.interface import interface_of
@@ -59,6 +59,7 @@ _OUTPUTS = ("kappa", "p_O")
 """Outputs in addition to the states."""
 
 
+@checks_types
 def linearize(
     system: Robot | Scenario | str | os.PathLike[str],
     at: npt.ArrayLike,
@@ -113,7 +114,6 @@ def linearize(
     >>> system.A.shape, system.inputs[:2], system.states[4:6], system.state_units[4:6]
     ((8, 8), ('tau[1]', 'tau[2]'), ('kappa_dot[1]', 'kappa_dot[2]'), ('rad/s', 'rad/s'))
     """
-    check_type("opened", "Sequence[str]", opened)
     try:
         place = np.asarray(at, dtype=float)
     except (TypeError, ValueError):

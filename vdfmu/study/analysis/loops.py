@@ -17,10 +17,11 @@ from typing import Any, NamedTuple, Unpack
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import with_options
+from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Along, Growth, Poses
 from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run import Simulator
+from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import LoopOptions
@@ -42,25 +43,36 @@ class Judged(NamedTuple):
     """Where friction excites itself, if the loops are without dry friction."""
 
     @property
-    def words(self) -> tuple[str, str]:
-        """State of a run by its loops, ``good``, ``doubtful`` or ``failed``, and its words in all commands."""
+    def figures(self) -> dict[str, Any]:
+        """The numbers by which a verdict judges the loops, as entries ``key_figures`` of a summary.
+
+        ``unstable``, the factor by which disturbances grow in a step; or else ``margin``, the smallest modulus margin,
+        and ``delay``, the smallest delay margin in samples, of a sampled loop. ``growth``: the share by which
+        disturbances grow for a while. ``excited``: dry friction excites itself, so the others are without it.
+        ``open``: nothing is fed back to a joint. Each has its place and its time [s].
+        """
         loops, growth, excited = self
-        before = f"friction 'split' excites itself, most at {excited}; without dry friction " if excited else ""
+        figures: dict[str, Any] = {}
+        if excited:
+            figures["excited"] = {"value": 1.0, "place": excited, "at_s": loops.poses[0].time}
         if growth.unstable:
             factor = math.exp(growth.rate * loops.system.step)
-            return "failed", (
-                f"{before}unstable {since(growth.begin)}, {place_of(growth.state, loops)}: disturbances grow by a "
-                f"factor of {factor:.3g} a step; its gains are too high, or too low, for this step{finer(loops)}"
-            )
-        growing, nearest = growth_words(loops), loops.nearest()
-        text = f"stable; its margins are not known: {loops.lacking}"
-        if nearest is not None:
-            where = f"at {place_of(nearest.name, loops)}, {nearest.time:.3g} s"
-            text = f"stable with a modulus margin of {nearest.modulus:.2g} {where}"
-            if not nearest.modulus:
-                text = f"stable over the run, but without a margin {where}{finer(loops)}"
-        doubtful = grown(loops).doubtful or (nearest is not None and not nearest.modulus)
-        return "doubtful" if doubtful else "good", before + "; ".join(filter(None, (text, growing)))
+            figures["unstable"] = {"value": factor, "place": place_of(growth.state, loops), "at_s": growth.begin}
+            return figures | half_step(loops)
+        if (slow := grown(loops)).notable:
+            figures["growth"] = {
+                "value": math.expm1(slow.exponent), "place": place_of(slow.state, loops), "at_s": slow.begin,
+                "until_s": slow.end,
+            }  # fmt: skip
+        if (nearest := loops.nearest()) is not None:
+            place = place_of(nearest.name, loops)
+            figures["margin"] = {"value": nearest.modulus, "place": place, "at_s": nearest.time}
+            figures |= {} if nearest.modulus else half_step(loops)
+            if (late := loops.delay()) is not None:
+                figures["delay"] = {"value": late.samples, "place": place_of(late.name, loops), "at_s": late.time}
+            if (silent := loops.without_feedback()) is not None:
+                figures["open"] = {"value": 1.0, "place": place_of(silent, loops), "at_s": loops.poses[0].time}
+        return figures
 
 
 def poses_of(system: SystemDescription, **options: Any) -> Poses:
@@ -85,31 +97,20 @@ def grown(loops: Along) -> Growth:
     return loops.growth(loops.poses[0].time, loops.poses[-1].time, 0.0)
 
 
-def growth_words(loops: Along) -> str:
-    """Return how a mode grows for a while, in the words of all commands; empty if none does."""
-    growth = grown(loops)
-    if not growth.notable:
-        return ""
-    slow = f", slower than {SLOW:g} 1/s" if growth.rate <= SLOW else ""
-    return (
-        f"a mode grows by {growth.rate:.2g} 1/s at {place_of(growth.state, loops)}{slow}, from {growth.begin:.3g} s to "
-        f"{growth.end:.3g} s, by a factor of {math.exp(growth.exponent):.3g} at most"
-    )
-
-
-def finer(loops: Along) -> str:
-    """Return the words for the modulus margin at half the step, from the same linearisations; empty without any.
+def half_step(loops: Along) -> dict[str, Any]:
+    """Return the entry ``half_step``: the modulus margin at half the step, by the same linearisations. Empty without.
 
     Sampled components are left out: what they compute may depend on the step.
     """
     system = loops.system
     if system.how.continuous or system.every or system.samples.signals:
-        return ""
+        return {}
     half = replace(system, step=system.step / 2.0)
     again = Along(half, loops.opened, ((pose.time, pose.matrix) for pose in loops.poses))
-    margin = 0.0 if again.lacking else float(again.modulus.min())
-    step = half.step * system.how.substeps
-    return f"; with a step of {step:g} s the modulus margin is {margin:.2g}" if margin else ""
+    nearest = None if again.lacking else again.nearest()
+    if nearest is None or not nearest.modulus:
+        return {}
+    return {"half_step": {"value": nearest.modulus, "at_s": nearest.time, "step": half.step * system.how.substeps}}
 
 
 def since(time: float) -> str:
@@ -149,12 +150,12 @@ def run_along(
     if isinstance(scenario, Scenario) and step is not None:
         scenario = replace(scenario, step=step)
     with packaged(scenario, **options) as (path, taken):
-        with Simulator(path, isolate=False, **taken) as simulator:
+        with Simulator(path, **taken) as simulator:
             grid = simulator.grid(None, None, step)
-            rows = [round((t - grid.begin) / grid.step) if math.isfinite(t) else -1 for t in at]
-            if beyond := [f"{t:g}" for t, row in zip(at, rows, strict=True) if not 0 <= row <= grid.n]:
+            places = [(t - grid.begin) / grid.step for t in at]
+            if beyond := [f"{t:g}" for t, place in zip(at, places, strict=True) if not -0.5 < place < grid.n + 0.5]:
                 raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
-            asked: dict[str, Any] = {"opened": opened, "more": rows, "again": again, "noted": True}
+            asked: dict[str, Any] = {"opened": opened, "more": [*map(round, places)], "again": again, "noted": True}
             if isinstance(scenario, Scenario):
                 poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **asked)
             else:
@@ -163,7 +164,7 @@ def run_along(
             try:
                 simulator.run(record=(), taps=[poses], step=step)
             except CosimError as error:
-                if poses.lacking:
+                if poses.lacking or not poses.seconds or isinstance(error, LostProcessError):
                     raise
                 grid, failed = grid._replace(end=error.time), f"the run fails: {error}"
             if poses.lacking:
@@ -184,9 +185,6 @@ class SystemMargins(NamedTuple):
     algorithm: str
     step: float
     notes: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        return ": ".join(self.judged.words)
 
     def least(self, loop: int) -> int:
         """Return which of the times has the least modulus margin of a loop; without any, the fastest growth."""
@@ -230,3 +228,47 @@ def margins_along(
         [pose.loop.margins() for pose in chosen if pose.loop is not None], verdict, first.algorithm, grid.step,
         (*poses.notes, *filter(None, [failed])),
     )  # fmt: skip
+
+
+def closed(system: SystemDescription) -> bool:
+    """Whether something that a plant puts out comes back to its torque ``tau``, by the connections."""
+    sources: dict[str, set[str]] = {}
+    for source, targets in system.connections.items():
+        for target in targets:
+            sources.setdefault(target.partition(".")[0], set()).add(source.partition(".")[0])
+    torques = [
+        (target.partition(".")[0], source.partition(".")[0])
+        for source, targets in system.connections.items()
+        for target in targets
+        if target.endswith(".tau")
+    ]
+    for plant, first in torques:
+        before, new = {first}, [first]
+        while new:
+            more = sources.get(new.pop(), set()) - before
+            before |= more
+            new += more
+        if plant in before:
+            return True
+    return False
+
+
+def loops_of(poses: Poses, system: SystemDescription, end: float, failed: bool = False) -> dict[str, Any]:
+    """Return the entries of a summary about the loops of a run that ended at `end` [s].
+
+    ``key_figures``, see :attr:`Judged.figures`, or ``stability`` with the reason why the loops are not judged, and
+    whether they are expected to be: components without directional derivatives cannot be judged.
+    """
+    if not closed(system):
+        return {"stability": {"reason": "no loop closes over the torque of a plant", "expected": False}}
+    if poses.lacking or not poses.seconds:
+        reason = poses.lacking or "its components run in processes of their own"
+        return {"stability": {"reason": reason, "expected": not poses.lacking}}
+    with doing("stability"):
+        result = judged(poses, 0.0, end, failed)
+    lacking = (
+        {}
+        if result.growth.unstable or not result.loops.lacking
+        else {"stability": {"reason": f"its margins are not known: {result.loops.lacking}", "expected": True}}
+    )
+    return {"key_figures": result.figures} | lacking

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from vdfmu.arm.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.progress import counted
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.linear.loops import Complex
@@ -63,6 +64,7 @@ def middle_pose(robot: Robot) -> list[float]:
     return [0.0 if low <= 0.0 <= high else float(low + high) / 2.0 for low, high in stops]
 
 
+@checks_types
 def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: bool = False) -> Modes:
     """Modes of the plant of an arm, linearised at rest at a pose, where motors and springs hold it.
 

@@ -10,8 +10,9 @@ from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
 from vdfmu.base.toml_file import locate
 from vdfmu.engine.linear.loops import Margins
-from vdfmu.study.analysis.loops import growth_words, margins_along
+from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import Gains, write_scenario
+from vdfmu.study.verdict import loop_sentences
 
 
 class Reach(NamedTuple):
@@ -34,5 +35,4 @@ def write_reach(robot: str | os.PathLike[str], out: str | os.PathLike[str]) -> R
         margins = margins_along(path)
     except UsageError as error:
         return Reach(path, gains, None, [*notes, f"margins of the whole arm: {error}"])
-    loops = margins.judged.loops
-    return Reach(path, gains, loops.margins(), [*notes, *filter(None, [growth_words(loops)])])
+    return Reach(path, gains, margins.judged.loops.margins(), [*notes, *loop_sentences(margins.judged.figures)[1]])

@@ -10,6 +10,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.option import check_type, checks_types
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.reach import scenario_of
@@ -28,7 +29,13 @@ except ImportError:
 
 _NOT_BEGUN = "step: expected reset() before the first step."
 _FAILED = "the step was not solved; ArmEnv with the same parameters and actions says why"
-Reward = Callable[[dict[str, Floats], dict[str, Floats]], float]
+
+
+def _parameters(options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the parameters among the options of a reset."""
+    parameters = (options or {}).get("parameters")
+    check_type("options: parameters", "Mapping[str, Any] | None", parameters)
+    return dict(parameters or {})
 
 
 def _spaces(task: Task) -> tuple[Any, Any]:
@@ -83,21 +90,23 @@ class Environment(gymnasium.Env[Floats, Floats]):
 
     metadata: dict[str, Any] = {"render_modes": []}
 
+    @checks_types
     def __init__(
         self,
         system: Any,
         actions: Mapping[str, Any],
         observations: Mapping[str, Any] | Sequence[str],
-        reward: Reward,
+        reward: Callable[[dict[str, Floats], dict[str, Floats]], Any],
         *,
         step: float | None = None,
         stop: float | None = None,
         hold: int = 1,
         lost: float = 0.0,
-        ended: Callable[[dict[str, Floats]], bool] | None = None,
+        ended: Callable[[dict[str, Floats]], Any] | None = None,
         vary: Mapping[str, tuple[float, float]] | None = None,
         values: Mapping[str, Any] | None = None,
     ) -> None:
+        check_type("system", "System | Scenario | str | PathLike[str]", system)
         seen = observations if isinstance(observations, Mapping) else dict.fromkeys(observations)
         self._system = system  # a System has the folder of its FMUs
         with ExitStack() as stack:
@@ -117,12 +126,12 @@ class Environment(gymnasium.Env[Floats, Floats]):
     @staticmethod
     def _simulator_of(system: Any, actions: list[str], seen: list[str], values: Any, stack: ExitStack) -> Simulator:
         if hasattr(system, "instance"):
-            return system.instance(values, isolate=False)
+            return system.instance(values)
         if isinstance(system, Scenario) or not str(system).lower().endswith(".ssp"):
             system = opened(scenario_of(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
         settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        settings |= {"parameters": values or {}, "isolate": False}
+        settings["parameters"] = values or {}
         return Simulator(package, **settings)
 
     def _begin(self, task: Any, simulator: Simulator, span: dict[str, float], held: ExitStack) -> None:
@@ -130,12 +139,13 @@ class Environment(gymnasium.Env[Floats, Floats]):
         self.action_space, self.observation_space = _spaces(task)
         self._held = held.pop_all()
 
+    @checks_types
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; `options` may have ``parameters``, values by ``component.variable``."""
         super().reset(seed=seed)
-        parameters = self.task.drawn(self.np_random) | dict((options or {}).get("parameters", {}))
+        parameters = self.task.drawn(self.np_random) | _parameters(options)
         self._done = 0
         self._simulator.reset(**self._span, parameters=parameters)
         self._numbers = self._read()
@@ -154,7 +164,9 @@ class Environment(gymnasium.Env[Floats, Floats]):
             self._numbers = self._read()
         except CosimError as error:
             info["error"] = str(error)
-        seen, reward, ended = self.task.outcome(self._numbers, action, self._done, not info)
+        seen, reward, ended, finite = self.task.outcome(self._numbers, action, self._done, not info)
+        if not finite and not info:
+            info["error"] = self.task.not_finite(self._numbers)
         return seen, float(reward), bool(ended), not ended and self._done == self.task.length, info
 
     def _read(self) -> Floats:
@@ -177,7 +189,7 @@ class ArmEnv(Environment):
     def __init__(self, scenario: Any = "planar_tracking", **options: Any) -> None:
         task = TrackingTask(scenario, **options)
         scenario = task.scenario
-        options = {"inputs": scenario.inputs, "input_hold": scenario.input_hold, "isolate": False}
+        options = {"inputs": scenario.inputs, "input_hold": scenario.input_hold}
         with ExitStack() as stack:
             package, _ = stack.enter_context(packaged(scenario))
             simulator = stack.enter_context(Simulator(package, **scenario.coupling, **options))
@@ -201,8 +213,9 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
+    @checks_types
     def __init__(self, num_envs: int = 8, scenario: Any = "planar_tracking", **options: Any) -> None:
-        if num_envs < 1 or num_envs % 1:
+        if num_envs < 1:
             raise UsageError(f"num_envs: expected a whole number of at least 1, got {num_envs}.")
         self.num_envs, self.task, self._parameters = num_envs, TrackingTask(scenario, **options), None
         self.single_action_space, self.single_observation_space = _spaces(self.task)
@@ -213,12 +226,13 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
         self._lanes = SteppedLanes(program, num_envs, task.inputs, task.signals)
         self._done, self._over = np.zeros(num_envs, np.intp), np.zeros(num_envs, np.bool_)
 
+    @checks_types
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin all episodes; `options` may have ``parameters`` of all of them."""
         super().reset(seed=seed)
-        self._parameters = parameters = dict((options or {}).get("parameters", {}))
+        self._parameters = parameters = _parameters(options)
         self._begin(range(self.num_envs), parameters)
         return self.task.clipped(self._lanes.read()), {}
 
@@ -236,10 +250,12 @@ class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
         actions, begun, info = self.task.limited(actions, (self.num_envs,)), self._over.copy(), dict[str, Any]()
         self._lanes.step(actions, self.task.hold)
         self._done += 1
-        seen, rewards, ended = self.task.outcome(self._lanes.read(), actions, self._done, self._lanes.good)
+        numbers, good = self._lanes.read(), self._lanes.good
+        seen, rewards, ended, finite = self.task.outcome(numbers, actions, self._done, good)
         late = ~ended & (self._done == self.task.length)
-        for i in np.flatnonzero(~self._lanes.good & ~begun):
-            info = self._add_info(info, {"error": _FAILED}, int(i))
+        for i in np.flatnonzero(~(good & finite) & ~begun):
+            text = self.task.not_finite(numbers[i]) if good[i] else _FAILED
+            info = self._add_info(info, {"error": text}, int(i))
         self._over = ended | late
         if begun.any():
             self._begin(np.flatnonzero(begun), self._parameters)

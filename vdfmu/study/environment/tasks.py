@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option import check_type
+from vdfmu.base.option import checks_types
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import override
@@ -46,7 +48,8 @@ class Task:
         ended: Callable[[dict[str, Floats]], Any] | None = None, vary: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:  # fmt: skip
         self.length, self.hold, self.vary = length, hold, dict(vary or {})
-        self._reward, self._lost, self._ended = reward, lost, ended
+        self._reward, self._ended = reward, ended
+        self._lost = _numbers(lost, (), "lost: expected a finite number")
         self.inputs, self.action_units, self.least, self.limit, self.actions = _groups(tables, actions, "input")
         self.signals, self.units, self.low, self.high, self.seen = _groups(tables, observations, "output")
         parameters = [f"{name}.{v.name}" for name, table in tables.items() for v in table if v.causality == "parameter"]
@@ -54,7 +57,8 @@ class Task:
         for name, bounds in self.vary.items():
             if name not in parameters:
                 raise UsageError(f"vary: {name}: must be one parameter of a component, with its index.")
-            if np.shape(bounds) != (2,) or not (np.isfinite(bounds).all() and bounds[0] <= bounds[1]):
+            low, high = _numbers(bounds, (2,), f"vary: {name}: expected two finite numbers, the lower first")
+            if not low <= high:
                 raise UsageError(f"vary: {name}: expected two finite numbers, the lower first, got {bounds}.")
 
     def drawn(self, generator: np.random.Generator) -> dict[str, float]:
@@ -65,13 +69,11 @@ class Task:
     def limited(self, action: Any, systems: tuple[int, ...] = ()) -> Floats:
         """Return an action (.., inputs) within its limits; UsageError if it is not finite."""
         shape = (*systems, len(self.inputs))
-        if np.shape(action) != shape or not np.isfinite(action).all():
-            got = np.array2string(np.asarray(action), threshold=9)
-            raise UsageError(f"action: expected finite numbers of shape {shape}, got {got}.")
-        return np.clip(action, self.least, self.limit)
+        numbers = _numbers(action, shape, f"action: expected finite numbers of shape {shape}")
+        return np.clip(numbers, self.least, self.limit)
 
-    def outcome(self, numbers: Floats, action: Floats, done: Any, good: Any) -> tuple[Floats, Floats, Any]:
-        """Return observations, rewards, and whether episodes end before their time.
+    def outcome(self, numbers: Floats, action: Floats, done: Any, good: Any) -> tuple[Floats, Floats, Any, Any]:
+        """Return observations, rewards, whether episodes end before their time, and whether all numbers are finite.
 
         Parameters
         ----------
@@ -84,10 +86,18 @@ class Task:
         seen = {name: numbers[..., where] for name, where in self.seen.items()}
         ended = ~(np.asarray(good) & inside)
         if self._ended is not None:
-            ended |= np.asarray(self._ended(seen), bool)
+            ended |= _answer("ended", "True or False", self._ended(seen), ended.shape) != 0.0
         with np.errstate(over="ignore", invalid="ignore"):
             reward = self._reward(seen, {name: action[..., where] for name, where in self.actions.items()})
-        return self.clipped(numbers), np.where(ended, self._lost * (self.length - done + 1), reward), ended
+        reward = _answer("reward", "a number", reward, ended.shape)
+        finite = np.isfinite(reward) & np.isfinite(numbers).all(axis=-1)
+        ended |= ~finite
+        return self.clipped(numbers), np.where(ended, self._lost * (self.length - done + 1), reward), ended, finite
+
+    def not_finite(self, numbers: Floats) -> str:
+        """Say why an episode ended whose observations (signals) or reward are not finite."""
+        names = [name for name, number in zip(self.signals, numbers, strict=True) if not math.isfinite(number)]
+        return f"{', '.join(names) or 'the reward'}: expected a finite number at each step, so the episode ends."
 
     def clipped(self, numbers: Floats) -> Floats:
         """Return observations within their bounds."""
@@ -126,13 +136,14 @@ class TrackingTask(Task):
         For unknown signals and parameters, impossible numbers, or an episode that is not a whole number of actions.
     """
 
+    @checks_types
     def __init__(
         self,
-        scenario: Scenario | str = "planar_tracking",
+        scenario: Scenario | str | os.PathLike[str] = "planar_tracking",
         *,
         action: str = "plant.tau",
         seen: Sequence[str] = SEEN,
-        track: tuple[str, str] = ("trajectory.q_d", "plant.q"),
+        track: Sequence[str] = ("trajectory.q_d", "plant.q"),
         limit: float | Sequence[float] = 1.0,
         limits: Mapping[str, float] | None = None,
         hold: int = 4,
@@ -140,11 +151,10 @@ class TrackingTask(Task):
         effort: float = 0.01,
         vary: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        for name, kind, value in (("seen", "Sequence[str]", seen), ("vary", "Mapping[str, Any] | None", vary),
-                                  ("limits", "Mapping[str, Any] | None", limits)):  # fmt: skip
-            check_type(name, kind, value)
         _check_number("error", error, 0.0)
         _check_number("effort", effort, 0.0, among=True)
+        if len(track) != 2:
+            raise UsageError(f"track: expected a desired and an actual position, got {track!r}.")
         loaded = scenario_of(scenario)
         self.scenario = opened(loaded, [action], seen)
         tables = self.scenario.resolved.tables
@@ -179,6 +189,9 @@ def _groups(
 ) -> tuple[list[str], list[str], Floats, Floats, Any]:
     """Return names, units and bounds of the elements of groups, ``component.group``, and the place of each group."""
     names, units, ends, places = list[str](), list[str](), list[Any](), dict[str, slice]()
+    if not groups:
+        kind = "actions" if causality == "input" else "observations"
+        raise UsageError(f"{kind}: expected at least one {causality}, such as 'arm.tau', got none.")
     for name, bounds in groups.items():
         component, _, wanted = name.partition(".")
         variables = [
@@ -192,17 +205,39 @@ def _groups(
         label = "limit" if causality == "input" else f"limits: {name}"
         if bounds is None:
             bounds = [LIMITS.get(unit, LIMITS["1"]) for unit in measures]
-        pair = bounds if isinstance(bounds, tuple) and len(bounds) == 2 else (-np.asarray(bounds, float), bounds)
-        for each in () if pair is bounds else np.ravel(bounds):
-            _check_number(label, each, 0.0)
-        if any(np.ndim(end) and np.shape(end) != (len(elements),) for end in pair):
-            raise UsageError(f"{label}: expected one number, or {len(elements)} for {name}, got {bounds}.")
-        both = np.array([np.broadcast_to(np.asarray(end, np.float64), (len(elements),)) for end in pair])
-        if not (np.isfinite(both).all() and (both[0] < both[1]).all()):
-            raise UsageError(f"{label}: expected finite bounds, the lower first, got {bounds}.")
+        n = len(elements)
+        largest = not (isinstance(bounds, tuple) and len(bounds) == 2)
+        expected = f"{label}: expected one finite number, or {n} for {name}"
+        low, high = (_numbers(end, (n,), expected, spread=True) for end in ((bounds, bounds) if largest else bounds))
+        both = np.array([-high if largest else low, high])
+        if not (both[0] < both[1]).all():
+            sign = "a finite number above 0" if largest else "finite bounds, the lower first"
+            raise UsageError(f"{label}: expected {sign}, got {bounds}.")
         places[name] = slice(len(names), len(names) + len(elements))
         names, units, ends = [*names, *elements], [*units, *measures], [*ends, both]
     return names, units, *np.concatenate(ends, axis=1), places
+
+
+def _numbers(value: Any, shape: tuple[int, ...], expected: str, spread: bool = False) -> Floats:
+    """Return finite numbers of a shape, or with `spread` one for all; UsageError with what was expected."""
+    try:
+        numbers = np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        numbers = np.full(shape, np.nan)
+    if numbers.shape not in (shape, () if spread else shape) or not np.isfinite(numbers).all():
+        got = np.array2string(value, threshold=9) if isinstance(value, np.ndarray) else f"{value!r:.60}"
+        raise UsageError(f"{expected}, got {got}.")
+    return np.broadcast_to(numbers, shape)
+
+
+def _answer(name: str, expected: str, value: Any, shape: tuple[int, ...]) -> Floats:
+    """Return the value of a user's function as numbers of a shape; UsageError for anything else."""
+    with suppress(TypeError, ValueError, OverflowError):
+        numbers = np.asarray(value, np.float64)
+        if numbers.shape == shape and value is not None:
+            return numbers
+    of = f" of shape {shape}" if shape else ""
+    raise UsageError(f"{name}: expected a function that returns {expected}{of}, got {value!r:.60}.")
 
 
 def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:

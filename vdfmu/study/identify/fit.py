@@ -36,6 +36,8 @@ from vdfmu.study.identify.search import Weak, solve
 
 PRIOR = 0.2
 """Errors of masses, moments of inertia and, over radii of gyration, centres of mass of a robot file, as a share."""
+NORMAL_95 = 1.96
+"""Deviations of a normal error within which 95 % of all errors are."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
@@ -81,7 +83,7 @@ class Identified:
     """(n,): Joints whose links are measured."""
     base: BaseParameters
 
-    def interval(self, factor: float = 1.96) -> tuple[Floats, Floats]:
+    def interval(self, factor: float = NORMAL_95) -> tuple[Floats, Floats]:
         """Return the ends of the confidence intervals, 95 % by default."""
         return self.values - factor * self.deviation, self.values + factor * self.deviation
 
@@ -187,7 +189,7 @@ def identified_robot(fit: Identified, robot: Robot, where: str) -> tuple[Robot, 
         for i, each in enumerate(elements):
             if each not in fit.held and deviation.get(each, 0.0) > 0.0:
                 path = PARAMETERS[name].path.replace("joints", f"joints[{i + 1}]", 1)
-                source = f"{text}, +- {1.96 * deviation[each]:.2g} (95 %)"
+                source = f"{text}, +- {NORMAL_95 * deviation[each]:.2g} (95 %)"
                 sources[path] = f"{source}, near {sources.get(path, 'the robot')}" if each in fit.weak else source
     made = robot.with_parameters(**arrays)
     links = _links(fit, robot)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -13,32 +12,28 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
+from vdfmu.base.csv_file import MOST_FAULTS, TIME_UNITS, columns_of, open_csv, repeated, split_unit
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import read_text
+from vdfmu.base.foreign import TITLES, Foreign, read_foreign
 from vdfmu.base.measure import WIDE_ANGLE
 from vdfmu.base.plugins import Plugins, PluginTable
-from vdfmu.base.unpack import mat_variables
-from vdfmu.engine.results.parquet import read_table
-from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.csv_file import csv_results
+from vdfmu.engine.results.mat_file import mat_results
+from vdfmu.engine.results.parquet import parquet_results
+from vdfmu.engine.results.results import Recorded
 from vdfmu.study.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
 
-_HEADING = re.compile(r"(.*?)(?:\s+[\[(](.+)[\])])?\s*")
-"""A name, and a unit in brackets behind a space."""
 _TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
-_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-
-
-def split_unit(heading: str) -> tuple[str, str]:
-    """Return the name and the unit of a heading such as ``q_1 [deg]``."""
-    match = _HEADING.fullmatch(heading)
-    return (match[1], match[2] or "") if match else (heading, "")
+_SECONDS = {"": 1.0, **TIME_UNITS}
 
 
 def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
     """Return the columns of a file; `time` names the times; assumptions are noted."""
     suffix = path.suffix.lower()
     raw = READERS[suffix](path) if suffix in READERS else _csv(path)
-    if isinstance(raw, Results):
+    if isinstance(raw, Foreign):
+        raw = _of_foreign(raw, notes)
+    if isinstance(raw, Recorded):
         return {name: LogColumn(raw.time, np.asarray(raw[name], float), raw.units[name]) for name in raw}
     if raw and all(len(column) == 3 for column in raw.values()):
         times: dict[bytes, Floats] = {}  # columns with the same times share them
@@ -56,8 +51,10 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
     unit = unit or stated or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
     if unit not in _SECONDS:
         raise UsageError(f"{path}: {name}: expected s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'.")
-    whole = stamps.dtype.kind in "iu"  # times since 1970 in ns have more digits than a float
-    t = np.asarray(stamps - stamps[0] if whole and len(stamps) else stamps, float).reshape(-1) * _SECONDS[unit]
+    if stamps.dtype.kind in "iu" and len(stamps):  # times since 1970 in ns have more digits than a float
+        stamps = stamps.astype(np.int64)
+        stamps -= stamps[0]
+    t = np.asarray(stamps, float).reshape(-1) * _SECONDS[unit]
     if name != "time":
         notes.append(f"times are those of {name}, in {unit or 's'}")
     return {
@@ -70,51 +67,38 @@ def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn
 _FileColumns = Mapping[str, tuple[Any, ...]]
 
 
-def _csv(path: Path) -> Results | _FileColumns:
-    try:
-        lines = read_text(path).splitlines()
-        delimiter = max(";\t,", key=lines[0].count) if lines else ","
-        delimiter = delimiter if lines and delimiter in lines[0] else " "
-        rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter) if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = getattr(error, "strerror", None) or error
-        readers = ", ".join(READERS.names())
-        text = f"{path}: expected a CSV file, got: {why}. Readers: {readers}; a package can add one."
-        raise UsageError(text) from None
-    if len(rows) > 1 and rows[0][0] == "time" and rows[1][0] == "s":
-        return Results.read(path)
-    headings = [split_unit(cell) for cell in rows[0]] if rows else []
-    if len(rows) > 1 and all(np.isnan(_number(cell, delimiter)) for cell in rows[1]):  # a line of units
-        headings = [(name, unit) for (name, _), unit in zip(headings, rows.pop(1), strict=False)]
-    names = [name for name, _ in headings]
-    if problems := [
-        *(f"{name}: more than one column has this name" for name in sorted({n for n in names if names.count(n) > 1})),
-        *(f"row {i}: expected {len(names)} cells, got {len(row)}" for i, row in enumerate(rows[1:], 1)
-          if len(row) != len(names)),
-    ]:  # fmt: skip
-        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems[:8]))
-    columns = zip(*rows[1:], strict=True) if len(rows) > 1 else ((),) * len(names)
-    return {
-        name: (np.array([_number(cell, delimiter) for cell in column]), unit)
-        for (name, unit), column in zip(headings, columns, strict=True)
-    }
+def _csv(path: Path) -> Recorded | _FileColumns:
+    with open_csv(path) as file:
+        if file.unit_row and file.names[0] == "time" and file.units[0] == "s":
+            return csv_results(path, file)
+        columns = columns_of(file, texts=True)
+    problems = [*(f"{name}: more than one column has this name" for name in repeated(file.names)), *columns.faults]
+    if len(file.units) != len(file.names):
+        problems.append(f"row 2: expected {len(file.names)} units of measurement, got {len(file.units)}")
+    if problems:
+        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems[:MOST_FAULTS]))
+    return dict(zip(file.names, zip(columns.values.T, file.units, strict=True), strict=True))
 
 
-def _number(cell: str, delimiter: str) -> float:
-    try:
-        return float(cell if delimiter == "," else cell.replace(",", "."))
-    except ValueError:
-        return np.nan
-
-
-def _mat(path: Path) -> Results | _FileColumns:
-    variables = mat_variables(path)
-    if "vdfmu" in variables:
-        return Results.read(path)
+def _of_foreign(content: Foreign, notes: list[str]) -> Recorded | _FileColumns:
+    """Return the results or the columns in a file of another tool."""
+    notes += [f"left out: {', '.join(content.left_out)}"] if content.left_out else []
+    is_table = any(block.kind for block in content.blocks)
+    if "vdfmu" in content.texts:
+        return parquet_results(content) if is_table else mat_results(content)
+    if is_table:
+        split = {name: split_unit(name) for name in content.names}
+        if twice := repeated(name for name, _ in split.values()):
+            raise UsageError(
+                f"{content.path}: {', '.join(twice)}: more than one column has this name. Rename the others."
+            )
+        return {
+            split[raw][0]: (values, content.units.get(raw, split[raw][1])) for raw, values in content.arrays.items()
+        }
     columns: dict[str, tuple[Any, str]] = {}
-    for name, value in variables.items():
-        array = np.squeeze(np.asarray(value))
-        if array.dtype.kind not in "fiub" or array.ndim > 2:
+    for name, value in content.arrays.items():
+        array = np.squeeze(value)
+        if array.dtype.kind == "c" or array.ndim > 2:
             continue
         if array.ndim < 2:
             columns[name] = np.atleast_1d(array), ""
@@ -124,27 +108,12 @@ def _mat(path: Path) -> Results | _FileColumns:
     return columns
 
 
-def _parquet(path: Path) -> Results | _FileColumns:
-    schema, table = read_table(path)
-    if b"vdfmu" in (schema.metadata or {}):
-        return Results.read(path)
-    columns: dict[str, tuple[Any, str]] = {}
-    for field in table.schema:
-        name, unit = split_unit(field.name)
-        values = table[field.name].to_numpy()
-        if values.dtype.kind == "M":
-            values, unit = values.astype("datetime64[ns]").astype(np.int64), "ns"
-        if values.dtype.kind in "fiub":
-            columns[name] = values, (field.metadata or {}).get(b"unit", unit.encode()).decode()
-    return columns
-
-
 PLUGINS = Plugins("logs", "reader of logs", "a function of the path of a log", callable)
-READERS: PluginTable[Callable[[Path], Results | _FileColumns]] = PluginTable(
-    PLUGINS, {".csv": _csv, ".txt": _csv, ".mat": _mat, ".parquet": _parquet}, prefix="."
+READERS: PluginTable[Callable[[Path], Recorded | Foreign | _FileColumns]] = PluginTable(
+    PLUGINS, {".csv": _csv, ".txt": _csv, **dict.fromkeys(TITLES, read_foreign)}, prefix="."
 )
-"""Readers by suffix. Each returns results, or columns: name to numbers and unit, "" for none. Columns have one length,
-or each has its times [s] before its numbers."""
+"""Readers by suffix. Each returns results, the content of a file of another tool, or columns: name to numbers and unit,
+"" for none. Columns have one length, or each has its times [s] before its numbers."""
 
 
 _PATTERNS = {
@@ -265,7 +234,7 @@ def read_log(
 
 def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
     """Count the positions of a record of the KUKA KR300 as KUKA does, and compare its ratios with the robot's."""
-    variables = mat_variables(path)
+    variables = read_foreign(path).arrays
     ratios = np.ravel(variables.get("para.u", robot.ell))
     if not np.allclose(ratios, robot.ell, rtol=1e-3):
         notes.append(

@@ -15,7 +15,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.errors import LOG, CosimError, UsageError, VdfmuError
 from vdfmu.base.files import inside, require_ours, write_whole
 from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
@@ -25,7 +25,7 @@ from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import line_of, state_of
+from vdfmu.engine.results.verdict import headline_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
@@ -88,12 +88,13 @@ def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: boo
 
 
 def write_failed(
-    name: str, package: Path, folder: Path, error: CosimError | Interrupted, *, simulate: bool = False
-) -> None:
+    name: str, package: Path, folder: Path, error: CosimError | Interrupted,
+    program: Mapping[str, Any] | None = None, *, simulate: bool = False,
+) -> None:  # fmt: skip
     """Write the page of a failed run that has rows, see `write_report`. A second failure is noted in the error."""
     try:
         if error.results is not None and len(error.results):
-            run = ShownRun(name, error.results, error.results.summary, package)
+            run = ShownRun(name, error.results, error.results.summary, package, program=program)
             write_report([run], folder / NAME, simulate=simulate)
             write_summary(error.results.summary, folder)
     except Exception as other:
@@ -101,35 +102,34 @@ def write_failed(
 
 
 def report_page(
-    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None,
-    live: Mapping[str, Any] | None = None,
-) -> bytes:  # fmt: skip
+    runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None
+) -> bytes:
     """Return the page of one run or of several, or of their arms alone.
 
-    `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario. `live`: of a run that has
-    begun, ``names`` of the signals of the rows to come, and its times ``start`` and ``stop`` [s]; empty for a run that
-    has ended without a verdict.
+    `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario.
     """
     names = _names(runs)
     wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
+    simulations = [simulation_of(run, binaries if simulate else None) for run in runs]
     parts = [
         {
             "name": name,
             **content_of(run.results, run.summary),
-            "simulation": simulation_of(run, binaries if simulate else None),
+            "simulation": simulation,
             "command": run_command(run.summary),
             "marks": marks(run.summary),
         }
-        for name, run in zip(names, runs, strict=True)
+        for name, run, simulation in zip(names, runs, simulations, strict=True)
     ]
+    for reason in dict.fromkeys(simulation.get("reason") for simulation in simulations if simulate):
+        if reason:
+            LOG.warning("the page has no sliders. %s", reason)
     if arm_alone:
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
-    if live is not None:
-        parts = [part | {"simulation": None, "command": ""} | ({"signals": []} if live else {}) for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
-    data |= ({"study": study.content} if study else {}) | ({"live": live} if live else {})
+    data |= {"study": study.content} if study else {}
     diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
     summaries = [run.summary for run in runs]
     settings = difference_sheet(names, runs) if len(runs) > 1 and not arm_alone else None
@@ -154,16 +154,19 @@ def report_page(
         ]
     )
     lines = [
-        (f"{name}: {line}" if len(runs) > 1 else line, state_of(summary), k)
+        (f"{name}: {line}" if len(runs) > 1 else line, results_of(summary), state_of(summary), k)
         for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
-        if (line := line_of(summary))
+        if (line := headline_of(summary))
     ]
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
     if study:
         code = scripts.scripts_of("sweep")
         return page(study.title, study.about, body, 84, head, first=_SKIP, lead=study.lead, scripts=code)
-    verdicts = [f'<p class="verdict {state}" data-run="{k}">{escape(line)}</p>\n' for line, state, k in lines]
+    verdicts = [
+        f'<p class="verdict {state}" data-run="{k}">{escape(line)} <small>{escape(more)}</small></p>\n'
+        for line, more, state, k in lines
+    ]
     lead = (f'<p class="verdict">{escape(answer(names, runs, settings))}</p>\n' if settings else "") + "".join(verdicts)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")

@@ -19,8 +19,8 @@ def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     """Yield the checks of each run in a line that opens; it is open unless all are good."""
     for name, run in zip(names, runs, strict=True):
         rows = "".join(
-            f'<li class="{check.state}"><b>{check.state}</b> {escape(check.name)} <small>{escape(check.text)}</small>'
-            "</li>"
+            f'<li class="{check.state.replace(" ", "-")}"><b>{check.state}</b> {escape(check.text)} '
+            f"<small>{escape(check.source)}</small></li>"
             for check in checks_of(run.summary)
         )
         if rows:
@@ -98,7 +98,7 @@ def tiles_of(summary: Summary) -> list[Tile]:
         )
         note = form
         name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
-        if "limit" in figure:
+        if figure.get("limit"):
             note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
         tiles.append(Tile(name, value_of(key, figure), note, shown, measure, figure["at_s"]))
     return tiles[:MOST_TILES]

@@ -17,7 +17,18 @@ from vdfmu.base.bars import plain_table
 from vdfmu.base.files import MARK, write_whole
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.standards import FMI_2
-from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, checks_line, checks_of, line_of, state_of
+from vdfmu.engine.results.verdict import (
+    DOUBTFUL,
+    FAILED,
+    GOOD,
+    SIGNS,
+    UNJUDGED,
+    checks_line,
+    checks_of,
+    headline_of,
+    results_of,
+    state_of,
+)
 from vdfmu.study.run.summary_keys import Summary, energies
 
 
@@ -231,7 +242,7 @@ def _rows(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
     return list(zip(*columns, strict=True))
 
 
-_STYLES = {GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
+_STYLES = {UNJUDGED: "dim", GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
 
 
 def run_panel(summary: Summary) -> Panel:
@@ -256,20 +267,21 @@ def sheet_table(sheet: Sheet) -> Table:
     return table
 
 
-def verdict_table(summary: Summary) -> Table:
-    """Return the checks of a run for the terminal, a line a check."""
+def verdict_table(summary: Summary, limits: bool = False) -> Table:
+    """Return the checks of a run for the terminal, a line a check; with their `limits` and whose these are."""
     table = plain_table(show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for check in checks_of(summary):
         sign = Text(f"{SIGNS[check.state]} {check.state}", style=_STYLES[check.state])
-        table.add_row(sign, Text(f"{check.name}: {check.text}"))
+        table.add_row(sign, Text("; ".join(filter(None, (check.text, check.source if limits else "")))))
     return table
 
 
 def verdict_text(summary: Summary) -> Text:
-    """Return the line of a run's verdict, and how many checks pass; empty without a verdict."""
-    return state_text(state_of(summary), "; ".join(filter(None, (line_of(summary), checks_line(summary)))))
+    """Return the headline of a run, and below it what it came to; empty without a verdict."""
+    results = "; ".join(filter(None, (results_of(summary), checks_line(summary))))
+    return state_text(state_of(summary), headline_of(summary)).append(f"\n  {results}" if results else "")
 
 
 def state_text(state: str, text: str) -> Text:

@@ -19,7 +19,7 @@ from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.folder import PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import STATES, line_of, state_of
+from vdfmu.engine.results.verdict import STATES, headline_of, state_of
 from vdfmu.study.report.scripts import look
 from vdfmu.study.run.summary_keys import read_summary
 
@@ -36,6 +36,8 @@ class ShownRun(NamedTuple):
     """Its ``system.ssp``; a diagram needs it."""
     poses: Poses | None = None
     """Its loops, if this process made it."""
+    program: Mapping[str, Any] | None = None
+    """Its simulation, see `vdfmu.study.report.simulation.keep_program`, if this process made it."""
 
 
 def _run_folders(folder: Path) -> list[Path]:
@@ -127,7 +129,7 @@ def _row(folder: Path) -> tuple[float, str, list[str]]:
     state = state_of(summary)
     names = [summary[key] for key in ("scenario", "robot") if summary.get(key)] or [summary.get("system", "system")]
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
-    verdict = f'<span class="verdict {state}">{escape(line_of(summary))}</span>'
+    verdict = f'<span class="verdict {state}">{escape(headline_of(summary))}</span>'
     return stamp, state, [verdict, escape(" on ".join(names)), date]
 
 

@@ -21,10 +21,10 @@ from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.study.limits import LIMITS
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.report.tracks import GOOD, Names, tracks
-from vdfmu.study.run.key_figures import STANDING, off_from
+from vdfmu.study.report.tracks import Names, tracks
 from vdfmu.study.run.summary import LIMITED
 from vdfmu.system.package.description import SystemDescription
 
@@ -92,11 +92,12 @@ CAUSES: Sequence[tuple[str, tuple[str, ...], Mapping[str, float]]] = (
 any component if the cause is there; their new ``value``, or a ``factor``."""
 
 
-def keep_program(system: SystemDescription, package: Path) -> None:
-    """Keep the program of a system for the pages of its package, or the reason for its absence."""
+def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
+    """Return the program of a system, or the reason for its absence, and keep it for later pages of its package."""
     place = _kept(package)
-    if not system.scenario.inputs and b'"module"' in (load(place) or b""):  # inputs are not in the package
-        return
+    kept = load(place, _read)
+    if not system.scenario.inputs and kept is not None and "module" in kept:  # inputs are not in the package
+        return kept
     from vdfmu.system.program import SystemProgram, page_program  # takes long to import
 
     try:
@@ -104,6 +105,15 @@ def keep_program(system: SystemDescription, package: Path) -> None:
     except VdfmuError as error:
         content = {"reason": _reason(error)}
     store(place, json.dumps(content).encode())
+    return content
+
+
+def _read(content: bytes) -> dict[str, Any]:
+    """Read a program; ValueError if it is none."""
+    program = json.loads(content)
+    if isinstance(program.get("reason"), str) or {"module", "steps", "names", "units", "knobs"} <= program.keys():
+        return program
+    raise ValueError("no program")
 
 
 def _kept(package: Path) -> Path:
@@ -123,13 +133,15 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
     The modules of the run are added to `binaries`, digest to base64 of a compressed module. If `binaries` is None, the
     page simulates nothing.
     """
-    kept = load(_kept(run.package)) if run.package.is_file() else None
+    program = run.program
+    if program is None and run.package.is_file():
+        program = load(_kept(run.package), _read)
     if "scenario" not in run.summary:
         reason = "only runs of scenarios by 'vdfmu run' are"
-    elif kept is None:
-        reason = "it was not made with this cache, and a look at a run does not run its code"
+    elif program is None:
+        reason = "this cache has no simulation of it, and a look at a run does not run its code. 'vdfmu run' makes one"
         reason = reason if run.package.is_file() else "its package, system.ssp, is not beside the results"
-    elif "reason" in (program := json.loads(kept)):
+    elif "reason" in program:
         reason = program["reason"]
     elif (program["steps"] + 1) * len(program["names"]) > MOST_VALUES:
         reason = f"it has {program['steps']} steps of {len(program['names'])} signals, too much for a page"
@@ -140,7 +152,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
-            content = program | digests | _judged(run, program)
+            content = {**program, **digests, **_judged(run, program)}
         except VdfmuError as error:
             reason = _reason(error)
         else:
@@ -168,14 +180,14 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         along = [[None]] * len(sliders)
     else:
         span = program["start"], program["stop"], program["step"]
-        dry = "without_dry_friction" not in margin
+        dry = "excited" not in figures
         along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
     for slider, slider_tracks in zip(sliders, along, strict=True):
         slider["tracks"] = slider_tracks
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
-        "good": min(GOOD, margin.get("value") or GOOD),
+        "good": LIMITS["margin"].value,
         "margin": margin.get("value"),
         "why": why,
         "path": _path_of(figures),
@@ -191,8 +203,9 @@ def _path_of(figures: Mapping[str, Any]) -> dict[str, Any] | None:
     path = figures.get("path")
     if path is None:
         return None
-    doubtful = STANDING if "contact" in figures else off_from(path["place"])
-    return {key: path[key] for key in ("place", "size", "unit")} | {"doubtful": doubtful, "failed": STANDING}
+    row = LIMITS["joint" if "contact" in figures or path["place"] != "tool" else "tool"]
+    bounds = {"doubtful": row.value, "failed": LIMITS["joint"].value}
+    return {key: path[key] for key in ("place", "size", "unit")} | bounds
 
 
 def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:

@@ -4,8 +4,8 @@ Each slider is moved alone, at some rows of the run: the components whose parame
 the new ones, at the states and inputs of the run. The states of a faster or heavier arm would differ; a gain or a
 stiffness acts on the loops nearly independently of them. A run that is judged without dry friction is taken without it.
 
-A track is green where the margin is at least the run's own, or `GOOD`: a largest sensitivity of 2, the upper end of the
-recommendation (Astrom and Hagglund, Advanced PID Control, 2006, section 4.5). Below it is amber, without a margin red.
+A track is green where the margin keeps its limit, see :mod:`vdfmu.study.limits`, amber below it, and red where there is
+none.
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
 
-GOOD = 0.5
-"""Modulus margin that is green also below the run's own."""
 NOTCHES = 100
 """Places of a slider to either side of 0. Its factor at 0 is 1."""
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
@@ -79,15 +77,15 @@ def tracks(
     facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
     digest = sha256(json.dumps(facts).encode() + sha256(package.read_bytes()).digest()).hexdigest()
     path = cache_folder() / "tracks" / digest
-    if (stored := load(path)) is not None:
-        return json.loads(stored)
+    if (stored := load(path, json.loads)) is not None and len(stored) == len(knobs):
+        return stored
     still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}
     still = {unit: values for unit, values in still.items() if values}
     start, stop, step = span
     made = [list[Track | None]([None]) for _ in knobs]
     try:
-        with Simulator(package, isolate=False, algorithm=algorithm) as simulator:
-            if poses is None or not poses.seconds:  # or its components had processes
+        with Simulator(package, algorithm=algorithm) as simulator:
+            if poses is None or not poses.seconds:
                 poses = Poses("tau", TIED, again=True)
                 simulator.run(start=start, stop=stop, step=step, record=(), taps=[poses])
             elif not poses.lacking:
@@ -106,7 +104,8 @@ class _MovedLoops:
 
     def __init__(self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
         assert poses.components is not None
-        self.components, self.parameters, self.still, self._poses = poses.components, parameters, still, poses
+        self.checked = poses.components.exchange.checked
+        self.parameters, self.still, self._poses = parameters, still, poses
         along = poses.changed(still) if still else poses.loops
         nearest = along.nearest()
         if nearest is None:
@@ -198,7 +197,7 @@ def _margins(loops: Iterable[Loop]) -> list[float]:
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
     rows = loops.rows
-    able = all(can_change(loops.components, target["unit"]) for target in knob["targets"])
+    able = all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
     if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
         yield None
         return

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.robot import Robot
@@ -50,16 +51,19 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
     if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
         return
     lacking, largest = np.zeros(robot.n), np.zeros(robot.n)
-    for part in results.blocks(BLOCK):
-        h, motion = np.diff(part.time), part[q_d_dot]
+    for part in results.blocks(BLOCK, overlap=6):  # seven rows, the third difference over the middle four
         largest = np.maximum(largest, np.abs(part[f"{name}.tau_m"]).max(axis=0))
-        if len(h) < 3 or np.ptp(h) > 1e-6 * h[0]:
+        if len(part) < 7:
             continue
-        reaction = np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0)) / h[0] ** 3
+        motion, steps = part[q_d_dot], sliding_window_view(np.diff(part.time), 6)
+        h = steps[:, 3]
+        valid = sliding_window_view(np.any(motion, axis=1), 7).all(axis=1) & (np.ptp(steps, axis=1) <= 1e-6 * h)
+        reaction = (
+            np.abs(np.diff(robot.I_m * (part[f"{name}.kappa_dot_d"] - motion), 3, axis=0))[2:-1] / h[:, None] ** 3
+        )
         after = np.cumsum(reaction[:, ::-1], axis=1)[:, ::-1] - reaction
-        lost = robot.I_m * deformation_derivative(robot, part[f"{name}.tau_s"][1:-2]) * after
-        moving = np.convolve(np.any(motion, axis=1), np.ones(7), "same")[1:-2] > 6.5
-        lacking = np.maximum(lacking, lost[moving].max(axis=0, initial=0.0))
+        lost = robot.I_m * deformation_derivative(robot, part[f"{name}.tau_s"][3:-3]) * after
+        lacking = np.maximum(lacking, lost[valid].max(axis=0, initial=0.0))
     share = lacking / np.maximum(largest, 1e-300)
     i = int(share.argmax())
     if share[i] > _SHOWN:
@@ -79,7 +83,7 @@ def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]
     if not has_signals(results, f"{name}.tau_s"):
         return
     largest, squares, rows = np.zeros(robot.n), np.zeros(robot.n), 0
-    for part in results.blocks(BLOCK):
+    for part in results.blocks(BLOCK, overlap=2):
         tau_s = part[f"{name}.tau_s"]
         largest = np.maximum(largest, np.abs(tau_s).max(axis=0))
         bends = np.diff(tau_s, 2, axis=0)  # of noise of size 1 it is the root of 6

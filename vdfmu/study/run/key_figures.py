@@ -17,18 +17,13 @@ from vdfmu.base.measure import JOINT_UNITS
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
+from vdfmu.study.limits import LIMITS
 from vdfmu.study.run.scene import joints_of
 from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
 _POSES = 5
 """Poses along a run at which its lowest mode is looked for."""
-STANDING = 0.5
-"""Error of an arm that stands still in the middle of the motion, as a share of the motion's size: the limit of a useful
-motion."""
-ARRIVED = 0.1
-"""Share of the size of a tool's motion within which the motion counts as made, as in rise times of 10 to 90 %. Joints
-lag by more in drives that are good."""
 _SMALL = 0.1
 """Size [rad], or share of the arm's length, of the motion of an arm at rest: a tool is off its path by one part in ten,
 1 % of the arm's length."""
@@ -119,9 +114,15 @@ class _Peaks:
         self.most, self.at = np.where(higher, largest, self.most), np.where(higher, time[rows], self.at)
 
     def worst(self, units: list[str], limit: Floats | None = None) -> dict[str, Any]:
-        """Return the joint with the largest share of its limit, or the largest value of the first joint's unit."""
-        comparable = [unit == units[0] for unit in units]
-        share = self.most[: len(units)] * comparable if limit is None else self.most[: len(units)] / limit
+        """Return the joint with the largest share of its limit, or the largest value of the first joint's unit.
+
+        A limit of 0, of a motor without torque, has no share.
+        """
+        most = self.most[: len(units)]
+        if limit is None:
+            share = most * [unit == units[0] for unit in units]
+        else:
+            share = np.divide(most, limit, out=np.zeros_like(most), where=limit > 0.0)
         i = int(share.argmax())
         more = {} if limit is None else {"limit": float(limit[i]), "limits": limit.tolist()}
         return {"value": float(self.most[i]), "unit": units[i], "joint": i + 1, "at_s": float(self.at[i])} | more
@@ -139,17 +140,14 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
     each = [max(least[i], *(sizes[j] for j in range(robot.n) if kinds[j] == kinds[i])) for i in range(robot.n)]
     size = np.array([*each, max(tool, _SMALL * arm)])
     share = peaks.most / size
-    off = share / np.array([off_from(f"joint {i + 1}") for i in range(robot.n)] + [off_from("tool")])
-    i = int(np.lexsort([off, share >= STANDING])[-1])
+    off = share / np.array([LIMITS["joint"].value] * robot.n + [LIMITS["tool"].value])
+    i = int(np.lexsort([off, share > LIMITS["joint"].value])[-1])
     place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", JOINT_UNITS[kinds[i]].position)
+    resting = not np.append(sizes, tool if math.isfinite(tool) else 0.0).any()
     return {
         "value": float(peaks.most[i]), "size": float(size[i]), "unit": unit, "place": place, "at_s": float(peaks.at[i]),
+        **({"rest": True} if resting else {}),
     }  # fmt: skip
-
-
-def off_from(place: str) -> float:
-    """Return the smallest share of its motion at which the ``tool``, or a joint, is off its path."""
-    return ARRIVED if place == "tool" else STANDING
 
 
 def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, Any]:

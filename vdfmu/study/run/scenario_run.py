@@ -26,6 +26,7 @@ from vdfmu.base.text import nearest
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import CouplingOptions, SimulatorOptions
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
@@ -33,20 +34,21 @@ from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
 from vdfmu.study import referee
-from vdfmu.study.analysis.loops import poses_of
+from vdfmu.study.analysis.loops import loops_of, poses_of
 from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.limits import read_limits
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.scene import arm_of, scene_of
-from vdfmu.study.run.verdict import VISIBLE, LoopCheck, explain, loop_checks, verdict
+from vdfmu.study.verdict import explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 from vdfmu.system.reference.witness import Witness
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.check import model_notes
+from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import robot_with, system_values
 
@@ -91,8 +93,24 @@ def prepare(
     return scenario
 
 
+def _loops_from(stored: bytes) -> dict[str, Any]:
+    """Return the entries about the loops of a run from the cache; KeyError for other content."""
+    loops = json.loads(stored)
+    return {"key_figures": {name: {**figure} for name, figure in loops["key_figures"].items()}}
+
+
+@with_options
+def judge_results(results: Results, scenario: Scenario, package: Path, **options: Unpack[ScenarioRunOptions]) -> None:
+    """Add the verdict of :func:`vdfmu.run` to the summary of a run of the package of a scenario."""
+    ScenarioRun(prepare(scenario, **pick(ScenarioOptions, options)), options).judge_made(results, package)
+
+
 class ScenarioRun:
     """The run of a scenario of :func:`prepare`: pack, simulate, judge. If `out` is False, it only packs files."""
+
+    _place: Path | None = None
+    _loops: dict[str, Any] | None = None
+    """Place of the loops in the cache, and the loops that it has."""
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
         self.scenario, self._options = scenario, options
@@ -102,6 +120,9 @@ class ScenarioRun:
         self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
         for note in self._notes():
             self._say(note)
+        self.limits = read_limits(
+            options["limits"] or {}, "--limit", read_limits(scenario.limits, "[limits] of the scenario")
+        )
         self.poses = poses_of(self.system, again=bool(options["simulate"]))
         self._facts, self._limits = self._entries(), numbers.limits_of(self.system)
         self._bond = PowerBond(scenario.robot) if scenario.robot else None
@@ -131,6 +152,7 @@ class ScenarioRun:
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
+            **remarks(scenario, options["settings"], self.system.values, options["stop"] is not None),
             **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
             "scene": scene_of(self.system),
         }
@@ -142,7 +164,7 @@ class ScenarioRun:
             built = cached_fmus(self.scenario, fmus, self._backend, self._options["fmi_version"])
             self.package = write_ssp(self.scenario, built, folder / "system.ssp", values, mixed=True)
         self._place = self._place_of_loops()
-        self._loops = LoopCheck.read(load(self._place)) if self._place else None
+        self._loops = load(self._place, _loops_from) if self._place else None
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
@@ -157,24 +179,37 @@ class ScenarioRun:
     def simulate(self) -> Results:
         """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
         options, written = self._options, self._options["out"] is not False
-        witness = Witness(self.system)
+        compared = Witness(self.system)
         try:
             results = self._simulated(
                 progress=partial(report, "co-simulation"), log=options["log"],
                 about=self._facts, observer=options["observer"],
-                taps=[witness.probe, *([self.poses] if self._loops is None else []), *filter(None, [self._bond])],
+                taps=self._taps(compared),
                 pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
         except (CosimError, Interrupted) as error:
-            unstable = explain(error, self.poses)
+            figures = explain(error, self.poses)
+            if isinstance(error, CosimError) and error.results:
+                for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
+                    error.add_note(f"A likely cause: {note.removesuffix('.')}")
             if written:
-                if error.results is not None and unstable:
-                    error.results.summary["key_figures"] = unstable[0].figures
-                keep(error, self.folder, [loops.check for loops in unstable])
+                if error.results is not None and figures:
+                    error.results.summary["key_figures"] = figures
+                keep(error, self.folder, loop_checks({"key_figures": figures}))
             raise
+        self._measure(results, compared)
+        if written:
+            write_summary(results.summary, self.folder)
+        return results
+
+    def _taps(self, compared: Witness) -> list[Tap]:
+        return [compared.probe, *([self.poses] if self._loops is None else []), *filter(None, [self._bond])]
+
+    def _measure(self, results: Results, compared: Witness) -> None:
+        """Add the numbers of a run that need no reference to its summary."""
         summary = results.summary
-        summary["witness"] = witness.summary(results)
+        summary["witness"] = compared.summary(results)
         for note in (*numbers.start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
             self._say(note)
@@ -186,17 +221,22 @@ class ScenarioRun:
         if numbers.has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
             summary |= numbers.estimation_errors(results, ALGORITHMS[self.scenario.master].substeps)
         summary |= {"paper": dict(self.scenario.paper)} | (self._bond.summary() if self._bond else {})
-        if written:
-            write_summary(summary, self.folder)
-        return results
 
-    def _simulated(self, parameters: Any = None, **options: Any) -> Results:
+    def judge_made(self, results: Results, package: Path) -> None:
+        """Judge a run of a package of this scenario that was made elsewhere: it is run again for what its taps see."""
+        self.package, compared = package, Witness(self.system)
+        self._simulated(self._options["settings"], record=(), taps=self._taps(compared))
+        results.summary.update({**self._facts, **results.summary})
+        self._measure(results, compared)
+        self.judge(results)
+
+    def _simulated(self, parameters: Any = None, package: Path | None = None, **options: Any) -> Results:
         """Co-simulate; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
         scenario = self.scenario
         settings: SimulatorOptions = {
             **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
         }  # fmt: skip
-        with Simulator(self.package, **settings) as simulator:
+        with Simulator(package or self.package, **settings) as simulator:
             return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
     def _recorded(self) -> list[str] | None:
@@ -223,16 +263,31 @@ class ScenarioRun:
                 meant=self._options["meant"], **coupling,
             )  # fmt: skip
             summary["judgement"] = judgement.to_dict()
-        loops = self._loops if self._loops is not None else list(loop_checks(self.poses, self.system))
-        if self._place and self.poses.seconds and not self.poses.lacking:
+        loops = self._loops if self._loops is not None else self._own_loops()
+        if self._place and "stability" not in loops:
             store(self._place, json.dumps(loops).encode())
         figures: dict[str, Any] = summary.get("key_figures", {})
         if scenario.robot is not None:
             plant = robot_with(scenario.plant_robot, values.get("plant", {}))
             touch = scenario.system.fed.get("plant.F_e", "")
             figures |= key_figures(results, scenario.robot, self._limits, plant, touch, summary["scene"]["objects"])
-        summary["key_figures"] = figures | {name: each for loop in loops for name, each in loop.figures.items()}
-        summary["verdict"] = verdict(summary, [loop.check for loop in loops], scenario.robot)
+        summary |= loops | {"key_figures": figures | loops.get("key_figures", {})}
+        summary["verdict"] = verdict(summary, self.limits)
+
+    def _own_loops(self) -> dict[str, Any]:
+        """Return the entries of a summary about the loops of this run; those of Python FMUs from their native twins."""
+        if self.poses.lacking and self._backend == "python":
+            self.poses = poses_of(self.system, again=bool(self._options["simulate"]))
+            try:
+                with temporary_folder("vdfmu_twin_") as folder:
+                    built = cached_fmus(self.scenario, folder, choose_backend("native"), self._options["fmi_version"])
+                    package = write_ssp(
+                        self.scenario, built, Path(folder) / "system.ssp", self.system.values, mixed=True
+                    )
+                    self._simulated(package=package, record=(), taps=[self.poses])
+            except UsageError as error:  # without a compiler
+                return {"stability": {"reason": f"the native FMUs cannot be built: {error}", "expected": True}}
+        return loops_of(self.poses, self.system, self.scenario.stop)
 
     def _references(self, results: Results) -> dict[str, Any]:
         """Solve the sampled reference of the algorithm, if it samples, and the continuous one, and compare.
@@ -248,7 +303,7 @@ class ScenarioRun:
             return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
         visible = math.inf
         if numbers.has_signals(results, "trajectory.q_d", "plant.q"):
-            visible = VISIBLE * max(
+            visible = self.limits["reference"].value * max(
                 float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
             )
         how = ALGORITHMS[scenario.master]
@@ -260,7 +315,7 @@ class ScenarioRun:
             report(stage, 0, 1)
             solution = reference_blocks(
                 name, self.system, step=scenario.step, stop=scenario.stop,
-                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot),
+                substeps=how.substeps if key == "sampled" else 1, groups=numbers.compared(results, robot), overlap=1,
                 progress=partial(report, stage),
             )  # fmt: skip
             try:

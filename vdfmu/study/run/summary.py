@@ -15,7 +15,7 @@ from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats, with_named
-from vdfmu.base.measure import JOINT_UNITS, unit_of
+from vdfmu.base.measure import JOINT_UNITS, quantity, unit_of
 from vdfmu.base.version import FORMAT, __version__
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Recorded, Results
@@ -29,6 +29,8 @@ _PACKAGES = ("numpy", "scipy", "casadi", "fmpy")
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6
 """Largest difference [rad, m] between a start and the motion's start that is not noted."""
+FAR = 1e-2
+"""Difference [rad, m] between them whose first torque may be why a run fails: 10 N.m at a gain of 1000 N.m/rad."""
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
@@ -59,19 +61,23 @@ def has_signals(results: Results, *groups: str) -> bool:
     return all(f"{group}[1]" in results for group in groups)
 
 
-def start_notes(results: Results, scenario: Scenario) -> Iterator[str]:
-    """Yield a note for each plant that starts away from its motion."""
+def start_notes(results: Results, scenario: Scenario, least: float = _APART) -> Iterator[str]:
+    """Yield a note for each plant that starts more than `least` [rad, m] away from its motion."""
     start = next(results.blocks(1), results)
     for plant, leader in leaders(scenario.resolved).items():
         q = scenario.system.fed.get(f"{plant}.q", f"{plant}.q")
         if has_signals(results, f"{leader}.q_d", q):
             apart = np.abs(start[f"{leader}.q_d"][0] - start[q][0])
             i = int(apart.argmax())
-            if apart[i] > _APART:
-                unit = unit_of("position", (scenario.system.parts[plant].robot or scenario.arm).joint_types[i])
+            if apart[i] > least:
+                arm = scenario.system.parts[plant].robot or scenario.arm
+                kind, tau, first = arm.joint_types[i], scenario.system.fed.get(f"{plant}.tau", ""), ""
+                if has_signals(results, tau):
+                    torque = quantity(arm.ell[i] * start[tau][0, i], JOINT_UNITS[kind].torque)
+                    first = f", and the first torque there is {torque}, link-side"
                 yield (
-                    f"{plant} starts {apart[i]:.4g} {unit} from the position that {leader} wants "
-                    f"of joint {i + 1}: set {plant}.q_0, or share it in [shared.start] of the system's file."
+                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
+                    f"of joint {i + 1}{first}: set {plant}.q_0, or share it in [shared.start] of the system's file."
                 )
 
 
@@ -117,7 +123,7 @@ def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
 def compare(
     results: Results, reference: Iterable[Reference], robot: Robot | None, substeps: int
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Compare a run with a reference in stretches of `BLOCK` rows.
+    """Compare a run with a reference in blocks of `BLOCK` rows that begin with the row before them.
 
     The row at a step's end has the torque that a sampled master holds over the step. The continuous reference is
     taken a substep before, at the time of its calculation.
@@ -129,28 +135,29 @@ def compare(
     if robot is None or compared(results, robot) is None:
         largest: dict[str, float] = {}
         groups, name = {signal.partition("[")[0] for signal in results.names}, ""
-        for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+        for part, solution in zip(results.blocks(BLOCK, overlap=1), reference, strict=True):
             name = solution.name
             for signal in filter(groups.__contains__, solution.signals):
                 rows = solution.signals[signal]
                 apart = float(np.abs(part[signal].reshape(rows.shape) - rows).max())
                 largest[signal] = max(largest.get(signal, 0.0), apart)
         return {"name": name, "max_difference": largest}, {}
-    name, at, position, torque, held = "", 0.0, -1.0, 0.0, None
+    name, at, position, torque = "", 0.0, -1.0, 0.0
     squares = np.zeros((4, robot.n))  # errors of position and torque, ours and theirs
-    for part, solution in zip(results.blocks(BLOCK), reference, strict=True):
+    for k, (part, solution) in enumerate(zip(results.blocks(BLOCK, overlap=1), reference, strict=True)):
+        new = slice(min(k, 1), None)
         q_d, q = part["trajectory.q_d"], part["plant.q"]
         tau, tau_m = part["controller.tau"], part["feedforward.tau_m"]
         name, tau_m_r = solution.name, solution["feedforward.tau_m"]
         q_r, tau_r = solution["plant.q"], solution["controller.tau"]
         if name == "continuous":
-            tau_r, held = _earlier(tau_r, held, substeps), tau_r[-1:]
+            tau_r = _earlier(tau_r, substeps)
         difference = np.abs(q - q_r).max(axis=1)
         if difference.max() > position:
             at, position = float(part.time[difference.argmax()]), float(difference.max())
-        torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)).max()))
+        torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)[new]).max()))
         errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - tau_m_r]
-        squares += np.sum(np.square(errors), axis=1)
+        squares += np.sum(np.square(errors)[:, new], axis=1)
     facts = {"name": name, "max_position_difference_rad": position, "max_torque_difference_nm": torque, "at_s": at}
     rms = np.sqrt(squares / len(results))
     separate = (np.abs(rms[::2] - rms[1::2]) / np.maximum(rms[1::2], np.finfo(float).tiny)).max(axis=1)
@@ -161,23 +168,24 @@ def estimation_errors(results: Results, substeps: int) -> dict[str, Any]:
     """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
 
     A sampled master gives the estimator the plant's signals a substep before, when its step began, and the torque that
-    the step that ended there had.
+    the step that ended there had. Empty for a run that ended before its first step did.
     """
-    late, squares, before = min(1, substeps), 0.0, None
-    for part in results.blocks(BLOCK):
-        true = part["plant.tau_s"]
-        rows = slice(late if before is None else 0, None)  # in the first block
-        seen, before = _earlier(true, before, substeps)[rows], true[-1:]
+    late, squares = min(1, substeps), 0.0
+    if len(results) <= late:
+        return {}
+    for k, part in enumerate(results.blocks(BLOCK, overlap=1)):
+        rows = slice(min(1, late + k), None)
+        seen = _earlier(part["plant.tau_s"], substeps)[rows]
         errors = [part[f"estimator.{name}"][rows] - seen for name in _ESTIMATES]
         squares = squares + np.sum(np.square([seen, *errors]), axis=1)
     rms = np.sqrt(squares / (len(results) - late)).tolist()
     return dict(zip(("rms_spring_torque_nm", *(f"rms_{n}_error_nm" for n in _ESTIMATES)), rms, strict=True))
 
 
-def _earlier(rows: Floats, before: Floats | None, substeps: int) -> Floats:
-    """Return the values a substep earlier, on lines through the rows; `before` is the row before the first."""
+def _earlier(rows: Floats, substeps: int) -> Floats:
+    """Return the values a substep earlier, on lines through the rows; the first row has none before it and stays."""
     lag = 1.0 / substeps if substeps else 0.0
-    return (1.0 - lag) * rows + lag * np.vstack([rows[:1] if before is None else before, rows[:-1]])
+    return (1.0 - lag) * rows + lag * np.vstack([rows[:1], rows[:-1]])
 
 
 LIMITED = 0.01
@@ -254,10 +262,7 @@ def _read(arm: ArmLimits) -> tuple[str, str, str]:
 def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
     """Return the shares of the time at the limits of torque, speed and travel, (3, n), and when each is first met."""
     spent, since = np.zeros((3, len(arm.tau_max))), np.full((3, len(arm.tau_max)), np.inf)
-    before = results.time[0]
-    for part in results.blocks(BLOCK):
-        h = np.diff(part.time, prepend=before)[:, None]  # 0 at the first row, which ends no step
-        before = part.time[-1]
+    for part in results.blocks(BLOCK, overlap=1):
         asked, q, kappa_dot = (part[name] for name in _read(arm))
         cut = np.abs(asked) >= arm.tau_max
         slow = beyond = np.zeros_like(cut)
@@ -265,6 +270,6 @@ def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
             most, slow, beyond = at_limits(arm.robot, asked, kappa_dot, q)
             cut |= most
         there = np.stack([cut, slow, beyond])
-        spent += np.sum(h * there, axis=1)
+        spent += np.sum(np.diff(part.time)[:, None] * there[:, 1:], axis=1)
         since = np.minimum(since, np.where(there, part.time[:, None], np.inf).min(axis=1))
     return spent / max(float(results.time[-1] - results.time[0]), np.finfo(float).tiny), since

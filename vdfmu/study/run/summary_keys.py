@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import read_json
 from vdfmu.base.text import elided
 from vdfmu.base.version import format_problem
 from vdfmu.engine.results.formats import result_files
-from vdfmu.engine.results.verdict import STATES
+from vdfmu.engine.results.verdict import STATES, UNJUDGED
 
 Summary = Mapping[str, Any]
 """Content of ``summary.json``."""
@@ -88,14 +89,27 @@ _SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)}, {"estimates": List(_E
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _FIGURES = (
     "tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact", "depth",
-    "power", "cut",
+    "power", "cut", "delay", "growth", "excited", "open", "half_step",
 )  # fmt: skip
 _FIGURE = Record(
     {"value": NUMBER, "at_s": NUMBER},
-    {"unit": TEXT, "joint": WHOLE, "place": TEXT, "limit": NUMBER, "limits": _VECTOR, "size": NUMBER},
+    {
+        "unit": TEXT,
+        "joint": WHOLE,
+        "place": TEXT,
+        "limit": NUMBER,
+        "limits": _VECTOR,
+        "size": NUMBER,
+        "until_s": NUMBER,
+        "step": NUMBER,
+        "rest": FLAG,
+    },
 )
-_CHECK = Record({"name": TEXT, "state": STATES, "text": TEXT})
-_VERDICT = Record({"state": STATES, "words": TEXT, "checks": List(_CHECK)})
+_CHECK = Record(
+    {"key": TEXT, "name": TEXT, "state": (*STATES, UNJUDGED), "sentence": TEXT},
+    {"more": TEXT, "value": NUMBER, "limit": NUMBER, "by": TEXT},
+)
+_VERDICT = Record({"state": STATES, "headline": TEXT, "results": TEXT, "checks": List(_CHECK)})
 _JUDGEMENT = Record(
     {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
      "algorithm": TEXT, "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}))}
@@ -137,7 +151,6 @@ KEYS: Mapping[str, Any] = {
     "order": _LINES,  # components in the order of their steps
     "isolated": FLAG,  # whether each component had a separate process
     "stepper": TEXT,  # language of the loop over the steps, with the reason if it is Python
-    "federates": Keyed(ANY),  # components of each process of a distributed run, and how long it waited
     "core": TEXT,  # how the processes of a distributed run exchanged values
     "ended": {"component": TEXT, "time": NUMBER},  # event that ended the run before its stop time, and its time [s]
     "notes": _LINES,  # notes on the run
@@ -168,7 +181,11 @@ KEYS: Mapping[str, Any] = {
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
     "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' largest values
-    "verdict": _VERDICT,  # checks of the run, the worst state, and the line for it
+    "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
+    "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant
+    "implausible": _LINES,  # likely mistakes of units or signs
+    "stability": Record({"reason": TEXT, "expected": FLAG}),  # why the stability of the loops was not judged
+    "verdict": _VERDICT,  # checks of the run, the worst state, its headline, and what the run came to
     "error": TEXT,  # why the run did not reach its end
 }
 """Types of all keys that a run may write: a tuple for some texts, a mapping for a table of optional keys."""
@@ -181,9 +198,7 @@ _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 def read_summary(file: Path) -> dict[str, Any]:
     """Return a summary of the types of `KEYS`, without null keys. UsageError has every problem."""
     try:
-        content = json.loads(file.read_bytes())
-    except RecursionError:
-        raise UsageError(f"{file}: expected a table of facts, got lists within lists.") from None
+        content = read_json(file)
     except (OSError, ValueError) as error:
         raise UsageError(
             f"{file.parent}: expected the folder of a run, with summary.json and {' or '.join(result_files())}: "

@@ -166,6 +166,7 @@ def _loops(study: StudyTable, search: SearchPoints | None) -> tuple[str, str]:
         words = f"It {'holds' if holds else 'misses'} the margin: the modulus margin is {after:.2g}"
         return GOOD if holds else DOUBTFUL, f"{words}, {min(demanded):.2g} demanded, {before:.2g} at the start."
     from vdfmu.study.analysis.loops import judged, run_along
+    from vdfmu.study.verdict import loop_sentences
     from vdfmu.system.scenario import load_scenario
 
     try:
@@ -175,10 +176,14 @@ def _loops(study: StudyTable, search: SearchPoints | None) -> tuple[str, str]:
         scenario = load_scenario(options["scenario"], options.get("robot"))
         kept = pick(LoopOptions, options)
         with run_along(scenario, **kept) as (poses, grid, failed):
-            state, words = judged(poses, grid.begin, grid.end, failed=bool(failed)).words
+            figures = judged(poses, grid.begin, grid.end, failed=bool(failed)).figures
     except VdfmuError:
         return GOOD, ""
-    return state if state == GOOD else DOUBTFUL, f"The best point is {words}."
+    state, sentences = loop_sentences(figures)
+    if state != GOOD:
+        return DOUBTFUL, f"The best point: {sentences[0]}."
+    margin = figures.get("margin")
+    return GOOD, f"The best point has a modulus margin of {margin['value']:.2g}." if margin else ""
 
 
 def _ranking(study: StudyTable, values: Floats) -> str:

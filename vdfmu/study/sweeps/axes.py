@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections import Counter
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.csv_file import MOST_FAULTS, open_csv
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import check_type
 from vdfmu.study.options import SAMPLES
@@ -235,28 +235,26 @@ def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:
 
 
 def _read(path: str) -> tuple[list[Axis], Points]:
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if row]
-    except FileNotFoundError:
-        raise UsageError(f"sample: expected {', '.join(SAMPLES)} or a CSV file, got {path}.") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    if len(rows) < 2:
+    if not Path(path).exists():
+        raise UsageError(f"sample: expected {', '.join(SAMPLES)} or a CSV file, got {path}.")
+    with open_csv(Path(path)) as file:
+        head = [*map(str.strip, file.headings)]
+        lines = [(line, [file.pointed(cell).strip() for cell in row]) for line, row in file]
+    if not lines:
         raise UsageError(f"{path}: expected a line of targets, then a line for each point.")
-    (_, head), *lines = rows
     problems = [
         f"{path}: line {k}: expected {len(head)} values, got {len(row)}." for k, row in lines if len(row) != len(head)
     ] or [
-        f"{path}: line {k}: {name.strip()}: expected one value, got {cell!r}."
+        f"{path}: line {k}: {name}: expected one value, got {cell!r}."
         for k, row in lines
         for name, cell in zip(head, row, strict=True)
-        if "," in cell or not cell.strip()
+        if "," in cell or not cell
     ]
+    if file.unit_row:
+        problems = [f"{path}: line 2: expected values of a point, got units. Leave the line out."]
     if problems:
-        raise UsageError("\n".join(problems[:8]))
-    columns = {name.strip(): ", ".join(c) for name, *c in zip(head, *(row for _, row in lines), strict=True)}
+        raise UsageError("\n".join(problems[:MOST_FAULTS]))
+    columns = {name: ", ".join(c) for name, *c in zip(head, *(row for _, row in lines), strict=True)}
     if len(columns) < len(head):
         raise UsageError(f"{path}: expected each target once, got {', '.join(head)}.")
     try:

@@ -10,17 +10,17 @@ import tempfile
 from pathlib import Path
 
 from vdfmu.base.errors import StorageError
-from vdfmu.base.process import Parent
+from vdfmu.base.process import Parent, contained
 
 
-def _main() -> None:
+def _main(folder: str) -> None:
     parent = Parent()
     requests = parent.requests()
     from vdfmu.study.sweeps.job import Bench
 
     logging.getLogger("vdfmu").addHandler(logging.NullHandler())
     # the worker removes it, whatever ends this process
-    tempfile.tempdir = os.environ["TMPDIR"] = folder = sys.argv[1]
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
     job = pickle.loads(next(requests))
     bench = Bench(job, Path(folder))
     try:
@@ -36,4 +36,4 @@ def _main() -> None:
 
 
 if __name__ == "__main__":
-    _main()
+    contained(_main, *sys.argv[1:])

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, disk_error
+from vdfmu.base.files import storing
 from vdfmu.base.text import error_text, matching
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.plan.inputs import InputTable
@@ -62,6 +63,17 @@ class WiredSystem:
     input_hold: bool
     bindings: Mapping[str, AxisBinding]
     program: BatchProgram | None = None
+    name: str = "system.ssp"
+    """File name of the package, for messages."""
+
+    def written(self, folder: Path) -> Path:
+        """Return the package in a folder of its own, written if it is not there."""
+        path = folder / self.name
+        if not path.exists():
+            with storing(path):
+                folder.mkdir(exist_ok=True)
+                path.write_bytes(self.content)
+        return path
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Values by ``component.variable`` of the axes' variables."""
@@ -170,7 +182,7 @@ class Bench:
             )
         except CosimError as error:
             if loops is not None:
-                from vdfmu.study.run.verdict import explain  # takes long to import
+                from vdfmu.study.verdict import explain  # takes long to import
 
                 explain(error, loops)
             raise
@@ -190,15 +202,12 @@ class Bench:
             if len(self._alive) == _ALIVE:
                 self._alive.popitem(last=False)[1][1].close()
             system = self._job.systems[number]
-            path = self._folder / f"{number}.ssp"
-            if not path.exists():
-                path.write_bytes(system.content)
+            path = system.written(self._folder / str(number))
             with ExitStack() as stack:
-                # a worker has its own process: its components need none
                 simulator = stack.enter_context(
                     Simulator(
-                        path, inputs=list(system.inputs), input_hold=system.input_hold, isolate=False,
-                        log=lambda message: None, **system.options,
+                        path, inputs=list(system.inputs), input_hold=system.input_hold, log=lambda message: None,
+                        **system.options,
                     )
                 )  # fmt: skip
                 self._alive[number] = simulator, stack.pop_all()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -21,10 +20,10 @@ from numpy.typing import NDArray
 
 from vdfmu.base.cache import seal
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import replacing
+from vdfmu.base.files import make_folder, read_json, read_regular, replacing, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
-from vdfmu.engine.results.parquet import checked, needed
+from vdfmu.engine.results.parquet import needed
 from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.worker import KILLED
@@ -57,7 +56,7 @@ class Ledger:
 
     def __enter__(self) -> Ledger:
         try:
-            self._parts.mkdir(parents=True, exist_ok=True)
+            make_folder(self._parts)
             self._lock = _locked(self.folder / ".lock")
         except OSError as error:
             raise UsageError(
@@ -80,9 +79,9 @@ class Ledger:
         place = self.folder / LEDGER
         facts: dict[str, Any] = {}
         try:
-            facts = json.loads(readable(place)) if place.exists() else {}
+            facts = read_json(readable(place)) if place.exists() else {}
             key = facts.get("key")
-        except (ValueError, RecursionError, AttributeError):
+        except (ValueError, AttributeError):
             facts, key = {}, ""
         if key == self._key:
             return
@@ -94,6 +93,7 @@ class Ledger:
                 )
             for file in files:
                 file.unlink()
+            sync(self.folder)
         self._put(place, json.dumps(self._facts, indent=1).encode() + b"\n")
 
     def _difference(self, facts: Mapping[str, Any]) -> str:
@@ -263,9 +263,7 @@ def _refused(path: Path, error: OSError) -> UsageError:
 def readable(path: Path) -> bytes:
     """Return the content of a file of a study; UsageError if the disk does not give it now. Nothing is changed."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise UsageError(f"{path}: expected a file of a study, got a folder, a pipe or a device.")
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as error:
         raise _refused(path, error) from None
 
@@ -282,7 +280,7 @@ def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
     try:
         if columns is not None and not columns:
             return parquet.read_schema(content).empty_table()
-        file = checked(path, parquet.ParquetFile(content, page_checksum_verification=True))
+        file = parquet.ParquetFile(content, page_checksum_verification=True)
         return file.read(columns=columns, use_threads=False)
     except MemoryError:
         raise UsageError(f"{path}: the memory does not hold it.") from None

@@ -25,11 +25,16 @@ from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
-def write_page(study: StudyTable, answer: Answer, path: Path | None = None, *, simulate: bool = True) -> Path:
-    """Write a study's page, default ``report.html`` in its folder, with `simulate` with a run. VdfmuError on errors."""
+def write_page(
+    study: StudyTable, answer: Answer, path: Path | None = None, *, simulate: bool = True, trust: bool = False
+) -> Path:
+    """Write a study's page, default ``report.html`` in its folder, with `simulate` with a run. VdfmuError on errors.
+
+    The notes of the study say why a page has no run. `trust` runs a study of others too.
+    """
     path = inside(study.folder, study.folder / NAME) if path is None else path
     with temporary_folder("vdfmu_page_") as folder:
-        part, run = _part(study, answer, Path(folder) / "run", simulate)
+        part, run = _part(study, answer, Path(folder) / "run", simulate, trust)
         page = study_page(part) if run is None else report_page([run], simulate=True, study=part)
     with suppress(OSError):  # writing then reports more
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -37,7 +42,7 @@ def write_page(study: StudyTable, answer: Answer, path: Path | None = None, *, s
     return path
 
 
-def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool) -> tuple[StudyPart, Any]:
+def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool, trust: bool) -> tuple[StudyPart, Any]:
     facts, failed = study.facts, study.failed
     content: dict[str, Any] = {}
     run = None
@@ -47,9 +52,10 @@ def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool) -> tu
         changes, reason = None, ""
         if simulate:
             try:
-                run, changes = base_run(study, folder)
+                run, changes = base_run(study, folder, trust)
             except VdfmuError as error:
                 reason = f"The page does not simulate this point: {str(error).splitlines()[0]}"
+                study.notes.append(reason)
         content = points | {"changes": changes, "reason": reason}
     except UsageError as error:
         lab = f"<p>{escape(str(error))}</p>"  # no point has a value
@@ -219,7 +225,7 @@ def _roles(study: StudyTable) -> dict[str, list[int]]:
     }  # fmt: skip
 
 
-def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]:
+def base_run(study: StudyTable, folder: Path, trust: bool = False) -> tuple[ShownRun, dict[str, Any]]:
     """Run the scenario of a study without its axes in a folder; return the run and the parameters of each point.
 
     Options that vary have the values of the best point; points with other values have no changes. ``names`` are
@@ -227,7 +233,7 @@ def base_run(study: StudyTable, folder: Path) -> tuple[ShownRun, dict[str, Any]]
     """
     from vdfmu.study.runs import run
 
-    study.require_own()
+    study.require_own(trust)
     source, best = study.facts["source"], study.row("best")
     if source.endswith(".ssp"):
         raise UsageError("Only scenarios are simulated in a page.")

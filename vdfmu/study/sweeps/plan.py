@@ -46,9 +46,7 @@ def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], di
             value = axis.values[0] if axis.values else axis.at(0.5).item()
             parameters |= system.bindings[axis.target].values(value)
     with temporary_folder("vdfmu_sweep_") as folder:
-        path = Path(folder, "0.ssp")
-        path.write_bytes(system.content)
-        read = load_ssp(path)
+        read = load_ssp(system.written(Path(folder, "system")))
         checked = check_system(
             read, parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
             repeats=system.options.get("adaptive") is not None,
@@ -293,6 +291,7 @@ def _of_package(
         read_inputs(settings.get("inputs"), hold),
         hold,
         {axis.target: AxisBinding((axis.target,)) for axis in axes},
+        name=Path(package).name,
     )
 
 

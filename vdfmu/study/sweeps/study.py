@@ -143,5 +143,5 @@ def check_workers(options: WorkerOptions) -> None:
     workers, time_limit = options["workers"], options["time_limit"]
     if workers is not None and workers < 1:
         raise UsageError(f"workers: expected at least 1, got {workers}.")
-    if time_limit is not None and not time_limit > 0.0:
-        raise UsageError(f"time_limit: expected a positive time, got {time_limit:g} s.")
+    if time_limit is not None and not 0.0 < time_limit < np.inf:
+        raise UsageError(f"time_limit must be a positive, finite time in s, got {time_limit:g}. The default is 600 s.")

@@ -63,9 +63,13 @@ class Sweep(StudyTable):
         """Draw a measure: curve, tornado and indices, see `vdfmu.study.sweeps.plots.plot`. Return their files."""
         return plot(self, kind, measure, None if out is None else Path(out))
 
-    def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True) -> Path:
-        """Write the page, default ``report.html`` in the folder. With `simulate` it runs any point. Return its path."""
-        return write_page(self, self.answer, None if out is None else Path(out), simulate=simulate)
+    def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True, trust: bool = False) -> Path:
+        """Write the page, default ``report.html`` in the folder, and return its path.
+
+        With `simulate` the page runs any point. For that the scenario of a study that you made is run, with the code
+        that it names; `trust` runs one that others made.
+        """
+        return write_page(self, self.answer, None if out is None else Path(out), simulate=simulate, trust=trust)
 
 
 @with_progress

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,8 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import is_own
 from vdfmu.base.errors import UsageError
+from vdfmu.base.files import read_json
+from vdfmu.base.foreign import read_arrow
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.sheets import Sheet
@@ -53,6 +54,21 @@ class SearchPoints(NamedTuple):
     """Name of a cost, measure or margin to its values at the start and at the chosen point."""
 
 
+def _sealed(folder: Path) -> bool:
+    """Whether this user made the study in a folder."""
+    try:
+        facts = dict(read_json(readable(folder / LEDGER)))
+        return is_own(facts.pop("seal", None), facts, str(folder.resolve()))
+    except (UsageError, ValueError, TypeError):
+        return False
+
+
+def _foreign_table(path: Path, columns: Sequence[str] | None = None) -> Any:
+    """Return the table of a Parquet file of someone else, or some of its columns; see `read_foreign`."""
+    pyarrow, _ = needed()
+    return pyarrow.ipc.open_file(read_arrow(path, columns)).read_all()
+
+
 class StudyTable:
     """The results of a parameter study, without drawing; see :class:`vdfmu.Sweep`."""
 
@@ -69,17 +85,22 @@ class StudyTable:
             raise UsageError(f"{expected}; there is none.")
         content: Any = None
         try:
-            self._schemas = [table_of(file, []).schema for file in self._files]
-            content = json.loads(
-                self._schemas[0].metadata[b"vdfmu"] if self._files == [table] else readable(folder / LEDGER)
-            )
+            self._table_of = table_of if _sealed(folder) else _foreign_table
+            self._schemas = [self._table_of(file, []).schema for file in self._files]
+            content = read_json(self._table_facts() if self._files == [table] else readable(folder / LEDGER))
             self.facts, problems = typed(content, _FACTS)
-        except (UsageError, ValueError, RecursionError, KeyError, TypeError) as error:
+        except (UsageError, ValueError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
         if problems:
             raise UsageError(f"{expected}: {'; '.join(problems).rstrip('.')}.")
         self._sealed = content.pop("seal", None), content, str(folder.resolve())
         self.columns: list[str] = list(dict.fromkeys(n for schema in self._schemas for n in schema.names))
+
+    def _table_facts(self) -> bytes:
+        facts = (self._schemas[0].metadata or {}).get(b"vdfmu")
+        if facts is None:
+            raise UsageError(f"{self._files[0].name} has no facts of a study, so no study of vdfmu wrote it")
+        return facts
 
     @property
     def axes(self) -> list[str]:
@@ -102,7 +123,7 @@ class StudyTable:
                 way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
                 raise UsageError(f"the study has no column {name!r}{way}")
         tables = [
-            table_of(file, None if columns is None else [c for c in columns if c in schema.names])
+            self._table_of(file, None if columns is None else [c for c in columns if c in schema.names])
             for file, schema in zip(self._files, self._schemas, strict=True)
         ]
         if not tables:
@@ -130,8 +151,8 @@ class StudyTable:
         if "tune" not in self.facts or not file.exists():
             return None
         try:
-            content, problems = typed(json.loads(readable(file)), _TUNED)
-        except (UsageError, ValueError, RecursionError) as error:
+            content, problems = typed(read_json(readable(file)), _TUNED)
+        except (UsageError, ValueError) as error:
             content, problems = {}, [elided(str(error))]
         if problems:
             raise UsageError(f"{file}: expected the results of a search: {'; '.join(problems).rstrip('.')}.")
@@ -218,8 +239,8 @@ class StudyTable:
         """Raise UsageError unless the user made the study, in this folder, or trusts the files that it names."""
         if not trust and not is_own(*self._sealed):
             raise UsageError(
-                f"{self.path}: a study to run must be made in this folder with this cache, got one from elsewhere.\n"
-                "It can run any code. If you trust who made it, give --trust."
+                f"{self.path}: its scenario was not run, because the study was made elsewhere or with another cache, "
+                "and can name any code. If you trust who made it, --trust runs it."
             )
 
     def options(self, which: int | str = "worst", by: str | None = None, *, trust: bool = False) -> dict[str, Any]:

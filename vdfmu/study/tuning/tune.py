@@ -20,13 +20,14 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
-from vdfmu.study.analysis.loops import growth_words
+from vdfmu.study.analysis.loops import Judged
 from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.study import check_workers
 from vdfmu.study.sweeps.table import TUNED
 from vdfmu.study.tuning.problem import Evaluations, Score, SpentError, make_problem
+from vdfmu.study.verdict import loop_sentences
 from vdfmu.system.scenario.values import group_value
 
 _MISSED = 10.0
@@ -243,8 +244,9 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         loops = problem.loops(after.values)
         if not after.feasible:
             tuned.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
-        if loops is not None and (growing := growth_words(loops)):
-            tuned.notes.append(f"margin: {growing}.")
+        if loops is not None:
+            growth = loops.growth(loops.poses[0].time, loops.poses[-1].time)
+            tuned.notes += loop_sentences(Judged(loops, growth).figures)[1]
         late = [] if loops is None else [pose.loop.later() for pose in loops.poses if pose.loop and pose.loop.sampled]
         if late:
             least, rate = min(loop.least for loop in late), max(loop.rate for loop in late)

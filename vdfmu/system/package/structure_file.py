@@ -10,8 +10,8 @@ from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.compiler.fmu.description import number
-from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, OSP_TYPE
-from vdfmu.engine.package.writing import META, add, root
+from vdfmu.engine.package.parse import FOREIGN
+from vdfmu.engine.package.writing import META, add, add_experiment, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
 
@@ -69,7 +69,10 @@ def structure_file(description: SystemDescription) -> Any:
         "ssd:Note", x1=x1 + 4.0, y1=y2 - 20.0, x2=x2 - 4.0, y2=y2 - 2.0, text=note,
     )  # fmt: skip
     add_units(top, "ssd:Units", description.measures)
-    _add_experiment(top, description)
+    add_experiment(
+        top, scenario.stop, float(scenario.step), algorithm=scenario.master, solverTolerance=description.tolerance,
+        adaptive=scenario.adaptive,
+    )  # fmt: skip
     return top
 
 
@@ -104,21 +107,6 @@ def _add_component(elements: Any, description: SystemDescription, component: str
 def mapping_name(component: str, file: str) -> str:
     """Return the name of the file that maps a parameter set to a component."""
     return f"{component}.{file.removesuffix('.ssv')}.ssm"
-
-
-def _add_experiment(top: Any, description: SystemDescription) -> None:
-    """Append the default experiment, with annotations of vdfmu and libcosim."""
-    scenario = description.scenario
-    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(scenario.stop))
-    annotations = add(experiment, "ssd:Annotations")
-    ours = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
-    add(
-        ours, "vdfmu:Experiment", communicationStepSize=float(scenario.step), algorithm=scenario.master,
-        solverTolerance=description.tolerance, adaptive=scenario.adaptive,
-    )  # fmt: skip
-    osp = add(annotations, "ssc:Annotation", type=OSP_TYPE)
-    algorithm = add(osp, "osp:Algorithm")
-    add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(scenario.step))
 
 
 def parameter_file(parameters: ParameterSet, version: str) -> Any:

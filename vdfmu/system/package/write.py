@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, require_ours, storing
+from vdfmu.base.option import checks_types
 from vdfmu.base.platforms import native_available, this_platform
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
@@ -67,6 +70,7 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
     return sorted(there)
 
 
+@checks_types
 def write_ssp(
     scenario: Scenario, fmus: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str],
     values: Mapping[str, Mapping[str, Any]] | None = None, *, version: str = SSP_1.name, mixed: bool = False,
@@ -205,6 +209,13 @@ def _placed(
     return placed
 
 
+def _fmu(content: bytes) -> bytes:
+    """Return the content of an FMU; BadZipFile or KeyError for anything else."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.getinfo("modelDescription.xml")
+    return content
+
+
 def cached_fmus(
     scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None, fmi_version: str = FMI_2.name
 ) -> dict[str, Path]:
@@ -218,7 +229,7 @@ def cached_fmus(
         form = form_of(unit, backend, fmi_version)
         content = Content(unit, robots[name] if unit.needs_robot() else None, {}, *form)
         place = cache_folder() / "fmus" / f"{content.guid.strip('{}')}-{this_platform()}"
-        if (fmu := load(place)) is None:
+        if (fmu := load(place, _fmu)) is None:
             missing[name] = place
             continue
         fmus[name] = placed[name] / f"{unit.__name__}.fmu"

@@ -66,9 +66,11 @@ class Reference:
 
 def reference_blocks(
     name: str, description: SystemDescription, *, step: float, stop: float, substeps: int = 1,
-    groups: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None,
+    groups: Sequence[str] | None = None, overlap: int = 0, progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Reference]:  # fmt: skip
     """Compute a reference in blocks of `BLOCK` communication points. The last may be shorter.
+
+    Each begins with the last `overlap` points before it, as in :meth:`vdfmu.engine.results.recorded.Recorded.blocks`.
 
     A sampled reference holds outputs over `substeps` equal parts of a `step` [s]. `groups` are the outputs,
     ``unit.group``, by default all. `progress` is called with the number of finished steps and their total.
@@ -89,20 +91,22 @@ def reference_blocks(
     if t.size * sum(map(len, shown.values())) * t.itemsize <= _KEPT and (key := _key(description)):
         facts = (name, substeps, step, m, [*shown], key)
         path = cache_folder() / "references" / sha256(repr(facts).encode()).hexdigest()
-        kept = load(path)
+        kept = load(path, lambda content: np.frombuffer(content).reshape(t.size, sum(map(len, shown.values()))))
     if kept is None:
         rows = islice(_solved(name, description, step / substeps, m * substeps, shown), 0, None, substeps)
     else:
-        rows = iter(np.frombuffer(kept).reshape(t.size, -1))
+        rows = iter(kept)
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
+    before: Sequence[Floats] | Floats = ()
     for first in range(0, m + 1, BLOCK):
-        block = np.array(list(islice(rows, BLOCK)))
+        block = np.array([*before, *islice(rows, BLOCK)])
         if path is not None and kept is None:
-            blocks.append(block)
+            blocks.append(block[len(before) :])
         signals = {group: block[:, columns] for group, columns in where.items()}
-        yield Reference(name, t[first : first + BLOCK], signals)
+        yield Reference(name, t[first - len(before) : first + BLOCK], signals)
+        before = block[max(0, len(block) - overlap) :]
         if progress is not None:
             progress(min(first + BLOCK, m), m)
     if path is not None and blocks:
@@ -111,9 +115,9 @@ def reference_blocks(
 
 def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
     """Compute a whole reference. See :func:`reference_blocks`."""
-    blocks = list(reference_blocks(name, description, step=step, stop=stop))
-    signals = {key: np.concatenate([block.signals[key] for block in blocks]) for key in blocks[0].signals}
-    return Reference(name, np.concatenate([block.t for block in blocks]), signals)
+    # the last block, with all points before it
+    *_, whole = reference_blocks(name, description, step=step, stop=stop, overlap=round(stop / step))
+    return whole
 
 
 def _key(description: SystemDescription) -> str:
@@ -234,7 +238,13 @@ class Code:
             return kernel_source(self.called[name], joints).encode()
 
         path = cache_folder() / "kernels" / sha256(repr((name, joints, identity)).encode()).hexdigest()
-        return load_or_make(path, make).decode()
+
+        def read(content: bytes) -> str:
+            if name.encode() not in content:
+                raise ValueError(f"no function {name}")
+            return content.decode()
+
+        return load_or_make(path, make, read)
 
     def take(self, function: ca.Function) -> ca.Function:
         """Register a called function and return it, renamed if a function of another robot has its name."""

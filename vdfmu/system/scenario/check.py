@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.plausible import position_notes, robot_notes, speed_notes
+from vdfmu.arm.robot.plain import plain_notes
+from vdfmu.arm.robot.plausible import doubts, position_notes, speed_notes
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units._played import Played
-from vdfmu.compiler.unit import Unit
+from vdfmu.compiler.unit import Input, Unit
+from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import KEYS
 from vdfmu.system.scenario.values import group_of, override, robot_with, section_values
@@ -33,20 +35,67 @@ def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -
     ]
     if robot is not None and not resolved.takers:
         notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
-    written = section_values(resolved, scenario.sections)
+    notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
+    robots = [scenario.robot] if scenario.robot is not None else []
+    notes += [note for robot in robots for note in plain_notes(robot.sources)]
+    return list(dict.fromkeys([*notes, *implausible(scenario, settings)]))
+
+
+def implausible(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> list[str]:
+    """Return notes on likely mistakes of units or signs in the robots and motions of a scenario with settings."""
+    written = section_values(scenario.resolved, scenario.sections)
     for component, changed in override(scenario, settings or {}).items():
         written[component] = written.get(component, {}) | changed
-    notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
-    return list(dict.fromkeys([*notes, *_of_robots(scenario, written), *_of_motions(scenario, written)]))
+    return list(dict.fromkeys([*_of_robots(scenario, written), *_of_motions(scenario, written)]))
+
+
+def remarks(
+    scenario: Scenario, settings: Mapping[str, Any] | None, values: Mapping[str, Mapping[str, Any]], asked: bool = False
+) -> dict[str, Any]:
+    """Return the entries of a summary that a verdict counts before any row: ``cut``, ``unfed``, ``implausible``.
+
+    `values` are those of the units with the `settings`. `asked`: whether the user chose the end of the run.
+    """
+    facts: dict[str, Any] = {}
+    if (end := motion_end(scenario, values)) > scenario.stop + 0.5 * scenario.step:
+        facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
+    tables = read_inputs(scenario.inputs, scenario.input_hold)
+    given = {name.partition("[")[0] for name in (*(settings or ()), *(n for table in tables for n in table.names))}
+    given |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
+    lacking = [name for name in (*scenario.system.unfed, *_unmeasured(scenario)) if name not in given]
+    facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in dict.fromkeys(lacking)]
+    facts["implausible"] = implausible(scenario, settings)
+    return {key: value for key, value in facts.items() if value}
+
+
+def motion_end(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> float:
+    """Return the time at which the last desired motion has ended [s], the first time that it is played."""
+    ends = [0.0]
+    for name, unit in scenario.resolved.units.items():
+        begin = values[name].get("t_start", 0.0)
+        if issubclass(unit, Played) and unit.rows is not None:
+            ends.append(begin + unit.experiment_stop / values[name].get("speed", 1.0))
+        elif issubclass(unit, find_unit("trajectory")):
+            ends.append(begin + values[name]["T"])
+    return max(ends)
+
+
+def _unmeasured(scenario: Scenario) -> Iterator[str]:
+    """Yield the inputs for positions that nothing feeds, of components that act on a plant."""
+    fed = {end.partition("[")[0] for end in scenario.system.fed}
+    for name, unit in scenario.resolved.units.items():
+        for key, declared in unit.declared.items() if name not in scenario.resolved.plants else ():
+            if isinstance(declared, Input) and declared.unit == "position" and f"{name}.{key}" not in fed:
+                yield f"{name}.{key}"
 
 
 def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield likely mistakes of units or signs in the robot and in the plants of the run."""
     if scenario.robot is not None:
-        yield from robot_notes(scenario.robot)
+        yield from doubts(scenario.robot)
     for name in scenario.resolved.plants:
         robot = scenario.system.parts[name].robot or scenario.plant_robot
-        yield from robot_notes(robot_with(robot, written.get(name, {})))
+        yield from doubts(robot_with(robot, written.get(name, {})))
 
 
 def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:

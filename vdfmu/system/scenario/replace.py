@@ -95,6 +95,10 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     joined = _joined(scenario, resolved, tables)
     for source, target in joined:
         kept.setdefault(source, []).append(target)
+    ends = {end.partition(".")[0] for source, targets in kept.items() for end in (source, *targets)}
+    for name, signals in has.items():
+        if signals and name not in ends:
+            raise UsageError(f"{name}: {_unfit(name, signals, system.connections)}")
     joints = tuple(" -> ".join(ends) for ends in joined)
     written = section_values(scenario.resolved, scenario.sections)
     sections = dict(scenario.sections)
@@ -113,6 +117,21 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     }  # fmt: skip
     system = dataclasses.replace(system, unfed=unfed)
     return dataclasses.replace(scenario, system=system, sections=sections)
+
+
+def _unfit(component: str, signals: Iterable[tuple[str, str]], connections: Mapping[str, Iterable[str]]) -> str:
+    """Return why a unit does not fit into a system: what it has, and what the system connects there."""
+    own = {kind: ", ".join(sorted({name.partition("[")[0] for name, has in signals if has == kind})) or "none"
+           for kind in ("input", "output")}  # fmt: skip
+    ends = [(source, target) for source, targets in connections.items() for target in targets]
+    reads, gives = (
+        ", ".join(dict.fromkeys(end.partition(".")[2] for end in part if end.partition(".")[0] == component))
+        for part in ([target for _, target in ends], [source for source, _ in ends])
+    )
+    return (
+        f"none of its signals fits the system. Its inputs are {own['input']}, its outputs {own['output']}; the system "
+        f"connects the inputs {reads or 'none'} and the outputs {gives or 'none'}. Give its signals these names."
+    )
 
 
 def _joined(scenario: Scenario, resolved: ResolvedSystem, new: Iterable[str]) -> list[tuple[str, str]]:

@@ -269,6 +269,8 @@ class Scenario:
         Signals for free inputs, and whether they hold until the next row. See :func:`vdfmu.engine.run.simulate`.
     notes, file : tuple of str, str
         Notes of the author, and its file, empty for a shipped scenario.
+    limits : mapping of str to float
+        Limits of the verdict on its runs, see `vdfmu.study.limits`.
     options : CouplingOptions
         Further options of its runs.
     """
@@ -289,6 +291,7 @@ class Scenario:
     input_hold: bool = False
     payload_known: bool = True
     notes: tuple[str, ...] = ()
+    limits: Mapping[str, float] = field(default_factory=dict[str, float])
     file: str = field(default="", compare=False)
     options: CouplingOptions = field(default_factory=CouplingOptions)
 

@@ -14,9 +14,9 @@ import numpy as np
 from vdfmu.arm.motion import read_motion, rest
 from vdfmu.arm.robot import (
     FRICTION_ARRANGEMENTS,
+    DriveFile,
     Robot,
     check_robot,
-    drive_text,
     load_robot,
     robot_from_dict,
     section_numbers,
@@ -24,6 +24,7 @@ from vdfmu.arm.robot import (
 from vdfmu.arm.robot.parameters import PARAMETERS, read_only, section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UnitError, UsageError
+from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import locate, read_toml, toml_names
 from vdfmu.base.toml_tables import Problems, Table, as_number, shape_of, value_text
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
@@ -40,6 +41,7 @@ def scenario_names() -> list[str]:
     return toml_names("scenarios")
 
 
+@checks_types
 def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | None = None) -> Scenario:
     """Load a scenario by the name of a shipped one or by the path of a TOML file.
 
@@ -99,7 +101,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
 def _numbers(robot: Robot) -> dict[str, Any]:
     """Return the values of a robot that results depend on."""
     texts = ("name", "description", "sources")
-    return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts}
+    return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts} | robot.files
 
 
 def load_system(
@@ -143,6 +145,7 @@ KEYS = {
     "joints": "File of a drive, and tables of its numbers, for all joints or for each",
     "motion": "Motion of the joints instead of (57), or the TOML file with it; each kind has other keys",
     "plant_factors": "",
+    "limits": "Limits of the verdict, such as margin = 0.3",
     "paper": "",
 }
 """Keys of a scenario file and their meaning, if the name does not say it."""
@@ -206,6 +209,11 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     input_hold = file.flag("input_hold", False)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
     paper = _paper(file.optional_table("paper", ("source", *PAPER_LISTS)), n)
+    limits = (
+        {key: file.table("limits", list(file.data["limits"])).number(key, "", above=0) for key in file.data["limits"]}
+        if isinstance(file.data.get("limits"), dict)
+        else {}
+    )
     if (robot is not None or unnamed) and system is not None:
         try:
             section_values(resolve(system, robot), sections)
@@ -223,7 +231,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     return Scenario(
         name=name, description=description, system=system, robot=robot, stop=stop, step=step, master=master,
         adaptive=adaptive, tolerance=tolerance, plant_factors=factors, sections=sections, paper=paper, inputs=inputs,
-        input_hold=input_hold, payload_known=payload_known,
+        input_hold=input_hold, payload_known=payload_known, limits=limits,
     )  # fmt: skip
 
 
@@ -251,12 +259,13 @@ def _with_drive(table: Table, robot: Robot) -> Robot:
     """Return a robot with the drive of a table [joints] and its numbers, each for all joints or a list."""
     where = table.problems.where
     try:
-        data: dict[str, Any] = robot.to_dict() | {"drive": drive_text(table.text("drive"), Path(where).parent)}
+        drive = DriveFile.read(table.text("drive"), Path(where).parent)
+        data: dict[str, Any] = robot.to_dict() | {"drive": drive.name}
         for i, joint in enumerate(data["joints"]):
             for part in (key for key in table.data if key != "drive"):
                 numbers = table.optional_table(part).data.items()
                 joint[part] = {key: value[i] if isinstance(value, list) else value for key, value in numbers}
-        return dataclasses.replace(robot_from_dict(data, where), file=robot.file)
+        return dataclasses.replace(robot_from_dict(data, where, {drive.name: drive.text}), file=robot.file)
     except IndexError:
         table.problems.add("joints", f"lists of {robot.n} numbers", "a shorter one", "Give a number for each joint.")
     except (ModelError, UsageError) as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -13,7 +12,6 @@ from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import nearest
 from vdfmu.compiler.unit import Derivative, Unit
-from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.compiler.unit.evaluate import unmet
 from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
 from vdfmu.engine.package.system import spread
@@ -219,38 +217,13 @@ def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
     problems: list[str] = []
     for variable, element in zip(variables, values, strict=True):
         try:
-            cast[variable.name] = _cast(variable, element)
+            cast[variable.name] = variable.domain.read(element)
         except ValueError as error:
             place = key if len(variables) == 1 or values[0] is value else f"{component}.{variable.name}"
             problems.append(f"{place}: {error}.")
     if problems:
         raise UsageError("\n".join(dict.fromkeys(problems)))
     return cast
-
-
-def _cast(variable: Variable, value: Any) -> Any:
-    """Convert a number, a name or a text to the variable's type. ValueError if impossible."""
-    text = str(value).strip()
-    if text in variable.choices:
-        return variable.choices.index(text)
-    if variable.type == "Boolean":
-        if text.lower() not in ("true", "1", "false", "0"):
-            raise ValueError(f"expected true or false, got {text!r}")
-        return text.lower() in ("true", "1")
-    try:
-        number = math.nan if isinstance(value, bool) else float(text)
-    except ValueError:
-        number = math.nan
-    if number == math.inf and variable.start == NO_LIMIT:
-        return NO_LIMIT
-    problem = variable.problem(number if not math.isnan(number) else text)
-    if problem:
-        raise ValueError(problem)
-    if variable.type == "Integer":
-        if number != int(number):
-            raise ValueError(f"expected an integer, got {text}")
-        return int(number)
-    return number
 
 
 def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> None:

@@ -10,7 +10,7 @@ from pythonfmu import FmuBuilder
 
 from vdfmu.base.files import data_path, pack_zip, temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content
 from vdfmu.compiler.fmu.documentation import documentation_files
 
 # pythonfmu puts a copy of itself into every FMU, without the binaries for builds. A process that loads such an FMU
@@ -24,13 +24,14 @@ def build_python_fmu(content: Content, path: Path) -> None:
     with temporary_folder("vdfmu_build_") as folder:
         script = Path(folder) / f"vdfmu_{content.interface.name}_slave.py"
         script.write_text(template.replace("Model", content.model_name), encoding="utf-8")
-        files = {CONTENT_FILE: content.to_json().encode()}
+        files = {CONTENT_PLACES["python"]: content.to_json().encode(), **content.robot_files}
         if not content.interface.functions.shipped:
-            files |= content.interface.functions.sources
-        resources = [Path(folder) / "files" / name for name in files]
-        resources[0].parent.mkdir()
-        for resource in resources:
-            resource.write_bytes(files[resource.name])
+            files |= {f"resources/{name}": text for name, text in content.interface.functions.sources.items()}
+        for name, text in files.items():
+            resource = Path(folder) / name
+            resource.parent.mkdir(parents=True, exist_ok=True)
+            resource.write_bytes(text)
+        resources = sorted((Path(folder) / "resources").iterdir())
         search_path = list(sys.path)
         try:
             with InterruptGuard():  # it makes a temporary folder

@@ -19,6 +19,7 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.base.errors import FmuError, KernelError, UnitError, VdfmuError
+from vdfmu.base.files import read_json
 from vdfmu.base.text import kind_text
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
@@ -250,7 +251,7 @@ class UnitSlave(Fmi2Slave):
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> Any:
         try:
-            return json.loads(state.decode())
+            return read_json(state)
         except (TypeError, ValueError):
             text = f"deSerializeFMUstate failed: expected the bytes of a state, got {len(state)} other bytes."
             raise refusal(text) from None

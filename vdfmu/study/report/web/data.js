@@ -6,8 +6,6 @@ const content = JSON.parse(document.getElementById("data").textContent);
 export const runs = content.runs;
 /** The study, in the page of a sweep. */
 export const study = content.study;
-/** Of a run that goes on: the signals of its rows, its start and its stop. */
-export const live = content.live;
 /** The robot, in the page of one. */
 export const robot = content.robot;
 /** The cells of a comparison of control laws, in its page. */

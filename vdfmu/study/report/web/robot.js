@@ -1,28 +1,21 @@
 // The page of a robot: sliders of its joints, what is shown of it, and its modes, which move it.
 
-import { choice, make, reducedMotion, robot, runs, toggle, unpack } from "./data.js";
-import { stateLine } from "./live.js";
-import { askServer, hearServer } from "./server.js";
+import { choice, make, reducedMotion, robot, runs, toggle } from "./data.js";
 import { quantity, text } from "./numbers.js";
 import { LINKS, RobotScene } from "./robot_scene.js";
 import { VIEWS } from "./scene.js";
 import { watchScrollers } from "./scrollers.js";
 
 const CYCLE = 1500; // ms that any mode takes on the screen
-const SENT = 40; // ms between two poses that are sent
 const LEAST = 0.005; // of a shape, whose largest is 1, that is written
-const own = String(Math.random());
+const DEGREES = 180 / Math.PI;
 
 const section = (id) => document.getElementById(id);
 const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D" });
-const state = {
-  q: [...unpack(runs[0].frames.q)],
-  motors: robot.motors[0],
-  modes: [],
-  chosen: -1,
-  amplitude: 0.2,
-};
-const say = stateLine();
+const start = robot.sliders.map(({ start: position }) => position);
+const motors = Object.keys(robot.modes);
+const state = { q: [...start], motors: motors[0], chosen: -1, amplitude: 0.2 };
+/** @type {RobotScene | null} */
 let scene = null;
 
 function showArm() {
@@ -75,15 +68,7 @@ function showArm() {
   );
 }
 
-let sending = null;
-
-/** Send the pose as it is soon. */
-function send() {
-  sending ??= setTimeout(() => {
-    sending = null;
-    askServer({ q: state.q, motors: state.motors, from: own });
-  }, SENT);
-}
+const number = (value, unit) => `${value.toFixed(1).replace("-", "−")} ${unit}`;
 
 const sliders = robot.sliders.map(({ unit, factor, low, high }, i) => {
   const output = make("output");
@@ -96,29 +81,60 @@ const sliders = robot.sliders.map(({ unit, factor, low, high }, i) => {
     input: () => {
       state.q[i] = Number(input.value) / factor;
       write();
-      draw();
-      send();
+      still();
     },
   });
   const write = () => {
-    output.textContent = `${(state.q[i] * factor).toFixed(1).replace("-", "−")} ${unit}`;
+    output.textContent = number(state.q[i] * factor, unit);
     input.setAttribute("aria-valuetext", output.textContent);
   };
   const show = () => {
-    input.value = state.q[i] * factor;
+    input.value = String(state.q[i] * factor);
     write();
   };
   show();
+  const ends = make(
+    "small",
+    { class: "note ends" },
+    make("span", {}, number(low, unit)),
+    make("span", {}, number(high, unit)),
+  );
   return {
     show,
-    element: make("div", { class: "knob" }, make("span", {}, `Joint ${i + 1}`), output, input),
+    element: make(
+      "div",
+      { class: "knob" },
+      make("span", {}, `Joint ${i + 1}`),
+      output,
+      input,
+      ends,
+    ),
   };
 });
 
+/** Move the arm to a pose. */
 function pose(q) {
   state.q = [...q];
   sliders.forEach(({ show }) => show());
-  draw();
+  still();
+}
+
+const tool = ["x", "y", "z", "roll", "pitch", "yaw"].map((name) => ({
+  name,
+  output: make("output", { "aria-live": "off" }),
+}));
+const pasted = make("output", { "aria-live": "off" });
+
+/** Write where the end effector is, and the pose as the command line takes it. */
+function showPose() {
+  if (scene) {
+    const { position, angles } = scene.toolPose();
+    [...position.map((x) => 1e3 * x), ...angles.map((x) => DEGREES * x)].forEach((value, k) => {
+      const shown = Math.abs(value) < 0.05 ? 0 : value; // no −0.0
+      tool[k].output.textContent = number(shown, k < position.length ? "mm" : "deg");
+    });
+  }
+  pasted.textContent = state.q.map((q) => String(Number(q.toFixed(4)))).join(" ");
 }
 
 section("joints").append(
@@ -126,64 +142,81 @@ section("joints").append(
     "div",
     { class: "bar" },
     make("h2", {}, "Joints"),
-    make(
-      "button",
-      {
-        type: "button",
-        click: () => {
-          pose(robot.sliders.map(({ start, factor }) => start / factor));
-          send();
-        },
-      },
-      "Back to the start",
-    ),
+    make("button", { type: "button", click: () => pose(start) }, "Back to the start"),
   ),
   make("div", { class: "knobs" }, ...sliders.map(({ element }) => element)),
+  make("h3", {}, "End effector {O} in {I}"),
+  make(
+    "dl",
+    { class: "tool" },
+    ...tool.map(({ name, output }) =>
+      make("div", {}, make("dt", {}, name), make("dd", {}, output)),
+    ),
+  ),
+  make(
+    "p",
+    { class: "note" },
+    robot.limits
+      ? ""
+      : "The robot file gives no joint limits, so the ends of the sliders are not limits of the arm. ",
+    "Angles about the fixed axes x, y, z, as in URDF.",
+  ),
+  make("p", { class: "note" }, "This pose in rad and m: ", make("code", {}, pasted)),
 );
 
-const motors = choice(
-  "Motors",
-  robot.motors.map((name) => [name, name]),
-  (name) => {
-    state.motors = name;
-    send();
-  },
-);
-const table = make("div", { class: "wide" }),
-  words = make("p", { class: "note", role: "status" });
+const table = make("div", { class: "wide" });
+const reach = make("output");
 const amplitude = make("input", {
-    type: "range",
-    min: 0,
-    max: 0.5,
-    step: 0.01,
-    value: state.amplitude,
-    "aria-label": "Amplitude",
-    input: () => {
-      state.amplitude = Number(amplitude.value);
-      far();
-      draw();
-    },
-  }),
-  reach = make("output");
+  type: "range",
+  min: 0,
+  max: 0.5,
+  step: 0.01,
+  value: state.amplitude,
+  "aria-label": "Amplitude",
+  input: () => {
+    state.amplitude = Number(amplitude.value);
+    far();
+    draw();
+  },
+});
 
 function far() {
   reach.textContent = `${state.amplitude.toFixed(2)} rad or m`;
   amplitude.setAttribute("aria-valuetext", reach.textContent);
 }
 
-far();
-section("modes").append(
-  make("div", { class: "bar" }, make("h2", {}, "Modes"), motors),
-  words,
-  table,
-  make(
-    "div",
-    { class: "knob" },
-    make("span", {}, "Amplitude of the link that moves most"),
-    reach,
-    amplitude,
-  ),
-);
+function showModesPart() {
+  far();
+  section("modes").append(
+    make(
+      "div",
+      { class: "bar" },
+      make("h2", {}, "Modes"),
+      choice(
+        "Motors",
+        motors.map((name) => [name, name]),
+        (name) => {
+          state.motors = name;
+          choose(-1);
+        },
+      ),
+    ),
+    table,
+    make(
+      "p",
+      { class: "note" },
+      "Calculated at the start pose, about which a chosen mode moves the arm. For the modes at another pose, run vdfmu linear with the numbers above as its pose.",
+    ),
+    make(
+      "div",
+      { class: "knob" },
+      make("span", {}, "Amplitude of the link that moves most"),
+      reach,
+      amplitude,
+    ),
+  );
+  showModes();
+}
 
 /** A part of a shape, as a bar and a number. */
 function bar(value) {
@@ -202,74 +235,65 @@ function bar(value) {
   );
 }
 
+function modeRow({ frequency, damping, joint, share, real }, k) {
+  const name = quantity(frequency, "Hz");
+  const button = toggle(name, k === state.chosen, (on) => choose(on ? k : -1), {
+    class: "chip mode",
+    "aria-label": `Mode ${k + 1}, ${name}: moves the arm`,
+  });
+  return make(
+    "tr",
+    {},
+    make("th", { scope: "row" }, button),
+    make("td", {}, text(damping, 2)),
+    make("td", {}, `${joint} (${(100 * share).toFixed(0)} %)`),
+    ...real.map(bar),
+  );
+}
+
 function showModes() {
-  const rows = state.modes.map(({ frequency, damping, joint, share, real }, k) =>
+  const focus = [...table.querySelectorAll("button")].indexOf(document.activeElement);
+  const column = (words, more = {}) => make("th", { scope: "col", ...more }, words);
+  const heads = [
+    ...["Mode", "Damping", "Spring of"].map((words) => column(words)),
+    ...start.map((_, i) => column(String(i + 1), { "aria-label": `Link ${i + 1}` })),
+  ];
+  table.replaceChildren(
     make(
-      "tr",
-      {},
-      make(
-        "th",
-        { scope: "row" },
-        toggle(
-          quantity(frequency, "Hz"),
-          k === state.chosen,
-          (on) => {
-            state.chosen = on ? k : -1;
-            showModes();
-            draw();
-          },
-          {
-            class: "chip mode",
-            "aria-label": `Mode ${k + 1}, ${quantity(frequency, "Hz")}: moves the arm`,
-          },
-        ),
-      ),
-      make("td", {}, text(damping, 2)),
-      make("td", {}, `${joint} (${(100 * share).toFixed(0)} %)`),
-      ...real.map(bar),
+      "table",
+      { class: "modes" },
+      make("caption", {}, "1, 2 and so on: how far each link moves"),
+      make("thead", {}, make("tr", {}, ...heads)),
+      make("tbody", {}, ...robot.modes[state.motors].map(modeRow)),
     ),
   );
-  const focus = [...table.querySelectorAll("button")].indexOf(document.activeElement);
-  table.replaceChildren(
-    ...(rows.length
-      ? [
-          make(
-            "table",
-            { class: "modes" },
-            make(
-              "caption",
-              {},
-              "At the pose of the sliders; 1, 2 and so on: how far each link moves",
-            ),
-            make(
-              "thead",
-              {},
-              make(
-                "tr",
-                {},
-                ...["Mode", "Damping", "Spring of"].map((head) =>
-                  make("th", { scope: "col" }, head),
-                ),
-                ...robot.sliders.map((_, i) =>
-                  make("th", { scope: "col", "aria-label": `Link ${i + 1}` }, String(i + 1)),
-                ),
-              ),
-            ),
-            make("tbody", {}, ...rows),
-          ),
-        ]
-      : []),
-  );
   table.querySelectorAll("button")[focus]?.focus();
+}
+
+/** Animate a mode at the start pose, at which it was calculated; -1 is none. */
+function choose(k) {
+  if (k >= 0) pose(start);
+  state.chosen = k;
+  showModes();
+  draw();
+}
+
+/** Let no mode move the arm. */
+function still() {
+  if (state.chosen >= 0) choose(-1);
+  else draw();
 }
 
 let moving = false;
 
 /** Draw the arm at the pose, or the mode that is chosen about it: undamped, or still at its largest where motion is not wanted. */
 function draw() {
-  if (!scene || moving) return;
+  if (!scene || moving) {
+    showPose();
+    return;
+  }
   const tick = (now) => {
-    const mode = state.modes[state.chosen],
+    const mode = robot.modes[state.motors]?.[state.chosen],
       phase = reducedMotion.matches ? 0 : (2 * Math.PI * now) / CYCLE;
     scene.pose(
       mode
@@ -281,6 +305,7 @@ function draw() {
           )
         : state.q,
     );
+    if (!mode) showPose();
     moving = !!mode && !reducedMotion.matches;
     if (moving) requestAnimationFrame(tick);
   };
@@ -289,24 +314,10 @@ function draw() {
 }
 
 showArm();
+if (motors.length) showModesPart();
 draw();
 watchScrollers();
-hearServer(
-  ({ q, motors: chosen, from, modes, words: why }) => {
-    if (q && from !== own) {
-      state.motors = motors.querySelector("select").value = chosen;
-      pose(q);
-    }
-    if (!modes) return;
-    state.modes = modes;
-    if (state.chosen >= modes.length) state.chosen = -1;
-    words.textContent = why;
-    showModes();
-    draw();
-  },
-  (lost) => say(lost ? "The view has ended, or cannot be reached." : ""),
-);
 
 /** For the console and for tests. */
-globalThis.report = { scene, state };
+globalThis.report = { scene, state, pose };
 dispatchEvent(new Event("report"));

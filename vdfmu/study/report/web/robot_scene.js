@@ -104,6 +104,21 @@ export class RobotScene extends Scene3D {
     this.pose(this.q ?? this.run.arm.types.map(() => 0));
   }
 
+  /** Position [m] and roll, pitch and yaw [rad] of the end effector in {I}, at the pose that is drawn; roll is 0 where only its sum or difference with yaw counts. */
+  toolPose() {
+    const m = this.chain.tool.matrixWorld.elements, // column by column
+      flat = Math.hypot(m[0], m[1]),
+      turns = flat > 1e-7;
+    return {
+      position: [m[12], m[13], m[14]],
+      angles: [
+        turns ? Math.atan2(m[6], m[10]) : 0,
+        Math.atan2(-m[2], flat),
+        turns ? Math.atan2(m[1], m[0]) : Math.atan2(-m[4], m[5]),
+      ],
+    };
+  }
+
   pose(q) {
     this.q = q;
     this.chain.set(q);

@@ -4,7 +4,6 @@ import { binaries, curvesOf, make, recorded, runs, view } from "./data.js";
 import { Chain, Motion, toolErrors } from "./arm.js";
 import { differences, showComparison } from "./comparison.js";
 import { showFigures } from "./figures.js";
-import { followRun } from "./live.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { watchScrollers } from "./scrollers.js";
@@ -40,7 +39,6 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"), section("found"));
 showSystem(section("system"));
 showComparison(section("comparison"));
-const follows = followRun(player);
 watchScrollers();
 
 const title = document.querySelector("h1"),
@@ -63,7 +61,7 @@ for (const tile of /** @type {NodeListOf<HTMLElement>} */ (document.querySelecto
   });
 }
 view.addEventListener("time", () => {
-  if (!player?.playing && !follows())
+  if (!player?.playing)
     remember("t", view.time === view.full()[0] ? null : Number(view.time.toPrecision(6)));
 });
 whenRecalled(recall);

@@ -201,16 +201,6 @@ export class Scene3D {
     this.controls.update();
   }
 
-  /** Make room for most of what an arm may reach. */
-  room() {
-    const away = new vendor.Vector3(...this.run.arm.mount).multiplyScalar(-this.reach),
-      around = new vendor.Vector3().setScalar(0.6 * this.reach);
-    this.puppets[0].box
-      .union(new vendor.Box3().setFromCenterAndSize(new vendor.Vector3(), around))
-      .expandByPoint(away);
-    this.aim();
-  }
-
   from(view) {
     return new vendor.Vector3(...VIEWS[view]).applyQuaternion(this.turn);
   }

@@ -1,0 +1,88 @@
+"""Packages whose parts refer to one another many times: read in proportion to their size, or refused."""
+
+import io
+import zipfile
+
+import pytest
+
+from tests.engine.texts import SPACES
+from vdfmu.engine.package.read import read_system
+
+DEFINITION = "application/x-ssp-definition"
+
+
+def ssd(inside, units=""):
+    system = f'<ssd:System name="b">{inside}</ssd:System>{units}'
+    return f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="b">{system}</ssd:SystemStructureDescription>'
+
+
+def elements(items):
+    return f"<ssd:Elements>{''.join(items)}</ssd:Elements>"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads a package of files; it returns the system and the problems."""
+
+    def reader(**files):
+        box = io.BytesIO()
+        with zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, text in files.items():
+                archive.writestr({"main": "SystemStructure.ssd"}.get(name, f"{name}.ssd"), text)
+        (tmp_path / "n.ssp").write_bytes(box.getvalue())
+        return read_system(tmp_path / "n.ssp")
+
+    return reader
+
+
+def by_id(n):
+    systems = (f'<ssd:System name="s{i}" id="s{i}"/>' for i in range(n))
+    references = (f'<ssd:Component name="c{i}" source="#s{i}"/>' for i in range(n))
+    return {"main": ssd(elements([*systems, *references]))}
+
+
+def by_file(n):
+    units = "".join(f'<ssc:Unit name="u{i}"><ssc:BaseUnit/></ssc:Unit>' for i in range(n))
+    references = (f'<ssd:Component name="c{i}" type="{DEFINITION}" source="x.ssd"/>' for i in range(n))
+    return {"main": ssd(elements(references)), "x": ssd("", f"<ssd:Units>{units}</ssd:Units>")}
+
+
+@pytest.mark.parametrize("made", [by_id, by_file])
+def test_the_cost_is_in_proportion_to_the_number_of_references(read, calls, made):
+    """Twice the number costs twice as much, where the parts were searched, or defined, at each reference four times."""
+    small, large = (calls(lambda n=n: read(**made(n))) for n in (150, 300))
+    assert large < 2.5 * small
+    system, problems = read(**made(50))
+    assert system is not None and problems == []
+
+
+def test_a_file_that_is_refused_is_read_once(read, monkeypatch):
+    from vdfmu.engine.package import elements as package_elements
+
+    parse, read_files = package_elements.parse_ssp_xml, []
+
+    def count(data, kind, where, version):
+        read_files.append(where)
+        return parse(data, kind, where, version)
+
+    monkeypatch.setattr(package_elements, "parse_ssp_xml", count)
+    references = (f'<ssd:Component name="c{i}" type="{DEFINITION}" source="x.ssd"/>' for i in range(20))
+    _, problems = read(main=ssd(elements(references)), x="<a>")
+    assert sum("x.ssd" in where for where in read_files) == 1
+    assert [problem.rule.number for problem in problems] == ["PKG008"]
+
+
+@pytest.mark.parametrize("n", [100, 2000])
+def test_thousands_of_breaches_of_a_schema_are_counted_and_the_first_reported(read, n):
+    """With lines up to 1,000. Deep in a file libxml2 would take half a minute for lines of all of these."""
+    inside = elements(
+        ['<ssd:System nam=""/>\n' for _ in range(n // 2)]
+    )  # an unknown attribute, and no name: 2 breaches
+    for _ in range(100):
+        inside = elements([f'<ssd:System name="s">{inside}</ssd:System>'])
+    _, problems = read(main=ssd(inside))
+    assert "attribute 'nam'" in problems[0]
+    if n <= 1000:
+        assert len(problems) == n and problems[-1].line == n // 2
+    else:
+        assert len(problems) == 1 and f"the first of {n} breaches of the schema" in problems[0]

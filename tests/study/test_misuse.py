@@ -1,0 +1,175 @@
+"""Arguments of another type or without a meaning are refused by a sentence that names them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import vdfmu
+from vdfmu.arm.units import find_unit
+from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.files import data_path
+
+LAG = find_unit(data_path("examples") / "units" / "low_pass.py")
+BAD = [
+    None, 5, -1, 2.5, "x", "", {}, {"x": 1}, {"a.u": None}, {1: 2}, [], ["a.u"], [1], (), math.nan, math.inf, object(),
+    True, b"x", np.zeros(2), lambda *_: None, lambda *_: "x",
+]  # fmt: skip
+ROBOT = {"robot": None, "q": [0.0, 0.0]}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("misuse")
+
+
+@pytest.fixture(scope="module")
+def system(folder):
+    fmu = vdfmu.build(LAG, folder / "lag.fmu")
+    return vdfmu.connect({"a": fmu, "b": fmu}, {"a.y": "b.u"}, stop=0.1, step=0.01)
+
+
+def reward(seen, action):
+    return -abs(seen["b.y"][0])
+
+
+def environment(plant, **changes):
+    arguments = dict(system=plant, actions={"a.u": 1.0}, observations={"b.y": 5.0}, reward=reward) | changes
+    return vdfmu.Environment(**arguments)
+
+
+def _one_step(**arguments):
+    made = vdfmu.Environment(**arguments)
+    try:
+        made.reset(seed=1)
+        made.step(np.zeros(made.action_space.shape))
+    finally:
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def calls(folder, system):
+    """Name to a function and its arguments that are not refused, or whose file there is not."""
+    robot, fmu = vdfmu.load_robot("planar_2dof"), folder / "lag.fmu"
+    made = environment(system)
+    simulator = system.instance().__enter__()
+    simulator.reset()
+
+    def step(action):
+        made.reset()
+        made.step(action)
+
+    yield {
+        "Environment": (_one_step, dict(
+            system=system, actions={"a.u": 1.0}, observations={"b.y": 5.0}, reward=reward, step=0.01, stop=0.1, hold=1,
+            lost=0.0, ended=None, vary=None, values=None,
+        )),
+        "Environment.reset": (made.reset, dict(options=None)),
+        "Environment.step": (step, dict(action=[0.0])),
+        "connect": (vdfmu.connect, dict(
+            components={"a": fmu}, connections=(), robot=None, fmi="2.0", stop=None, step=None, algorithm=None,
+            values=None, name="s",
+        )),
+        "connection": (lambda part, end: vdfmu.connect({"a": part, "b": fmu}, {"a.y": end}), dict(part=fmu, end="b.u")),
+        "load": (vdfmu.load, dict(source=fmu)),
+        "System.run": (system.run, dict(stop=None, step=None, values=None)),
+        "System.margins": (system.margins, dict(opened=(), at=())),
+        "System.write": (system.write, dict(path=folder / "o.ssp")),
+        "System.container": (system.container, dict(path=folder / "nothing.zip", step=None)),
+        "Simulator.reset": (simulator.reset, dict(start=None, stop=None, step=None, parameters=None)),
+        "Simulator.set": (simulator.set, dict(name="a.u", value=1.0)),
+        "Simulator.get": (simulator.get, dict(name="a.u")),
+        "run": (vdfmu.run, dict(scenario="nothing")),
+        "sweep": (vdfmu.sweep, dict(scenario="planar_tracking", vary=())),
+        "tune": (vdfmu.tune, dict(scenario="planar_tracking", vary=(), cost="x")),
+        "load_motion": (vdfmu.load_motion, dict(path="none.toml", robot=robot)),
+        "robot_from_urdf": (vdfmu.robot_from_urdf, dict(path="none.urdf", base=None, tip=None, drives=None)),
+        "build": (vdfmu.build, dict(unit="nothing", path=folder / "n.fmu", robot=None, fmi="2.0", values=None)),
+        "build_fmus": (vdfmu.build_fmus, dict(robot=None, out_dir=folder, units="nothing", start_values=None)),
+        "linearize": (vdfmu.linearize, dict(system=robot, at=[0.0, 0.0], dry=False, opened=())),
+        "forward_kinematics": (vdfmu.forward_kinematics, dict(robot=robot, q=[0.0, 0.0])),
+        "load_robot": (vdfmu.load_robot, dict(path_or_name="planar_2dof")),
+        "load_scenario": (vdfmu.load_scenario, dict(path_or_name="planar_tracking", robot=None)),
+    }  # fmt: skip
+    made.close()
+    simulator.__exit__(None, None)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", [
+    "Environment", "Environment.reset", "Environment.step", "connect", "connection", "load", "System.run",
+    "System.margins", "System.write", "System.container", "Simulator.reset", "Simulator.set", "Simulator.get", "run",
+    "sweep", "tune", "load_motion", "robot_from_urdf", "build", "build_fmus", "linearize", "forward_kinematics",
+    "load_robot", "load_scenario",
+])  # fmt: skip
+def test_no_argument_of_another_type_ends_in_an_error_of_python(calls, name, monkeypatch, folder):
+    monkeypatch.chdir(folder)
+    function, good = calls[name]
+    for argument in good:
+        for value in BAD:
+            try:
+                function(**good | {argument: value})
+            except VdfmuError as error:
+                assert len(str(error)) > 10, (argument, value)
+            except Exception as error:
+                raise AssertionError(f"{name}({argument}={value!r}): {type(error).__name__}: {error}") from error
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"actions": ["a.u"]}, "actions: expected a mapping with texts as keys, got"),
+    ({"actions": {}}, "actions: expected at least one input, such as"),
+    ({"actions": {"a.u": "x"}}, "limit: expected one finite number, or 1 for a.u, got 'x'"),
+    ({"actions": {"a.u": (1.0, -1.0)}}, "limit: expected finite bounds, the lower first"),
+    ({"observations": None}, "observations: expected a mapping with texts as keys or a sequence of texts, got None"),
+    ({"observations": {}}, "observations: expected at least one output"),
+    ({"reward": 5}, "reward: expected a function, got 5"),
+    ({"ended": 5}, "ended: expected None or a function, got 5|ended: expected a function, got 5"),
+    ({"step": "x"}, "step: expected a number, got 'x'"),
+    ({"hold": "x"}, "hold: expected a whole number, got 'x'"),
+    ({"lost": math.nan}, "lost: expected a finite number, got nan"),
+    ({"vary": {"a.T": "x"}}, "vary: a.T: expected two finite numbers"),
+    ({"values": {"b.T": math.nan}}, "'b.T': expected a finite number, got nan"),
+    ({"system": 5}, "system: expected a System or a Scenario or a text or a path, got 5"),
+])  # fmt: skip
+def test_an_environment_says_what_was_expected(system, changes, message):
+    with pytest.raises(UsageError, match=message):
+        environment(system, **changes)
+
+
+def test_a_reward_that_is_no_number_ends_the_episode_with_a_reason_or_is_refused(system):
+    made = environment(system, reward=lambda seen, action: math.nan, lost=-3.0)
+    made.reset()
+    _, value, ended, cut, info = made.step([0.0])
+    assert ended and not cut and value == -3.0 * 10  # of this action and the nine that are left
+    assert info == {"error": "the reward: expected a finite number at each step, so the episode ends."}
+    for wrong in (None, "x", [1.0, 2.0]):
+        made = environment(system, reward=lambda seen, action, wrong=wrong: wrong)
+        made.reset()
+        with pytest.raises(UsageError, match="reward: expected a function that returns a number, got"):
+            made.step([0.0])
+    with pytest.raises(UsageError, match="options: expected a mapping with texts as keys, got 5"):
+        made.reset(options=5)
+    with pytest.raises(UsageError, match="options: parameters: expected a mapping with texts as keys, got 5"):
+        made.reset(options={"parameters": 5})
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda fmu: vdfmu.load(5), "source: expected a Scenario or a text or a path, got 5"),
+    (lambda fmu: vdfmu.connect({"a": fmu}, {"a.y": 5}), "connections: expected 'component.output' to one"),
+    (lambda fmu: vdfmu.connect({"a": fmu}, ["a.y"]), "connections: expected 'component.output' to one"),
+    (lambda fmu: vdfmu.connect({"a": fmu}, stop=math.nan), "stop: expected a positive finite time in s, got nan"),
+    (lambda fmu: vdfmu.connect({"a": fmu}, algorithm="x"), "unknown algorithm 'x'; there are gauss-seidel"),
+    (lambda fmu: vdfmu.connect({"a.b": fmu}), "component: expected a name of letters, digits, spaces and _ "),
+    (lambda fmu: vdfmu.connect({"a": fmu}, name="../x"), "name: expected a name of letters, digits, spaces and . _ "),
+    (lambda fmu: vdfmu.sweep(5, {}), "scenario: expected|vary: expected at least one axis"),
+])  # fmt: skip
+def test_a_function_says_what_was_expected(system, folder, call, message):
+    with pytest.raises(UsageError, match=message):
+        call(folder / "lag.fmu")
+
+
+@pytest.mark.parametrize("name", ["1a", "a-b", "a b", "ä+"])
+def test_a_component_has_the_names_of_a_system_file(system, folder, name, tmp_path):
+    named = vdfmu.connect({name: folder / "lag.fmu"}, stop=0.1, step=0.01)
+    assert named.run(values={f"{name}.u": 1.0}).names
+    assert vdfmu.load(named.write(tmp_path / "a.ssp")).outputs == [f"{name}.y"]

@@ -1,0 +1,132 @@
+"""The limits of all verdicts: what is measured, how far it may go, who says so, and the sentence about it.
+
+Runs, studies, logs and the page of a run are judged by this one table. A scenario sets limits of its own in
+``[limits]``, ``--limit margin=0.3`` sets one for a run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.measure import quantity
+from vdfmu.base.text import nearest
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check
+
+
+class Limit(NamedTuple):
+    """A row of the table."""
+
+    key: str
+    """Name in ``[limits]`` and ``--limit``."""
+    name: str
+    """Name of the check."""
+    value: float
+    beyond: str
+    """State of a run beyond the limit."""
+    unit: str
+    """Of the number and the limit: ``1``, ``%`` for a share, or a unit of measurement."""
+    sentence: str
+    """What is measured, with places for ``value``, ``place``, ``time`` and others."""
+    by: str
+    """Why the limit is where it is."""
+    at_least: bool = False
+    """Whether numbers below the limit are beyond it; by default those above it are."""
+    failed: float = math.inf
+    """A second limit, beyond which a run has failed; infinite without one."""
+
+    def shown(self, value: float) -> str:
+        """Return a number of the row as text."""
+        if self.unit == "%":
+            return f"{100.0 * value:.3g} %"
+        return f"{value:.2g}" if self.unit == "1" else quantity(value, self.unit)
+
+    def state(self, value: float) -> str:
+        """Return the state of a number; NaN is beyond every limit."""
+        if self.at_least:
+            return GOOD if value >= self.value else self.beyond
+        if value <= self.value:
+            return GOOD
+        return self.beyond if value <= max(self.failed, self.value) or math.isinf(self.failed) else FAILED
+
+    def check(self, value: float, more: str = "", **places: Any) -> Check:
+        """Judge a number; `places` are the other places of the sentence."""
+        state = self.state(value)
+        sentence = self.sentence.format(value=self.shown(value), **places)
+        if state != GOOD:
+            limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
+            told = f"limit {self.shown(limit)}{'' if self.by == LIMITS[self.key].by else f' by {self.by}'})"
+            sentence = f"{sentence.removesuffix(')')}, {told}" if sentence.endswith(")") else f"{sentence} ({told}"
+        return Check(self.key, self.name, state, sentence, more, value, self.value, self.by)
+
+
+_ASTROM = "Astrom and Hagglund, Advanced PID Control, 2006, section 4.5: a largest sensitivity of 2"
+ROWS = (
+    Limit(
+        "margin", "Modulus margin", 0.5, DOUBTFUL, "1", "modulus margin {value} at {place}, {time}", _ASTROM,
+        at_least=True,
+    ),
+    Limit(
+        "delay", "Delay margin", 1.0, DOUBTFUL, "1", "delay margin of {value} samples at {place}, {time}",
+        "a computer that needs one sample more must not make the loop unstable", at_least=True,
+    ),
+    Limit(
+        "growth", "Growth of disturbances", 0.1, DOUBTFUL, "%",
+        "{place} is unstable from {time} to {until} (grows {value})",
+        "vibration lets disturbances grow for a while; a tenth does not show in the errors",
+    ),
+    Limit(
+        "saturated", "Joint limits", 0.01, DOUBTFUL, "%", "{place} for {value} of the run, {time}",
+        "tables of the shares show whole per cent",
+    ),
+    Limit(
+        "tool", "Tracking", 0.1, DOUBTFUL, "%", "{place} off its path by {error}, {value} of the motion, at {time}",
+        "a motion counts as made within a tenth of its size, as in rise times of 10 to 90 %", failed=0.5,
+    ),
+    Limit(
+        "joint", "Tracking", 0.5, FAILED, "%", "{place} off its path by {error}, {value} of the motion, at {time}",
+        "an arm that stands still in the middle of its motion is off by half of it",
+    ),
+    Limit(
+        "coupling", "Coupling error", 0.01, FAILED, "%", "coupling error {value} at {place}",
+        "the error that was asked for",
+    ),
+    Limit(
+        "reference", "Reference", 1e-3, FAILED, "%", "{value} of the largest error from the {place} scipy reference",
+        "differences that show in tables of three digits",
+    ),
+    Limit(
+        "statistics", "Reference statistics", 0.05, FAILED, "%",
+        "RMS errors of a chaotic loop differ by {value} from the scipy reference's",
+        "finite samples of a chaotic loop differ by up to 2.4 %",
+    ),
+    Limit(
+        "energy", "Coupling energy", 0.1, FAILED, "%", "coupling energy error {error}, {value} of {place} exchanged",
+        "4 % where friction excites itself, 31 % in a limit cycle, below 0.2 % in all other shipped scenarios",
+    ),
+)  # fmt: skip
+LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
+"""Limits by name."""
+
+
+def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] = LIMITS) -> dict[str, Limit]:
+    """Return limits, some with values of a user; `by` says whose they are, such as ``--limit``.
+
+    UsageError for unknown names, and for values that are not positive numbers.
+    """
+    changed = dict(limits)
+    for key, given in values.items():
+        if key not in limits:
+            raise UsageError(f"{by}: {key!r} is not a limit. {nearest(key, [*limits])}")
+        try:
+            value = float(str(given).strip().removesuffix("%")) / (100.0 if str(given).strip().endswith("%") else 1.0)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise UsageError(
+                f"{by}: {key} must be a positive number, got {given!r}. The default is {limits[key].value:g}."
+            )
+        changed[key] = limits[key]._replace(value=value, by=by)
+    return changed

@@ -1,2 +1,0 @@
-/* sources 45b65d015ef0ad881b36fb97d09128935c7170fad2bf7aad404b1a1dab2ecc46 */
-var r=document.querySelector('meta[name="live"]'),s=`/${location.pathname.split("/")[1]}/`;function n(a=()=>{},t=()=>{}){if(!r)return;let e=new EventSource(`${s}events?page=${r.content}`);e.onopen=()=>t(!1),e.onerror=()=>t(!0),e.onmessage=({data:c})=>{let o=JSON.parse(c);o?.page?o.page!==Number(r.content)&&(e.close(),location.reload()):a(o)}}n();

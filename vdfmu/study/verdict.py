@@ -1,0 +1,243 @@
+"""The verdict on a run: what was measured, against the table of limits, in the order of what an engineer asks first.
+
+A verdict is made from the summary of a run alone, so that a page or a later command says the same of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from vdfmu.base.errors import CosimError
+from vdfmu.base.measure import number, quantity
+from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, STATES, UNJUDGED, Check, verdict_of
+from vdfmu.engine.run import Interrupted
+from vdfmu.study import referee
+from vdfmu.study.analysis.loops import judged
+from vdfmu.study.limits import LIMITS, Limit
+from vdfmu.study.run.summary_keys import Summary, energies
+from vdfmu.system.reference.reference import RESOLUTION
+
+Limits = Mapping[str, Limit]
+_ENERGY_FLOOR = 1e-3
+"""Residual [J] below which its share says nothing, as for an arm at rest."""
+
+
+def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
+    """Return the entry ``verdict`` of the summary of a complete run."""
+    figures: Summary = summary.get("key_figures") or {}
+    loops, ends = [*loop_checks(summary, limits)], [*_saturated(figures, limits)]
+    loop = figures.get("unstable") or figures.get("margin")
+    if ends and loop and figures["saturated"]["at_s"] < loop["at_s"]:
+        first = [*ends, *loops]  # a joint at its limit has no feedback, so its loop is no fault of the gains
+    else:
+        first = [*loops, *ends]
+    checks = [*_remarks(summary), *first, *_path(figures, limits), *_cut(summary), *calculated_checks(summary, limits)]
+    return verdict_of(checks, [*_results(summary, checks)])
+
+
+def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
+    """Yield the checks of the loops of a run, or why they were not judged."""
+    figures: Summary = summary.get("key_figures") or {}
+    name = "Stability"
+    if (lacking := summary.get("stability")) is not None:
+        state = DOUBTFUL if lacking.get("expected") else UNJUDGED
+        sentence = f"stability not judged: {lacking['reason'].partition('. ')[0]}"
+        yield Check("stability", name, state, sentence, lacking["reason"])
+        return
+    if (excited := figures.get("excited")) is not None:
+        yield Check(
+            "friction", "Friction", DOUBTFUL, f"friction excites itself, most at {excited['place']}",
+            "the loops are judged without dry friction",
+        )  # fmt: skip
+    finer = _at_half_step(figures)
+    if (unstable := figures.get("unstable")) is not None:
+        factor = f"disturbances grow by a factor of {unstable['value']:.3g} in each step"
+        more = "; ".join(filter(None, (factor, finer or "its gains are too high, or too low, for this step")))
+        yield Check("stability", name, FAILED, f"unstable {since(unstable['at_s'])}, {unstable['place']}", more)
+        return
+    if not figures.keys() & {"margin", "growth", "open"}:
+        return
+    yield Check("stability", name, GOOD, "stable")
+    if (silent := figures.get("open")) is not None:
+        yield Check("feedback", "Feedback", DOUBTFUL, f"nothing is fed back to {silent['place']}")
+        return
+    if (growth := figures.get("growth")) is not None:
+        times = {"time": _at(growth["at_s"]), "until": _at(growth["until_s"])}
+        yield limits["growth"].check(growth["value"], place=growth["place"], **times)
+    for key in ("margin", "delay"):
+        if (figure := figures.get(key)) is not None:
+            more = finer if key == "margin" else ""
+            yield limits[key].check(figure["value"], more, place=figure["place"], time=_at(figure["at_s"]))
+
+
+def explain(error: CosimError | Interrupted, poses: Poses) -> dict[str, Any]:
+    """Return the numbers of the loops of a failed run, if they are unstable, and note it in the error; else nothing."""
+    if isinstance(error, Interrupted) or poses.lacking or not poses.seconds:
+        return {}
+    figures = judged(poses, 0.0, error.time, failed=True).figures
+    if "unstable" not in figures:
+        return {}
+    error.add_note(f"Stability: {[*loop_checks({'key_figures': figures})][-1].text}")
+    return figures
+
+
+def loop_sentences(figures: Summary, limits: Limits = LIMITS) -> tuple[str, list[str]]:
+    """Return the state of loops with these figures, and the sentences of the checks that are not good."""
+    checks = [*loop_checks({"key_figures": figures}, limits)]
+    state = max((check.state for check in checks), key=STATES.index, default=GOOD)
+    sentences = [check.sentence for check in checks if check.state != GOOD]
+    return state, [*sentences, *filter(None, [_at_half_step(figures)])]
+
+
+def _at_half_step(figures: Summary) -> str:
+    """Return the words for the margin that loops without one have at half the step; empty if they have none there."""
+    half: Summary | None = figures.get("half_step")
+    return "" if half is None else f"with a step of {half['step']:g} s the modulus margin is {half['value']:.2g}"
+
+
+def _saturated(figures: Summary, limits: Limits) -> Iterator[Check]:
+    """Yield the check of the joint that spent most time at a limit of its motor, or at its end stop."""
+    if (figure := figures.get("saturated")) is not None:
+        places = {"place": figure["place"], "time": since(figure["at_s"])}
+        yield limits["saturated"].check(figure["value"], "without feedback there", **places)
+
+
+def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
+    """Yield whether the arm followed its motion; in contact, whether it moved at all."""
+    figure: Summary | None = figures.get("path")
+    if figure is None:
+        return
+    row = limits["joint" if "contact" in figures or figure["place"] != "tool" else "tool"]
+    error, size = (quantity(figure[key], figure["unit"]) for key in ("value", "size"))
+    if figure.get("rest"):
+        sentence = f"at rest within {error}"
+        yield row.check(figure["value"] / figure["size"], place="", error="", time="")._replace(sentence=sentence)
+        return
+    check = row.check(
+        figure["value"] / figure["size"], f"maximum {figure['place']} error {error} over a motion of {size}",
+        place=figure["place"], error=error, time=_at(figure["at_s"]),
+    )  # fmt: skip
+    yield check if check.state != GOOD else check._replace(sentence=check.more, more="")
+
+
+def _remarks(summary: Summary) -> Iterator[Check]:
+    """Yield what was noted of the system, often the cause of the rest: an implausible robot, unfed inputs."""
+    for name in ("implausible", "unfed"):
+        notes: Sequence[str] = summary.get(name) or ()
+        if notes:
+            more = "; ".join(notes[1:])
+            yield Check(name, {"unfed": "Inputs", "implausible": "Robot"}[name], DOUBTFUL, notes[0], more)
+
+
+def _cut(summary: Summary) -> Iterator[Check]:
+    """Yield that the run ends before its motion, unless the user chose this."""
+    cut: Summary | None = summary.get("cut")
+    if cut is not None and not cut["asked"]:
+        yield Check("motion", "Motion", DOUBTFUL, f"the motion of {cut['end']:.3g} s is cut at {cut['stop']:.3g} s")
+
+
+def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
+    """Yield the checks of the numbers of a complete run against other calculations, and of its energy."""
+    yield from _coupling(summary)
+    yield from _independent(summary)
+    yield from _reference(summary, limits)
+    bond: Summary | None = summary.get("power_bond")
+    if bond is not None:
+        residual, exchanged = energies(bond)
+        share = residual / exchanged if residual > _ENERGY_FLOOR else 0.0
+        places = {"error": quantity(residual, "J"), "place": quantity(exchanged, "J")}
+        yield limits["energy"].check(share, **places)
+
+
+def _coupling(summary: Summary) -> Iterator[Check]:
+    judgement: Summary | None = summary.get("judgement")
+    if judgement is not None:
+        state = {referee.RIGHT: GOOD, referee.WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
+        sentence = judgement["text"].partition(". ")[0]
+        numbers = judgement.get("error", math.nan), judgement["wanted"]
+        yield Check(
+            "coupling", LIMITS["coupling"].name, state, sentence, judgement["text"], *numbers, "the error asked for"
+        )
+
+
+def _independent(summary: Summary) -> Iterator[Check]:
+    """Yield whether numbers of the FMUs equal the results of their units' methods in numpy."""
+    compared: Summary | None = summary.get("witness")
+    if compared is None or not (compared["components"] or compared["faults"]):
+        return
+    faults, left_out = compared["faults"], compared["left_out"]
+    text = f"FMUs match the NumPy model: {compared['numbers']} values at {len(compared['times_s'])} times"
+    more = f"without {', '.join(left_out)}" if left_out else ""
+    if faults:
+        text, more = "FMUs differ from the NumPy model", "; ".join(faults)
+    yield Check("independent", "NumPy model", FAILED if faults else GOOD, text, more)
+
+
+def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
+    """Yield whether the run equals the sampled reference, with the schedule of the master."""
+    name = "scipy reference"
+    if "reference" not in summary or "no_reference" in summary:
+        why = summary.get("no_reference") or "not asked for"
+        yield Check("reference", name, UNJUDGED, f"no scipy reference: {why}")
+        return
+    compared: Summary | None = summary["reference"].get("sampled")
+    errors, units = summary.get("max_position_error_deg"), summary.get("position_units")
+    if compared is None or "max_position_difference_rad" not in compared or not errors or not units:
+        yield Check("reference", name, UNJUDGED, "the run has no tracking error to compare its reference with")
+        return
+    if "separation" in summary:
+        apart = max(compared["rms_position_difference"], compared["rms_torque_difference"])
+        yield limits["statistics"].check(apart)
+        return
+    row = limits["reference"]
+    si = {"deg": math.pi / 180.0, "mm": 1e-3}
+    largest = max(si[u] * error for error, u in zip(errors, units, strict=True))
+    if row.value * largest < RESOLUTION:  # an arm that has hardly moved: the reference knows no more
+        largest = RESOLUTION / row.value
+        row = row._replace(by="the absolute tolerance of the reference's solver")
+    apart = compared["max_position_difference_rad"]
+    more = f"positions differ by {number(apart)} rad at most; limit {number(row.value * largest)}"
+    check = row.check(apart / largest, more, place=compared["name"])
+    tolerance: float = summary.get("tolerance") or 0.0
+    if check.state == GOOD:
+        sentence = f"equals the {compared['name']} scipy reference to {row.shown(check.value)} of the largest error"
+        check = check._replace(sentence=sentence)
+    elif apart <= tolerance:  # of a position of 1 rad: what the solvers of the units may be off by
+        more += f"; that is within the tolerance of the solvers, {tolerance:g}: a smaller --tolerance decides"
+        check = check._replace(state=DOUBTFUL, more=more)
+    yield check
+
+
+def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
+    """Yield phrases for what a run came to, without what a doubtful or failed check says of it."""
+    figures: Summary = summary.get("key_figures") or {}
+    states = {check.key: check.state for check in checks}
+    resting = (figures.get("path") or {}).get("rest")
+    if states.get("margin") == GOOD:
+        yield f"modulus margin {figures['margin']['value']:.2g}"
+    if "contact" in figures:
+        contact = figures["contact"]
+        yield f"in contact {since(contact['at_s'])}, {quantity(contact['value'], contact['unit'])} at most"
+    if resting:
+        yield "at rest"
+    elif "tool_error" in figures and states.get("tool", GOOD) == states.get("joint", GOOD) == GOOD:
+        error = figures["tool_error"]
+        yield f"maximum tool error {quantity(error['value'], 'm')} (at {_at(error['at_s'])})"
+    if "joint_error" in figures and not resting:
+        worst = figures["joint_error"]
+        yield f"worst joint {worst['joint']}, {quantity(worst['value'], worst['unit'])}"
+    cut: Summary | None = summary.get("cut")
+    if cut is not None and cut["asked"]:
+        yield f"stopped at {cut['stop']:.3g} s of a motion of {cut['end']:.3g} s"
+
+
+def since(time: float) -> str:
+    """Return the phrase for a begin [s]."""
+    return f"from {time:.3g} s on" if time else "from the start"
+
+
+def _at(time: float) -> str:
+    return f"{time:.3g} s"
