@@ -76,18 +76,18 @@ def test_friction_that_falls_takes_its_slope_from_the_damping():
     v = robot.v_s / np.sqrt(2.0)
     slope = (stribeck_friction(robot, v * 1.001) - stribeck_friction(robot, v * 0.999)) / (0.002 * v)
     np.testing.assert_allclose(steepest_fall(robot), -slope, rtol=1e-5)  # third derivative, 1e-6, at the inflection
-    J, K, fall = 0.114, 4.5e3, 17.0
-    K_p, K_v, margin = joint_gains(J, K, np.array([0.1]), STEP, fall=fall)
+    J, M, K, fall = 0.114, 0.1, 45e3, 17.0
+    K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP, fall=fall)
     assert margin >= 0.5 and K_v >= 2.0 * fall  # 1 + L at high gain of a slow rotor: K_v over K_v - fall is 2 at most
-    assert K_p < joint_gains(J, K, np.array([0.1]), STEP)[0]
+    assert K_p == pytest.approx((K_v - fall) ** 2 / (J + M), rel=1e-12)  # a damping ratio of 0.5, by its formula
     with pytest.raises(UsageError, match="expected gains with a modulus margin of 0.5, got none"):
-        joint_gains(J, K, np.array([0.1]), STEP, fall=60.0)  # above J / (2 h) = 57
+        joint_gains(J, K, np.array([M]), STEP, fall=60.0)  # above J / (2 h) = 57
 
 
 def test_gains_follow_the_step_and_those_that_miss_their_margin_are_refused():
     robot = load_robot("planar_2dof")
     q = np.zeros((1, 2))
-    fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 4e-3)
+    fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 2e-3)
     assert (slow.K_v < fast.K_v / 2).all()
     assert (slow.K_p < fast.K_p).all()
     # No gains have more than the 1 of none at all.

@@ -251,7 +251,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if late:
             least, rate = min(loop.least for loop in late), max(loop.rate for loop in late)
             result = f"the modulus margin is {least:.2g}" if least else f"a mode grows by {rate:.2g} 1/s"
-            tuned.notes.append(f"with one more sample of delay in all loops, as jacobi has it, {result}.")
+            tuned.notes.append(f"with one more sample of delay in all loops, as most importers have it, {result}.")
         with doing("picture"):
             _write(tuned, evaluations.scores)
     return tuned
