@@ -50,7 +50,7 @@ def robot_schema() -> Schema:
         "name": _TEXT,
         "description": _TEXT,
         "friction": _FRICTION,
-        **dict.fromkeys(("rotor_coupling", *ENDS, "folded"), _FLAG),
+        **dict.fromkeys(("rotor_coupling", *ENDS, "folded", "tool_on_last_axis"), _FLAG),
         "drive": _TEXT,
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
