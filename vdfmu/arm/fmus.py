@@ -94,7 +94,8 @@ def build_fmus(
     if not isinstance(names, Iterable):
         raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
     return build_units(
-        robot if folded or robot is None else robot.unfolded(), out_dir, [find_unit(unit) for unit in names], start_values=start_values or {}, backend=backend,
+        robot if folded or robot is None else robot.unfolded(), out_dir,
+        [find_unit(unit) for unit in names], start_values=start_values or {}, backend=backend,
         fmi_version=fmi_version, platforms=platforms, sources=sources, target=target, precision=precision, step=step,
     )  # fmt: skip
 
