@@ -81,8 +81,8 @@ def verdict(call):
     try:
         call()
     except VdfmuError as error:
-        (found,) = re.findall(r"expected .*", str(error))
-        return found.rstrip(".")
+        (tables,) = re.findall(r"expected .*", str(error))
+        return tables.rstrip(".")
     return None
 
 

@@ -233,10 +233,10 @@ def test_the_solver_has_one_default_tolerance_and_the_docstring_the_shape_of_eac
 def test_a_plant_has_the_same_parameters_by_each_way_to_build_it(tmp_path, folded):
     """Python FMUs: their descriptions are those of the native ones."""
     robot = load_robot("planar_2dof")
-    one = build("plant", tmp_path / "one.fmu", robot=robot, folded=folded, backend="python")
+    single = build("plant", tmp_path / "one.fmu", robot=robot, folded=folded, backend="python")
     many = build_fmus(robot, tmp_path / "many", units=["plant"], folded=folded, backend="python")["plant"]
     words = ["build", "plant", "--robot", "planar_2dof", "--backend", "python", "-o", tmp_path / "command"]
     ran(*words, *["--folded"] * folded)
-    descriptions = [read_model_description(str(file)) for file in (one, many, tmp_path / "command" / "Plant.fmu")]
-    first, *others = ([v.name for v in each.modelVariables if v.causality == "parameter"] for each in descriptions)
-    assert others == [first, first] and ("payload_mass" in first) is not folded
+    descriptions = [read_model_description(str(file)) for file in (single, many, tmp_path / "command" / "Plant.fmu")]
+    first, *more = ([v.name for v in each.modelVariables if v.causality == "parameter"] for each in descriptions)
+    assert more == [first, first] and ("payload_mass" in first) is not folded

@@ -132,7 +132,7 @@ def test_values_are_held_against_the_variables_that_their_names_lead_to(package)
         "x.ssp: p: PDController.velocity: occurs twice in the parameter set",
         "Plant: parameter 'E_kin' (p: Plant.E_kin): is not settable: causality output, variability continuous, "
         "initial calculated",
-        "PDController: parameter 'velocity' (p: velocity): expected off or on, got 'zero'",
+        "PDController: parameter 'velocity' (p: velocity): expected kappa_dot or q_dot or mixed, got 'zero'",
         "the system: parameter 'nope.q' (p: nope.q) matches no element or connector",
         "Plant: parameter 'nonsense' (p: Plant.nonsense): resources/Plant.fmu has no such variable",
     }
