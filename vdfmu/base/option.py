@@ -19,6 +19,8 @@ from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 
+FORMER: Mapping[str, str] = {"meant": "--sampled or --continuous (sampled=True or False)"}
+"""Options of earlier versions, and what they are now."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _ENTRY = re.compile(r"^( *)\*\*options\n(?:\1 +\S.*\n)*", re.MULTILINE)
@@ -141,7 +143,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         for unknown in kwargs.keys() - names:
-            close = close_to(unknown, signature.parameters)
+            close = f"; it is now {FORMER[unknown]}" if unknown in FORMER else close_to(unknown, signature.parameters)
             raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
         positional = leading[: len(args)]
         if len(args) > len(leading) or not needed <= {*positional, *kwargs} or not kwargs.keys().isdisjoint(positional):

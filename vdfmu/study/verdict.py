@@ -14,8 +14,8 @@ from vdfmu.base.measure import number, quantity
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, STATES, UNJUDGED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study import referee
 from vdfmu.study.analysis.loops import judged
+from vdfmu.study.coupling_error import RIGHT, WRONG
 from vdfmu.study.limits import LIMITS, Limit
 from vdfmu.study.run.summary_keys import Summary, energies
 from vdfmu.system.reference.reference import RESOLUTION
@@ -155,7 +155,7 @@ def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Che
 def _coupling(summary: Summary) -> Iterator[Check]:
     judgement: Summary | None = summary.get("judgement")
     if judgement is not None:
-        state = {referee.RIGHT: GOOD, referee.WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
+        state = {RIGHT: GOOD, WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
         sentence = judgement["text"].partition(". ")[0]
         numbers = judgement.get("error", math.nan), judgement["wanted"]
         yield Check(

@@ -112,7 +112,9 @@ _CHECK = Record(
 _VERDICT = Record({"state": STATES, "headline": TEXT, "results": TEXT, "checks": List(_CHECK)})
 _JUDGEMENT = Record(
     {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
-     "algorithm": TEXT, "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}))}
+     "algorithm": TEXT,
+     "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}, {"read": FLAG}))},
+    {"kind": TEXT},
 )  # fmt: skip
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
@@ -180,7 +182,7 @@ KEYS: Mapping[str, Any] = {
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
-    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' largest values
+    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' swings
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
     "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant
     "implausible": _LINES,  # likely mistakes of units or signs
