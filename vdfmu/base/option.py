@@ -236,6 +236,10 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 """Annotation, or its part before a bracket, to type in words and its check. Types without a row are not checked."""
 
 
+_LOADERS = {"a Robot": "load_robot", "a Scenario": "load_scenario", "a System": "load", "a Motion": "load_motion"}
+"""Type in words to the function that loads one."""
+
+
 @cache
 def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
     """Return the rows of the types of an annotation, ``None`` first; none if one of them has no row."""
@@ -257,6 +261,8 @@ def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices
     words = [text + more.get(text, "") for text, _ in checks if text != "None"]
     listed = isinstance(value, str) and "Sequence[str]" in annotation
     way = f" Put it into a list: [{value!r:.60}]." if listed else ""
+    if loader := next(filter(None, map(_LOADERS.get, words)), None):
+        way = f" Load it with vdfmu.{loader}."
     return f"{name}: expected {' or '.join(dict.fromkeys(words))}, got {value!r:.60}.{way}"
 
 

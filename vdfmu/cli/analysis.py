@@ -54,7 +54,8 @@ def linear(
     of_robot = {"--pose": pose, "--bode": bode}
     of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
     of_run = {"--at": at, "--loop": opened, "--set": options["settings"], "--backend": options["backend"],
-              "--master": options["master"], "--adaptive": options["adaptive"]}  # fmt: skip
+              "--master": options["master"], "--adaptive": options["adaptive"],
+              "--step": options["step"]}  # fmt: skip
     if _is_robot(system):
         refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
         if bode is None:
@@ -96,7 +97,7 @@ def _modes(
     if bode is not None and not 1 <= bode <= arm.n:
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
-    q = middle_pose(arm) if pose is None else read_pose("--pose", pose)
+    q = middle_pose(arm) if pose is None else read_numbers("--pose", pose)
     by_motors = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
     if as_json:
         say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in by_motors.items()})
@@ -107,7 +108,7 @@ def _modes(
         _draw_bode(arm, q, bode, dry, target, as_json)
 
 
-def read_pose(option: str, text: str) -> list[float]:
+def read_numbers(option: str, text: str) -> list[float]:
     """Return the numbers of an option; UsageError for other words."""
     from vdfmu.base.errors import UsageError
 

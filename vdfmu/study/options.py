@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option import Option, read_settings
+from vdfmu.base.option import Option, option_of, read_settings
 from vdfmu.base.standards import BACKENDS, FMI_VERSIONS, PYTHON_FMI
 from vdfmu.engine.options import (
     TEXTS,
@@ -73,6 +73,7 @@ class LoopOptions(ValueOptions, CouplingOptions, total=False):
     """Options of margins."""
 
     master: Annotated[str | None, master_option]
+    step: Annotated[float | None, option_of(SpanOptions, "step")]
 
 
 class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, total=False):

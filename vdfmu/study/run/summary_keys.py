@@ -89,7 +89,7 @@ _SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)}, {"estimates": List(_E
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _FIGURES = (
     "tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact", "depth",
-    "power", "cut", "delay", "growth", "excited", "open",
+    "power", "cut", "delay", "growth", "excited", "open", "half_step",
 )  # fmt: skip
 _FIGURE = Record(
     {"value": NUMBER, "at_s": NUMBER},
@@ -101,6 +101,7 @@ _FIGURE = Record(
         "limits": _VECTOR,
         "size": NUMBER,
         "until_s": NUMBER,
+        "step": NUMBER,
         "rest": FLAG,
     },
 )
