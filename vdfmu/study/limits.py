@@ -111,6 +111,11 @@ LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 """Limits by name."""
 
 
+def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:
+    """Return the limits that are not of the table: by name their ``value``, and ``by`` whom."""
+    return {key: {"value": row.value, "by": row.by} for key, row in limits.items() if row.by != LIMITS[key].by}
+
+
 def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] = LIMITS) -> dict[str, Limit]:
     """Return limits, some with values of a user; `by` says whose they are, such as ``--limit``.
 

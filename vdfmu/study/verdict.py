@@ -21,7 +21,7 @@ from vdfmu.study.run.summary_keys import Summary, energies
 from vdfmu.system.reference.reference import RESOLUTION
 
 Limits = Mapping[str, Limit]
-_ENERGY_FLOOR = 1e-3
+ENERGY_FLOOR = 1e-3
 """Residual [J] below which its share says nothing, as for an arm at rest."""
 
 
@@ -34,7 +34,13 @@ def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
         first = [*ends, *loops]  # a joint at its limit has no feedback, so its loop is no fault of the gains
     else:
         first = [*loops, *ends]
-    checks = [*_remarks(summary), *first, *_path(figures, limits), *_cut(summary), *calculated_checks(summary, limits)]
+    checks = [
+        *remark_checks(summary),
+        *first,
+        *_path(figures, limits),
+        *_cut(summary),
+        *calculated_checks(summary, limits),
+    ]
     return verdict_of(checks, [*_results(summary, checks)])
 
 
@@ -114,7 +120,7 @@ def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
     yield check if check.state != GOOD else check._replace(sentence=check.more, more="")
 
 
-def _remarks(summary: Summary) -> Iterator[Check]:
+def remark_checks(summary: Summary) -> Iterator[Check]:
     """Yield what was noted of the system, often the cause of the rest: an implausible robot, unfed inputs."""
     for name in ("implausible", "unfed"):
         notes: Sequence[str] = summary.get(name) or ()
@@ -138,7 +144,7 @@ def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Che
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
         residual, exchanged = energies(bond)
-        share = residual / exchanged if residual > _ENERGY_FLOOR else 0.0
+        share = residual / exchanged if residual > ENERGY_FLOOR else 0.0
         places = {"error": quantity(residual, "J"), "place": quantity(exchanged, "J")}
         yield limits["energy"].check(share, **places)
 

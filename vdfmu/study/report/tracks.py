@@ -1,61 +1,64 @@
-"""Tracks of a page's sliders: the modulus margin of the sampled loops along each, and their limits of stability.
+"""Tracks of a page's sliders: what a verdict says of the sampled loops along each gain of a controller.
 
-Each slider is moved alone, at some rows of the run: the components whose parameters it scales are linearised again with
-the new ones, at the states and inputs of the run. The states of a faster or heavier arm would differ; a gain or a
-stiffness acts on the loops nearly independently of them. A run that is judged without dry friction is taken without it.
+Each slider is moved alone. The gains of a controller act on the feedback of the loops alone, and in proportion: the
+loops of the run, with more or less of a gain, are those of another run but for its states. A run that is judged without
+dry friction is taken without it. Other parameters have no track, since they change the motion of the run.
 
-A track is green where the margin keeps its limit, see :mod:`vdfmu.study.limits`, amber below it, and red where there is
+A track is green where margins keep the limits of :mod:`vdfmu.study.limits`, amber below them, and red where there are
 none.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.compiler.functions.sources import source_digest
-from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.linear.growth import Poses, growth_of
 from vdfmu.engine.linear.linearise import can_change
-from vdfmu.engine.linear.loops import Loop
+from vdfmu.engine.linear.loops import Loop, rates_of
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
-from vdfmu.study.analysis.loops import TIED
+from vdfmu.study.analysis.loops import TIED, Judged, place_of
 
 NOTCHES = 100
 """Places of a slider to either side of 0. Its factor at 0 is 1."""
 _PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
 _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
-_ROWS, _SPREAD, _WORST, _FIRST = 6, 5, 2, 3
-"""Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, then some evenly
-spread ones; their number for the arm; and for a joint, with those of the least margins at the slider's ends."""
+_SMOOTH, _STRAIGHT = 2, 2e-3
+"""Most halvings of the distance of two places between which the margin is not a straight line, to this difference."""
+_ROWS, _SPREAD, _FIRST = 9, 5, 5
+"""Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, the fastest growth
+and the least delay margin, then some evenly spread ones; their number; and for a joint, with those of the least margins
+at the slider's ends."""
 _JOINTS = 8
 """Most joints that have a track each."""
 _ROUNDING = 1e-9
 """Rounding of derivatives that are in proportion, relative."""
-_FRICTION = {row.name for row in section("friction")}
-"""Parameters without a track: near standstill friction that falls with speed makes a loop grow for a moment, whatever
-the motion before and after."""
 
 Names = Mapping[str, Mapping[str, float]]
 """Component, to parameter, to its value in the run."""
 Track = dict[str, Any]
+Figures = dict[str, Any]
+"""See :attr:`vdfmu.study.analysis.loops.Judged.figures`."""
 
 
 def factor(knob: Mapping[str, Any], place: float) -> float:
-    """Return the factor of a place of a slider, as ``web/simulation.js`` does."""
+    """Return the factor of a place of a slider, as ``web/knob.js`` does."""
     share = abs(place) / NOTCHES
     if place > 0:
         return knob["most"] ** share
@@ -68,8 +71,8 @@ def tracks(
 ) -> list[list[Track | None]]:  # fmt: skip
     """Return the tracks of each slider: of all joints, then of each joint; [None] without tracks.
 
-    A track has ``places``, the least modulus margin at each, ``modulus``, and in ``limits`` the lowest and the highest
-    place with stable loops, or None; ``still`` if arms are taken without dry friction.
+    A track has ``places``; ``figures``, the numbers by which a verdict judges the loops at each; and in ``limits`` the
+    lowest and the highest place with stable loops, or None; ``still`` if arms are taken without dry friction.
 
     `span` has start, stop and step of the run [s]. `dry`: the run is judged with the dry friction of its arms. `poses`
     are the loops of the run, taken with `again`; without them, the run is repeated.
@@ -91,7 +94,7 @@ def tracks(
             elif not poses.lacking:
                 poses.components = simulator.stand(step=step)
             if not poses.lacking:
-                loops = _MovedLoops(poses, parameters, still)
+                loops = _MovedLoops(poses, parameters, still, (start, stop))
                 made = [list(_of_knob(loops, knob)) for knob in knobs]
     except VdfmuError:  # without loops, or without directional derivatives
         pass
@@ -100,22 +103,26 @@ def tracks(
 
 
 class _MovedLoops:
-    """The loops of a run, and at some of its rows those with the parameters of a slider."""
+    """The loops of a run from a begin to an end [s], and at some of its rows those with other gains."""
 
-    def __init__(self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]]) -> None:
+    def __init__(
+        self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]], span: tuple[float, float]
+    ) -> None:
         assert poses.components is not None
         self.checked = poses.components.exchange.checked
-        self.parameters, self.still, self._poses = parameters, still, poses
-        along = poses.changed(still) if still else poses.loops
-        nearest = along.nearest()
-        if nearest is None:
+        self.parameters, self.still, self.span, self._poses = parameters, still, span, poses
+        self.along = along = poses.changed(still) if still else poses.loops
+        if along.nearest() is None:
             raise UsageError(along.lacking)
-        self.least = nearest.modulus
+        self.figures = Judged(along, along.growth(*span)).figures
         self.loops = loops = [pose.loop for pose in along.rows if pose.loop is not None]
+        self.times = [pose.time for pose in along.rows]
         modulus = np.array([loop.modulus for loop in loops])
         spread = np.linspace(0, len(loops) - 1, _SPREAD).astype(int)
-        rows = dict.fromkeys([*modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist(), *spread.tolist()])
-        self.rows = [*rows][:_ROWS]
+        fastest = max(range(len(loops)), key=lambda row: loops[row].rate)
+        latest = min(range(len(loops)), key=lambda row: loops[row].margins().delay.min())
+        first, *more = modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist()
+        self.rows = [*dict.fromkeys([first, fastest, latest, *more, *spread.tolist()])][:_ROWS]
         """Some rows, first the row with the least margin."""
 
     def moved(self, knob: Mapping[str, Any], by: float | Mapping[str, float], rows: Sequence[int]) -> list[Loop]:
@@ -129,6 +136,10 @@ class _MovedLoops:
                     changes.setdefault(target["unit"], {})[name] = times * value
         return self._poses.moved(changes, rows)
 
+    def with_more(self, row: int, by: float, slope: Floats) -> Loop:
+        """Return the loop at a row with a factor on what the slope belongs to."""
+        return replace(self.loops[row], K=self.loops[row].K + (by - 1.0) * slope)
+
     def worst(self, knob: Mapping[str, Any]) -> list[int]:
         """Return the rows, those of the least margins with the slider at its ends among the first.
 
@@ -136,13 +147,12 @@ class _MovedLoops:
         """
         first, *more = self.rows
         tried = {self.loops[row].K.shape: row for row in self.rows}
-        slopes = {slope.shape: slope for slope in (self.feedback(knob, [*tried.values()]) or {}).values()}
+        slopes = _by_shape(self.feedback(knob, [*tried.values()]) or {})
         alike = [row for row, loop in enumerate(self.loops) if row % 2 == 0 and loop.K.shape in slopes]
         ends: list[int] = []
         for place in (-NOTCHES, NOTCHES) if alike else ():
-            by = factor(knob, place) - 1.0
-            moved = (replace(loop, K=loop.K + by * slopes[loop.K.shape]) for loop in map(self.loops.__getitem__, alike))
-            ends.append(alike[int(np.argmin(_margins(moved)))])
+            moved = [self.with_more(row, factor(knob, place), slopes[self.loops[row].K.shape]) for row in alike]
+            ends.append(alike[int(np.argmin([loop.least for loop in moved]))])
         return [*dict.fromkeys([first, *ends, *more])]
 
     def same_plant(self, row: int, loop: Loop) -> bool:
@@ -184,63 +194,100 @@ class _MovedLoops:
                 return {}
         return parts
 
+    def figures_at(self, by: float, slopes: Mapping[int, Floats]) -> Figures:
+        """Return the figures of the loops with a factor, from the rows that have slopes.
 
-def _margins(loops: Iterable[Loop]) -> list[float]:
-    """Return the least margin of each loop, up to the first that lacks it."""
-    margins: list[float] = []
-    for loop in loops:
-        margins.append(loop.least)
-        if not margins[-1]:
-            break
-    return margins
+        Growth is found from all rows with as many states, if a mode grows at one of those.
+        """
+        moved = {row: self.with_more(row, by, slope) for row, slope in slopes.items()}
+        figures: Figures = {}
+        if max(loop.rate for loop in moved.values()) > 0.0:
+            figures = self._growth(by, _by_shape(slopes))
+            if "unstable" in figures:
+                return figures
+        margins = {row: loop.margins() for row, loop in moved.items()}
+        for key, scale in (("modulus", 1.0), ("delay", next(iter(moved.values())).step)):
+            each = [(float(least), row, int(i)) for row, margin in margins.items()
+                    for values in [getattr(margin, key)] for i, least in [(values.argmin(), values.min())]]  # fmt: skip
+            least, row, loop = min(each)
+            place = {"place": self._place(loop), "at_s": self.times[row]}
+            if key == "modulus":
+                figures["margin"] = {"value": least, **place}
+            elif moved[row].sampled and math.isfinite(least):
+                figures["delay"] = {"value": least / scale, **place}
+        return figures
+
+    def _growth(self, by: float, slopes: Mapping[tuple[int, ...], Floats]) -> Figures:
+        rows = [row for row, loop in enumerate(self.loops) if loop.K.shape in slopes]
+        loops = [self.with_more(row, by, slopes[self.loops[row].K.shape]) for row in rows]
+        times, rates = [self.times[row] for row in rows], rates_of(loops)
+        fastest = loops[int(np.argmax(rates))]
+        place = self._place(fastest.fastest)
+        growth = growth_of(times, rates, *self.span)
+        if growth.unstable:
+            grows = math.exp(min(growth.rate * fastest.step, 700.0))
+            return {"unstable": {"value": grows, "place": place, "at_s": growth.begin}}
+        slow = growth_of(times, rates, times[0], times[-1], 0.0)
+        ends = {"place": place, "at_s": slow.begin, "until_s": slow.end}
+        return {"growth": {"value": math.expm1(slow.exponent), **ends}} if slow.notable else {}
+
+    def _place(self, loop: int) -> str:
+        return place_of(self.along.opened_at(loop), self.along)
+
+
+def _by_shape(slopes: Mapping[int, Floats]) -> dict[tuple[int, ...], Floats]:
+    """Return slopes by the number of loops and states."""
+    return {slope.shape: slope for slope in slopes.values()}
 
 
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
-    rows = loops.rows
-    able = all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
-    if not able or any(target["name"] in _FRICTION for target in knob["targets"]):
+    gain = knob["gain"] and all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
+    rows = loops.worst(knob) if gain else []
+    slopes = loops.feedback(knob, rows) if gain else None
+    if slopes is None or not any(slope.any() for slope in slopes.values()):  # none of its parameters is in a loop
         yield None
         return
-    (moved,) = loops.moved(knob, factor(knob, NOTCHES), rows[:1])
-    alike = loops.same_plant(rows[0], moved)
-    if alike and np.array_equal(moved.K, loops.loops[rows[0]].K):  # none of its parameters is in a loop
-        yield None
-        return
-    rows = loops.worst(knob) if alike else rows[:_WORST]
-    slopes = loops.feedback(knob, rows) if alike else None
-    yield _track(loops, knob, rows, slopes)
+    yield _track(loops, knob, slopes)
     joints = len(knob["values"])
-    if alike and 1 < joints <= _JOINTS:
+    if 1 < joints <= _JOINTS:
         rows = rows[:_FIRST]
-        parts = loops.by_joint(knob, rows, slopes) if slopes else {}
+        parts = loops.by_joint(knob, rows, slopes)
         for joint in map(str, range(1, joints + 1)):
-            yield _track(loops, knob, rows, parts.get(joint) or loops.feedback(knob, rows, joint), joint)
+            of_joint = parts.get(joint) or loops.feedback(knob, rows, joint)
+            yield of_joint and _track(loops, knob, of_joint)
 
 
-def _track(
-    loops: _MovedLoops, knob: Mapping[str, Any], rows: Sequence[int], slopes: Mapping[int, Floats] | None,
-    joint: str | None = None,
-) -> Track:  # fmt: skip
-    def moved(place: float) -> Iterable[Loop]:
-        by = factor(knob, place)
-        if slopes is None:
-            return loops.moved(knob, {joint: by} if joint else by, rows)
-        pairs = [(loops.loops[row], (by - 1.0) * slopes[row]) for row in rows]
-        return (replace(loop, K=loop.K + more) for loop, more in pairs)
+def _track(loops: _MovedLoops, knob: Mapping[str, Any], slopes: Mapping[int, Floats]) -> Track:
+    at: dict[float, Figures] = {0.0: loops.figures}
 
-    margins = {place: min(_margins(moved(place))) if place else loops.least for place in _PLACES}
-    limits: list[float | None] = []
-    for side in (-1, 1):
-        ordered = [side * abs(place) for place in _PLACES if place >= 0]
-        beyond = next((k for k, place in enumerate(ordered) if not margins[place]), None)
-        if not beyond:  # stable everywhere, or nowhere
-            limits.append(0.0 if beyond == 0 else None)
-            continue
-        inside, outside = float(ordered[beyond - 1]), float(ordered[beyond])
-        for _ in range(_HALVINGS):
-            middle = (inside + outside) / 2.0
-            lost = any(loop.lost.any() for loop in moved(middle))
-            inside, outside = (inside, middle) if lost else (middle, outside)
-        limits.append(inside)
-    track = {"places": list(margins), "modulus": [round(each, 3) for each in margins.values()], "limits": limits}
+    def figures(place: float) -> Figures:
+        if place not in at:
+            at[place] = loops.figures_at(factor(knob, place), slopes)
+        return at[place]
+
+    for low, high in pairwise(map(float, _PLACES)):
+        _halve(figures, low, high)
+    places = sorted(at)
+    stable = [place for place in places if _margin(at[place])]
+    ends = [stable[0], stable[-1]] if stable else [0.0, 0.0]
+    limits = [None if end == edge else end for end, edge in zip(ends, (places[0], places[-1]), strict=True)]
+    track = {"places": places, "figures": [at[place] for place in places], "limits": limits}
     return track | {"still": True} if loops.still else track
+
+
+def _margin(figures: Figures) -> float:
+    return figures.get("margin", {}).get("value", 0.0)
+
+
+def _halve(figures: Callable[[float], Figures], low: float, high: float, depth: int = 0) -> None:
+    """Add places between two: where stability ends, and where the margin is not a straight line."""
+    pair = figures(low), figures(high)
+    margins = [_margin(each) for each in pair]
+    ends = len({(margin > 0.0, "unstable" in each) for margin, each in zip(margins, pair, strict=True)}) > 1
+    if depth >= (_HALVINGS if ends else _SMOOTH) or not any(margins) and not ends:
+        return
+    middle = (low + high) / 2.0
+    between = _margin(figures(middle))
+    if ends or abs(between - sum(margins) / 2.0) > _STRAIGHT:
+        _halve(figures, low, middle, depth + 1)
+        _halve(figures, middle, high, depth + 1)
