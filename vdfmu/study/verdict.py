@@ -59,7 +59,7 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
             "the loops are judged without dry friction",
         )  # fmt: skip
     if (unstable := figures.get("unstable")) is not None:
-        factor = f"disturbances grow by a factor of {unstable['value']:.3g} in each step"
+        factor = f"disturbances grow by a factor of {number(unstable['value'])} in each step"
         more = f"{factor}; its gains are too high, or too low, for this step"
         yield Check("stability", name, FAILED, f"unstable {since(unstable['at_s'])}, {unstable['place']}", more)
         return
@@ -214,7 +214,7 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")
     if states.get("margin") == GOOD:
-        yield f"modulus margin {figures['margin']['value']:.2g}"
+        yield f"modulus margin {number(figures['margin']['value'], 2)}"
     if "contact" in figures:
         contact = figures["contact"]
         yield f"in contact {since(contact['at_s'])}, {quantity(contact['value'], contact['unit'])} at most"
@@ -233,8 +233,8 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
 
 def since(time: float) -> str:
     """Return the phrase for a begin [s]."""
-    return f"from {time:.3g} s on" if time else "from the start"
+    return f"from {number(time)} s on" if time else "from the start"
 
 
 def _at(time: float) -> str:
-    return f"{time:.3g} s"
+    return f"{number(time)} s"

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import section
 from vdfmu.engine.results.verdict import LONGEST
-from vdfmu.study.limits import LIMITS, read_limits
+from vdfmu.study.limits import LIMITS, Limit, read_limits
 from vdfmu.study.run.key_figures import comparable, least_sizes
 from vdfmu.study.run.summary import LIMITED, limits_of
 from vdfmu.study.verdict import ENERGY_FLOOR, loop_checks, remark_checks
@@ -55,6 +56,12 @@ def facts_of(system: SystemDescription) -> dict[str, Any]:
     }
 
 
+def row_of(row: Limit) -> dict[str, Any]:
+    """Return a limit for JSON; ``own``: a user set it, so that a sentence says who."""
+    facts = {**row._asdict(), "own": row.by != LIMITS[row.key].by}
+    return facts if math.isfinite(row.failed) else {key: value for key, value in facts.items() if key != "failed"}
+
+
 def rules_of(summary: Mapping[str, Any], command: str) -> dict[str, Any]:
     """Return the limits of a run, ready for JSON, and its checks that hold for any place of its sliders.
 
@@ -66,7 +73,7 @@ def rules_of(summary: Mapping[str, Any], command: str) -> dict[str, Any]:
     kept = [*remark_checks(summary), *(loop_checks(summary) if "stability" in summary else ())]
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     return {
-        "rows": {key: {**row._asdict(), "own": row.by != LIMITS[key].by} for key, row in limits.items()},
+        "rows": {key: row_of(row) for key, row in limits.items()},
         "kept": [check.to_dict() for check in kept],
         "figures": {key: figures[key] for key in ("excited", "open") if key in figures},
         "asked": "--stop" in shlex.split(command),
