@@ -27,7 +27,10 @@ def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
             title = ("" if len(runs) == 1 else f"{escape(name)}: ") + checks_line(run.summary)
             state = state_of(run.summary)
             shown = "" if state == GOOD else " open"
-            yield f'<details class="checks {state}" data-run="{k}"{shown}><summary>{title}</summary><ul>{rows}</ul></details>'
+            yield (
+                f'<details class="checks {state}" data-run="{k}"{shown}><summary>{title}</summary>'
+                f"<ul>{rows}</ul></details>"
+            )
 
 
 class Tile(NamedTuple):

@@ -25,6 +25,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.state_space import Linear
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.linear.growth import Poses, growth_of
 from vdfmu.engine.linear.linearise import can_change
@@ -41,10 +42,10 @@ _HALVINGS = 4
 """Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
 _SMOOTH, _STRAIGHT = 2, 2e-3
 """Most halvings of the distance of two places between which the margin is not a straight line, to this difference."""
-_ROWS, _SPREAD, _FIRST = 9, 5, 5
-"""Rows of the run at which sliders are tried: at most, first the rows of the loops' least margins, the fastest growth
-and the least delay margin, then some evenly spread ones; their number; and for a joint, with those of the least margins
-at the slider's ends."""
+_PROBES, _LATE, _EVERY, _FINE = (-NOTCHES, -NOTCHES // 2, NOTCHES // 2), -NOTCHES // 2, 6, 0.15
+"""Places of a slider for which the row with the least modulus margin is looked for, and that for the delay margin: among
+every sixth row, and that of the modulus then closer, to a sixth of the distance of two rows. All places are tried at
+these rows and those of the run's least margins. Beyond the places there is seldom a margin."""
 _JOINTS = 8
 """Most joints that have a track each."""
 _ROUNDING = 1e-9
@@ -53,6 +54,8 @@ _ROUNDING = 1e-9
 Names = Mapping[str, Mapping[str, float]]
 """Component, to parameter, to its value in the run."""
 Track = dict[str, Any]
+Slopes = Mapping[tuple[int, ...], Floats]
+"""Shape of a loop's feedback, to its change."""
 Figures = dict[str, Any]
 """See :attr:`vdfmu.study.analysis.loops.Judged.figures`."""
 
@@ -117,13 +120,14 @@ class _MovedLoops:
         self.figures = Judged(along, along.growth(*span)).figures
         self.loops = loops = [pose.loop for pose in along.rows if pose.loop is not None]
         self.times = [pose.time for pose in along.rows]
-        modulus = np.array([loop.modulus for loop in loops])
-        spread = np.linspace(0, len(loops) - 1, _SPREAD).astype(int)
-        fastest = max(range(len(loops)), key=lambda row: loops[row].rate)
-        latest = min(range(len(loops)), key=lambda row: loops[row].margins().delay.min())
-        first, *more = modulus.argmin(axis=0)[modulus.min(axis=0).argsort()].tolist()
-        self.rows = [*dict.fromkeys([first, fastest, latest, *more, *spread.tolist()])][:_ROWS]
-        """Some rows, first the row with the least margin."""
+        fastest, latest, least = (
+            min(range(len(loops)), key=lambda row: of(loops[row]))
+            for of in (lambda loop: -loop.rate, lambda loop: loop.margins().delay.min(), lambda loop: loop.least)
+        )
+        self.rows: list[float] = [*dict.fromkeys([least, fastest, latest])]
+        """The rows of the run's least margin, fastest growth and least delay margin."""
+        self.alike = {loop.K.shape: row for row, loop in enumerate(loops)}
+        """A row for each number of states."""
 
     def moved(self, knob: Mapping[str, Any], by: float | Mapping[str, float], rows: Sequence[int]) -> list[Loop]:
         """Return the loops at rows with the parameters of a slider times a factor, or a factor by joint, ``1``."""
@@ -136,90 +140,114 @@ class _MovedLoops:
                     changes.setdefault(target["unit"], {})[name] = times * value
         return self._poses.moved(changes, rows)
 
-    def with_more(self, row: int, by: float, slope: Floats) -> Loop:
-        """Return the loop at a row with a factor on what the slope belongs to."""
-        return replace(self.loops[row], K=self.loops[row].K + (by - 1.0) * slope)
+    def loop_at(self, row: float) -> Loop:
+        """Return the loop at a row, or on a straight line between two rows with as many states."""
+        k, share = int(row), row % 1.0
+        if not share:
+            return self.loops[k]
+        pair = self.loops[k : k + 2]
+        A, B, K = (
+            (1.0 - share) * before + share * after
+            for before, after in zip(*((*loop.plant, loop.K) for loop in pair), strict=True)
+        )
+        return replace(pair[0], plant=Linear(A, B), K=K)
 
-    def worst(self, knob: Mapping[str, Any]) -> list[int]:
-        """Return the rows, those of the least margins with the slider at its ends among the first.
+    def with_more(self, row: float, by: float, slopes: Slopes) -> Loop:
+        """Return the loop at a row with a factor on gains; inputs that have no feedback there keep none."""
+        loop = self.loop_at(row)
+        more = (by - 1.0) * slopes[loop.K.shape]
+        return replace(loop, K=loop.K + np.where(loop.K.any(axis=1)[:, None], more, 0.0))
 
-        They are chosen among every second row, whose feedback changes as at another row with as many states.
-        """
-        first, *more = self.rows
-        tried = {self.loops[row].K.shape: row for row in self.rows}
-        slopes = _by_shape(self.feedback(knob, [*tried.values()]) or {})
-        alike = [row for row, loop in enumerate(self.loops) if row % 2 == 0 and loop.K.shape in slopes]
-        ends: list[int] = []
-        for place in (-NOTCHES, NOTCHES) if alike else ():
-            moved = [self.with_more(row, factor(knob, place), slopes[self.loops[row].K.shape]) for row in alike]
-            ends.append(alike[int(np.argmin([loop.least for loop in moved]))])
-        return [*dict.fromkeys([first, *ends, *more])]
+    def worst(self, knob: Mapping[str, Any], slopes: Slopes) -> list[float]:
+        """Return the rows at which a slider is tried: those of the run, and of the least margins along the slider."""
+
+        def nearness(row: float) -> tuple[float, float]:
+            loop = self.with_more(row, by, slopes)
+            return loop.least, -loop.rate
+
+        known = [loop.K.shape in slopes for loop in self.loops]
+        tried = [row for row in range(0, len(known), _EVERY) if known[row]]
+        rows = [row for row in self.rows if known[int(row)]]
+        for place in _PROBES:
+            by, step = factor(knob, place), _EVERY / 2.0
+            row: float = min(tried, key=nearness)
+            while step >= _FINE:
+                around = [row, row - step, row + step]
+                row = min((each for each in around if self._between(each, slopes)), key=nearness)
+                step /= 2.0
+            rows.append(row)
+        by = factor(knob, _LATE)
+        rows.append(min(tried, key=lambda row: self.with_more(row, by, slopes).margins().delay.min()))
+        return [*dict.fromkeys(rows)]
+
+    def _between(self, row: float, slopes: Slopes) -> bool:
+        """Whether a row is one of the run with known slopes, or between two such rows with as many states."""
+        pair = [loop.K.shape for loop in self.loops[int(row) : int(row) + (2 if row % 1.0 else 1)]]
+        return 0.0 <= row <= len(self.loops) - 1 and pair[0] == pair[-1] and pair[0] in slopes
 
     def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
         return all(np.array_equal(*pair) for pair in zip(loop.plant, self.loops[row].plant, strict=True))
 
-    def feedback(
-        self, knob: Mapping[str, Any], rows: Sequence[int], joint: str | None = None
-    ) -> dict[int, Floats] | None:
-        """Return by how much the feedback at rows changes if a slider, of all joints or of one, adds 1 to its factor.
+    def feedback(self, knob: Mapping[str, Any]) -> Slopes:
+        """Return by how much the feedback changes if a slider adds 1 to its factor, for each number of states.
 
-        None if the slider changes more than the feedback, or this not in proportion.
+        Empty if the slider changes more than the feedback, or this not in proportion.
         """
+        rows = [*self.alike.values()]
         slopes: list[list[Floats]] = []
         for by in (factor(knob, place) for place in (-NOTCHES, NOTCHES)):
-            loops = self.moved(knob, {joint: by} if joint else by, rows)
+            loops = self.moved(knob, by, rows)
             if not all(map(self.same_plant, rows, loops)):
-                return None
+                return {}
             slopes.append([(loop.K - self.loops[row].K) / (by - 1.0) for row, loop in zip(rows, loops, strict=True)])
         if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes)):
-            return None
-        return dict(zip(rows, slopes[0], strict=True))
+            return {}
+        return dict(zip(self.alike, slopes[0], strict=True))
 
-    def by_joint(
-        self, knob: Mapping[str, Any], rows: Sequence[int], slopes: Mapping[int, Floats]
-    ) -> dict[str, dict[int, Floats]]:
+    def by_joint(self, knob: Mapping[str, Any], slopes: Slopes) -> list[Slopes]:
         """Return the numbers of a slider's :meth:`feedback` that belong to each joint; empty if some belong to two.
 
         Each joint is given another factor, and so shows its numbers.
         """
         factors = {str(joint): 1.0 + joint for joint in range(1, len(knob["values"]) + 1)}
-        parts: dict[str, dict[int, Floats]] = {joint: {} for joint in factors}
-        for row, loop in zip(rows, self.moved(knob, factors, rows), strict=True):
-            slope, change = slopes[row], loop.K - self.loops[row].K
-            for joint, by in factors.items():
+        parts: list[Slopes] = [{} for _ in factors]
+        rows = [*self.alike.values()]
+        for (shape, slope), row, loop in zip(slopes.items(), rows, self.moved(knob, factors, rows), strict=True):
+            change = loop.K - self.loops[row].K
+            for part, by in zip(parts, factors.values(), strict=True):
                 belongs = np.isclose(change, (by - 1.0) * slope, rtol=_ROUNDING, atol=0.0)
-                parts[joint][row] = np.where(belongs, slope, 0.0)
-            if not np.array_equal(sum(part[row] for part in parts.values()), slope):
-                return {}
+                part[shape] = np.where(belongs, slope, 0.0)
+            if not np.array_equal(sum(part[shape] for part in parts), slope):
+                return []
         return parts
 
-    def figures_at(self, by: float, slopes: Mapping[int, Floats]) -> Figures:
-        """Return the figures of the loops with a factor, from the rows that have slopes.
+    def figures_at(self, by: float, slopes: Slopes, rows: Sequence[float]) -> Figures:
+        """Return the figures of the loops with a factor, from some rows.
 
         Growth is found from all rows with as many states, if a mode grows at one of those.
         """
-        moved = {row: self.with_more(row, by, slope) for row, slope in slopes.items()}
+        moved = [self.with_more(row, by, slopes) for row in rows]
         figures: Figures = {}
-        if max(loop.rate for loop in moved.values()) > 0.0:
-            figures = self._growth(by, _by_shape(slopes))
+        if max(loop.rate for loop in moved) > 0.0:
+            figures = self._growth(by, slopes)
             if "unstable" in figures:
                 return figures
-        margins = {row: loop.margins() for row, loop in moved.items()}
-        for key, scale in (("modulus", 1.0), ("delay", next(iter(moved.values())).step)):
-            each = [(float(least), row, int(i)) for row, margin in margins.items()
-                    for values in [getattr(margin, key)] for i, least in [(values.argmin(), values.min())]]  # fmt: skip
-            least, row, loop = min(each)
-            place = {"place": self._place(loop), "at_s": self.times[row]}
-            if key == "modulus":
-                figures["margin"] = {"value": least, **place}
-            elif moved[row].sampled and math.isfinite(least):
-                figures["delay"] = {"value": least / scale, **place}
+        margins, first = [loop.margins() for loop in moved], moved[0]
+        for key, values in (
+            ("margin", np.array([margin.modulus for margin in margins])),
+            ("delay", np.array([margin.delay for margin in margins]) / first.step),
+        ):
+            row, loop = np.unravel_index(int(values.argmin()), values.shape)
+            if key == "margin" or first.sampled and math.isfinite(values[row, loop]):
+                time = float(np.interp(rows[row], range(len(self.times)), self.times))
+                place = self._place(int(loop))
+                figures[key] = {"value": round(float(values[row, loop]), 5), "place": place, "at_s": round(time, 6)}
         return figures
 
-    def _growth(self, by: float, slopes: Mapping[tuple[int, ...], Floats]) -> Figures:
+    def _growth(self, by: float, slopes: Slopes) -> Figures:
         rows = [row for row, loop in enumerate(self.loops) if loop.K.shape in slopes]
-        loops = [self.with_more(row, by, slopes[self.loops[row].K.shape]) for row in rows]
+        loops = [self.with_more(row, by, slopes) for row in rows]
         times, rates = [self.times[row] for row in rows], rates_of(loops)
         fastest = loops[int(np.argmax(rates))]
         place = self._place(fastest.fastest)
@@ -235,34 +263,25 @@ class _MovedLoops:
         return place_of(self.along.opened_at(loop), self.along)
 
 
-def _by_shape(slopes: Mapping[int, Floats]) -> dict[tuple[int, ...], Floats]:
-    """Return slopes by the number of loops and states."""
-    return {slope.shape: slope for slope in slopes.values()}
-
-
 def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
-    gain = knob["gain"] and all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
-    rows = loops.worst(knob) if gain else []
-    slopes = loops.feedback(knob, rows) if gain else None
-    if slopes is None or not any(slope.any() for slope in slopes.values()):  # none of its parameters is in a loop
+    able = knob["gain"] and all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
+    slopes = loops.feedback(knob) if able else {}
+    if not any(slope.any() for slope in slopes.values()):  # none of its parameters is in a loop
         yield None
         return
     yield _track(loops, knob, slopes)
-    joints = len(knob["values"])
-    if 1 < joints <= _JOINTS:
-        rows = rows[:_FIRST]
-        parts = loops.by_joint(knob, rows, slopes)
-        for joint in map(str, range(1, joints + 1)):
-            of_joint = parts.get(joint) or loops.feedback(knob, rows, joint)
-            yield of_joint and _track(loops, knob, of_joint)
+    if 1 < len(knob["values"]) <= _JOINTS:
+        for of_joint in loops.by_joint(knob, slopes):
+            yield _track(loops, knob, of_joint)
 
 
-def _track(loops: _MovedLoops, knob: Mapping[str, Any], slopes: Mapping[int, Floats]) -> Track:
+def _track(loops: _MovedLoops, knob: Mapping[str, Any], slopes: Slopes) -> Track:
+    rows = loops.worst(knob, slopes)
     at: dict[float, Figures] = {0.0: loops.figures}
 
     def figures(place: float) -> Figures:
         if place not in at:
-            at[place] = loops.figures_at(factor(knob, place), slopes)
+            at[place] = loops.figures_at(factor(knob, place), slopes, rows)
         return at[place]
 
     for low, high in pairwise(map(float, _PLACES)):

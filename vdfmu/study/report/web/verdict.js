@@ -6,6 +6,8 @@ import { quantity, text } from "./numbers.js";
 export const STATES = ["good", "doubtful", "failed"];
 export const UNJUDGED = "not judged";
 const [GOOD, DOUBTFUL, FAILED] = STATES;
+/** Comes last, so that the headline tells what is known to be doubtful. */
+const NOT_HERE = "stability not judged here";
 
 /** A number of a row of the table as text. */
 function shown({ unit }, value) {
@@ -89,10 +91,11 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
       : [...ofLoops, ...limited];
   const checks = [
     ...remarks,
-    ...first,
+    ...first.filter((one) => one.sentence !== NOT_HERE),
     ...pathChecks(rows, figures),
     ...cutChecks(simulation, figures),
     ...energyChecks(simulation, figures),
+    ...first.filter((one) => one.sentence === NOT_HERE),
     plain("reference", "scipy reference", UNJUDGED, "no scipy reference: not solved here"),
     plain("independent", "NumPy model", UNJUDGED, "the NumPy model is not evaluated here"),
   ];
@@ -105,7 +108,7 @@ function* loopChecks({ rows, figures: { excited, open }, split }, loops, why) {
     yield plain("friction", "Friction", DOUBTFUL, "friction excites itself in the recorded run");
   if (!loops || (loops.unstable && split && !excited)) {
     const unknown = why || "dry friction may be what grows";
-    yield plain("stability", name, DOUBTFUL, "stability not judged here", unknown);
+    yield plain("stability", name, DOUBTFUL, NOT_HERE, unknown);
     return;
   }
   if (loops.unstable) {
