@@ -43,9 +43,9 @@ _HALVINGS = 4
 _SMOOTH, _STRAIGHT = 2, 2e-3
 """Most halvings of the distance of two places between which the margin is not a straight line, to this difference."""
 _PROBES, _LATE, _EVERY, _FINE = (-NOTCHES, -NOTCHES // 2, NOTCHES // 2), -NOTCHES // 2, 6, 0.15
-"""Places of a slider for which the row with the least modulus margin is looked for, and that for the delay margin: among
-every sixth row, and that of the modulus then closer, to a sixth of the distance of two rows. All places are tried at
-these rows and those of the run's least margins. Beyond the places there is seldom a margin."""
+"""Places of a slider for which the row with the least modulus margin is looked for, and that for the delay margin:
+among every sixth row, and that of the modulus then closer, to a sixth of the distance of two rows. All places are tried
+at these rows and those of the run's least margins. Beyond the places there is seldom a margin."""
 _JOINTS = 8
 """Most joints that have a track each."""
 _ROUNDING = 1e-9
