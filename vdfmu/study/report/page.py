@@ -9,21 +9,25 @@ from __future__ import annotations
 import base64
 import gzip
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import LOG, CosimError, UsageError
+from vdfmu.base.errors import LOG, CosimError, UsageError, VdfmuError
 from vdfmu.base.files import inside, require_ours, write_whole
 from vdfmu.base.page import page
+from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
+from vdfmu.base.toml_file import locate, read_toml, shipped_names
+from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
+from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import headline_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
-from vdfmu.study.report.command import run_command
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.parts import checks, facts_table, marks, page_title, tables, tiles
@@ -108,16 +112,19 @@ def report_page(
     wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
-    simulations = [simulation_of(run, binaries if simulate else None) for run in runs]
+    commands = [run_command(run.summary) for run in runs]
+    simulations = [
+        simulation_of(run, binaries if simulate else None, command) for run, command in zip(runs, commands, strict=True)
+    ]
     parts = [
         {
             "name": name,
             **content_of(run.results, run.summary),
             "simulation": simulation,
-            "command": run_command(run.summary),
+            "command": command,
             "marks": marks(run.summary),
         }
-        for name, run, simulation in zip(names, runs, simulations, strict=True)
+        for name, run, simulation, command in zip(names, runs, simulations, commands, strict=True)
     ]
     for reason in dict.fromkeys(simulation.get("reason") for simulation in simulations if simulate):
         if reason:
@@ -190,6 +197,55 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
     if len(set(names)) < len(names):
         names = [run.name for run in runs]
     return [f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name for i, name in enumerate(names)]
+
+
+_OPTIONS = ("stop", "step", "master", "adaptive", "tolerance")
+_DEFAULTS = {"master": DEFAULT, "tolerance": SOLVER_TOLERANCE}
+"""Of a scenario's file without these keys."""
+
+
+def run_command(summary: Mapping[str, Any]) -> str:
+    """Return the command that makes the run of a scenario, with its changes of the scenario.
+
+    It has every option if the scenario's file cannot be read. It is empty for other runs, for runs with inputs from
+    outside, and for units that are Python objects.
+    """
+    name, units = summary.get("scenario"), summary.get("units") or {}
+    if not name or summary.get("inputs") or any("<" in unit for unit in units.values()):
+        return ""
+    scenario = str(summary.get("scenario_file", name))
+    written, robot = _written(scenario)
+    if written is None and scenario.endswith("_reach"):  # as `reach_scenario` names it
+        scenario = "reach"
+    words = ["vdfmu", "run", scenario]
+    asked = summary.get("robot_file") or summary.get("robot")
+    if "robot_file" in summary or asked != robot and asked in shipped_names("robots"):
+        words += ["--robot", str(asked)]
+    for option in _OPTIONS:
+        value = summary.get(option)
+        if value is not None and (written is None or value != written.get(option, _DEFAULTS.get(option))):
+            words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
+    words += ["--backend", "python"] if summary.get("backend") == "python" else []
+    words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []
+    limits = {key: own["value"] for key, own in (summary.get("own_limits") or {}).items() if own["by"] == "--limit"}
+    words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value!r}")]
+    words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
+    words += [word for each in (summary.get("settings") or {}).items() for word in ("--set", "=".join(map(str, each)))]
+    return shlex.join(words)
+
+
+def _written(scenario: str) -> tuple[dict[str, Any] | None, str | None]:
+    """Return the content of a scenario's file, None without a readable file, and the name of its robot."""
+    try:
+        path = locate(scenario, "scenarios")
+        written = read_toml(path)
+    except VdfmuError:
+        return None, None
+    try:
+        robot = written.get("robot")
+        return written, robot and read_toml(locate(robot, "robots", path.parent)).get("name")
+    except VdfmuError:
+        return written, None
 
 
 _HEIGHT = 620

@@ -21,7 +21,6 @@ from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.study.report.command import run_command
 from vdfmu.study.report.rules import facts_of, rules_of
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
@@ -131,11 +130,11 @@ def _reason(error: VdfmuError) -> str:
     return str(error).splitlines()[0].rstrip(".")
 
 
-def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, Any]:
+def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str = "") -> dict[str, Any]:
     """Return the page's simulation, ready for JSON; ``{"reason": ..}`` without a simulation.
 
     The modules of the run are added to `binaries`, digest to base64 of a compressed module. If `binaries` is None, the
-    page simulates nothing.
+    page simulates nothing. `command` makes the run, with its end if the user chose this.
     """
     program = run.program
     if program is None and run.package.is_file():
@@ -156,7 +155,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
-            content = {**program, **digests, **_judged(run, program)}
+            content = {**program, **digests, **_judged(run, program), **rules_of(run.summary, command)}
         except VdfmuError as error:
             reason = _reason(error)
         else:
@@ -193,7 +192,6 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
         "causes": list(causes(values, sliders, fast)),
         "margin": margin.get("value"),
         "why": why,
-        **rules_of(run.summary, run_command(run.summary)),
         "late": 1.0 / substeps if (substeps := ALGORITHMS[run.summary["algorithm"]].substeps) else 0.0,
         "recorded": _recorded(run, program["names"]),
     }

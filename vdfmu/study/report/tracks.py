@@ -120,24 +120,25 @@ class _MovedLoops:
         self.figures = Judged(along, along.growth(*span)).figures
         self.loops = loops = [pose.loop for pose in along.rows if pose.loop is not None]
         self.times = [pose.time for pose in along.rows]
-        fastest, latest, least = (
-            min(range(len(loops)), key=lambda row: of(loops[row]))
-            for of in (lambda loop: -loop.rate, lambda loop: loop.margins().delay.min(), lambda loop: loop.least)
-        )
-        self.rows: list[float] = [*dict.fromkeys([least, fastest, latest])]
-        """The rows of the run's least margin, fastest growth and least delay margin."""
+        modulus = np.array([loop.modulus for loop in loops])
+        self.rows = [
+            self._narrowed(row, lambda row, i=i: (self.loop_at(row).modulus[i],))
+            for i, row in enumerate(modulus.argmin(axis=0).tolist())
+        ]
+        """The rows of the least modulus margin of each loop in the run, of the fastest growth, of the least delay."""
+        self.rows.append(max(range(len(loops)), key=lambda row: loops[row].rate))
+        self.latest = min(range(len(loops)), key=lambda row: loops[row].margins().delay.min())
         self.alike = {loop.K.shape: row for row, loop in enumerate(loops)}
         """A row for each number of states."""
 
-    def moved(self, knob: Mapping[str, Any], by: float | Mapping[str, float], rows: Sequence[int]) -> list[Loop]:
-        """Return the loops at rows with the parameters of a slider times a factor, or a factor by joint, ``1``."""
+    def moved(self, knob: Mapping[str, Any], by: float, joint: int, rows: Sequence[int]) -> list[Loop]:
+        """Return the loops at rows with the parameters of a slider, of all joints or of one, times a factor."""
         changes = {unit: dict(values) for unit, values in self.still.items()}
         for target in knob["targets"]:
             for name, value in self.parameters[target["unit"]].items():
                 group, _, index = name.partition("[")
-                if group == target["name"]:
-                    times = by.get(index.rstrip("]").split(",")[0], 1.0) if isinstance(by, Mapping) else by
-                    changes.setdefault(target["unit"], {})[name] = times * value
+                if group == target["name"] and (not joint or index == f"{joint}]"):
+                    changes.setdefault(target["unit"], {})[name] = by * value
         return self._poses.moved(changes, rows)
 
     def loop_at(self, row: float) -> Loop:
@@ -158,46 +159,45 @@ class _MovedLoops:
         more = (by - 1.0) * slopes[loop.K.shape]
         return replace(loop, K=loop.K + np.where(loop.K.any(axis=1)[:, None], more, 0.0))
 
-    def worst(self, knob: Mapping[str, Any], slopes: Slopes) -> list[float]:
-        """Return the rows at which a slider is tried: those of the run, and of the least margins along the slider."""
+    def worst(self, knob: Mapping[str, Any], slopes: Slopes) -> tuple[list[float], list[float]]:
+        """Return the rows at which a slider is tried: for its modulus margins, and more rows for its delay margins."""
 
         def nearness(row: float) -> tuple[float, float]:
             loop = self.with_more(row, by, slopes)
             return loop.least, -loop.rate
 
-        known = [loop.K.shape in slopes for loop in self.loops]
-        tried = [row for row in range(0, len(known), _EVERY) if known[row]]
-        rows = [row for row in self.rows if known[int(row)]]
+        tried = [row for row in range(0, len(self.loops), _EVERY) if self.loops[row].K.shape in slopes]
+        rows = [*self.rows]
         for place in _PROBES:
-            by, step = factor(knob, place), _EVERY / 2.0
-            row: float = min(tried, key=nearness)
-            while step >= _FINE:
-                around = [row, row - step, row + step]
-                row = min((each for each in around if self._between(each, slopes)), key=nearness)
-                step /= 2.0
-            rows.append(row)
+            by = factor(knob, place)
+            rows.append(self._narrowed(min(tried, key=nearness), nearness))
         by = factor(knob, _LATE)
-        rows.append(min(tried, key=lambda row: self.with_more(row, by, slopes).margins().delay.min()))
-        return [*dict.fromkeys(rows)]
+        late = min(tried, key=lambda row: self.with_more(row, by, slopes).margins().delay.min())
+        return [*dict.fromkeys(rows)], [self.latest, late]
 
-    def _between(self, row: float, slopes: Slopes) -> bool:
-        """Whether a row is one of the run with known slopes, or between two such rows with as many states."""
-        pair = [loop.K.shape for loop in self.loops[int(row) : int(row) + (2 if row % 1.0 else 1)]]
-        return 0.0 <= row <= len(self.loops) - 1 and pair[0] == pair[-1] and pair[0] in slopes
+    def _narrowed(self, row: float, of: Callable[[float], tuple[float, ...]]) -> float:
+        """Return the place near a row, also between rows with as many states, where a number is least."""
+        step = _EVERY / 2.0
+        while step >= _FINE:
+            around = [each for each in (row - step, row + step) if 0.0 <= each <= len(self.loops) - 1]
+            shapes = [{loop.K.shape for loop in self.loops[int(each) : math.ceil(each) + 1]} for each in around]
+            row = min([row, *(each for each, alike in zip(around, shapes, strict=True) if len(alike) == 1)], key=of)
+            step /= 2.0
+        return row
 
     def same_plant(self, row: int, loop: Loop) -> bool:
         """Whether a loop differs from the run's in its feedback at most."""
         return all(np.array_equal(*pair) for pair in zip(loop.plant, self.loops[row].plant, strict=True))
 
-    def feedback(self, knob: Mapping[str, Any]) -> Slopes:
-        """Return by how much the feedback changes if a slider adds 1 to its factor, for each number of states.
+    def feedback(self, knob: Mapping[str, Any], joint: int = 0) -> Slopes:
+        """Return by how much the feedback changes if a slider, of all joints or of one, adds 1 to its factor.
 
         Empty if the slider changes more than the feedback, or this not in proportion.
         """
         rows = [*self.alike.values()]
         slopes: list[list[Floats]] = []
         for by in (factor(knob, place) for place in (-NOTCHES, NOTCHES)):
-            loops = self.moved(knob, by, rows)
+            loops = self.moved(knob, by, joint, rows)
             if not all(map(self.same_plant, rows, loops)):
                 return {}
             slopes.append([(loop.K - self.loops[row].K) / (by - 1.0) for row, loop in zip(rows, loops, strict=True)])
@@ -205,24 +205,7 @@ class _MovedLoops:
             return {}
         return dict(zip(self.alike, slopes[0], strict=True))
 
-    def by_joint(self, knob: Mapping[str, Any], slopes: Slopes) -> list[Slopes]:
-        """Return the numbers of a slider's :meth:`feedback` that belong to each joint; empty if some belong to two.
-
-        Each joint is given another factor, and so shows its numbers.
-        """
-        factors = {str(joint): 1.0 + joint for joint in range(1, len(knob["values"]) + 1)}
-        parts: list[Slopes] = [{} for _ in factors]
-        rows = [*self.alike.values()]
-        for (shape, slope), row, loop in zip(slopes.items(), rows, self.moved(knob, factors, rows), strict=True):
-            change = loop.K - self.loops[row].K
-            for part, by in zip(parts, factors.values(), strict=True):
-                belongs = np.isclose(change, (by - 1.0) * slope, rtol=_ROUNDING, atol=0.0)
-                part[shape] = np.where(belongs, slope, 0.0)
-            if not np.array_equal(sum(part[shape] for part in parts), slope):
-                return []
-        return parts
-
-    def figures_at(self, by: float, slopes: Slopes, rows: Sequence[float]) -> Figures:
+    def figures_at(self, by: float, slopes: Slopes, rows: Sequence[float], late: Sequence[float]) -> Figures:
         """Return the figures of the loops with a factor, from some rows.
 
         Growth is found from all rows with as many states, if a mode grows at one of those.
@@ -233,17 +216,19 @@ class _MovedLoops:
             figures = self._growth(by, slopes)
             if "unstable" in figures:
                 return figures
-        margins, first = [loop.margins() for loop in moved], moved[0]
-        for key, values in (
-            ("margin", np.array([margin.modulus for margin in margins])),
-            ("delay", np.array([margin.delay for margin in margins]) / first.step),
-        ):
-            row, loop = np.unravel_index(int(values.argmin()), values.shape)
-            if key == "margin" or first.sampled and math.isfinite(values[row, loop]):
-                time = float(np.interp(rows[row], range(len(self.times)), self.times))
-                place = self._place(int(loop))
-                figures[key] = {"value": round(float(values[row, loop]), 5), "place": place, "at_s": round(time, 6)}
-        return figures
+        modulus = np.array([loop.modulus for loop in moved])
+        least = int(modulus.min(axis=1).argmin())
+        figures["margin"] = self._least(modulus, rows)
+        if moved[0].sampled:
+            late = [*late, rows[least]]
+            delay = [self.with_more(row, by, slopes).margins().delay for row in late]
+            figures["delay"] = self._least(np.array(delay) / moved[0].step, late)
+        return {key: figure for key, figure in figures.items() if math.isfinite(figure["value"])}
+
+    def _least(self, values: Floats, rows: Sequence[float]) -> Figures:
+        row, loop = (int(each) for each in np.unravel_index(values.argmin(), values.shape))
+        time = np.interp(rows[row], range(len(self.times)), self.times)
+        return {"value": round(float(values[row, loop]), 5), "place": self._place(loop), "at_s": round(float(time), 6)}
 
     def _growth(self, by: float, slopes: Slopes) -> Figures:
         rows = [row for row, loop in enumerate(self.loops) if loop.K.shape in slopes]
@@ -271,17 +256,17 @@ def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | No
         return
     yield _track(loops, knob, slopes)
     if 1 < len(knob["values"]) <= _JOINTS:
-        for of_joint in loops.by_joint(knob, slopes):
-            yield _track(loops, knob, of_joint)
+        for joint in range(1, len(knob["values"]) + 1):
+            yield _track(loops, knob, loops.feedback(knob, joint))
 
 
 def _track(loops: _MovedLoops, knob: Mapping[str, Any], slopes: Slopes) -> Track:
-    rows = loops.worst(knob, slopes)
+    rows, late = loops.worst(knob, slopes)
     at: dict[float, Figures] = {0.0: loops.figures}
 
     def figures(place: float) -> Figures:
         if place not in at:
-            at[place] = loops.figures_at(factor(knob, place), slopes, rows)
+            at[place] = loops.figures_at(factor(knob, place), slopes, rows, late)
         return at[place]
 
     for low, high in pairwise(map(float, _PLACES)):
