@@ -4,29 +4,27 @@ Fifty places of sliders over six scenarios, with every limit that a page can jud
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import vdfmu
-from tests.study.page.browser import Browser
+from tests.study.page.browser import Browser, centre, show
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.results.verdict import FAILED, STATES, UNJUDGED
-from vdfmu.study.report.tracks import NOTCHES
+from vdfmu.engine.results.verdict import FAILED, GOOD, UNJUDGED
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
-HERE = {"stability", "friction", "feedback"}
-"""Checks of loops: a page has them along one slider of gains, and says otherwise that it does not judge them."""
+NOT_HERE = "not judged here"
+OTHERS = {"reference", "independent"}
+"""Checks against other calculations, which a page does not make."""
 NUMBERS = {"margin": 0.005, "delay": 0.05, "growth": 0.05}
 """Largest differences of the numbers of loops. A track has the states of the recorded run, at some of its rows: margins
 differ by up to 0.005, as promised, delays by 0.05 samples, growth by 5 %, half of its limit."""
-ROUNDING = 5e-3
-"""Relative: half a unit of the third digit."""
+ROUNDING = 5e-4
+"""Relative: half a unit of the third digit of numbers of the run itself, whose rows the page has to the last digits."""
 
-Places = Mapping[str, Mapping[int, float]]
-"""Slider, to joint or 0 for all, to its factor."""
 Scenario = tuple[str, dict[str, Any], dict[str, Any]]
 SCENARIOS: Mapping[str, Scenario] = {
     "planar": ("planar_tracking", {}, {}),
@@ -37,6 +35,20 @@ SCENARIOS: Mapping[str, Scenario] = {
     "slider": ("slider_tracking", {}, {"stop": 0.5}),
 }
 """Name and settings of a run, and its options."""
+K_P, K_V, MASS, T = "controller.K_p", "controller.K_v", "plant.mass", "trajectory.T"
+PLACES: Mapping[str, Sequence[Mapping[str, float]]] = {
+    "planar": [
+        {K_P: 5, K_V: 0.1}, {K_P: 5.5, K_V: 0.15}, {K_P: 3, K_V: 0.1}, {K_P: 0.1}, {K_P: 0.5}, {K_P: 2}, {K_P: 3},
+        {K_P: 9}, {K_V: 0.1}, {K_V: 0.5}, {K_V: 2}, {K_V: 4}, {K_V: 10}, {MASS: 2}, {T: 2}, {T: 0.5}, {T: 0.5, MASS: 2},
+    ],
+    "six": [{K_V: 0.5}, {K_V: 1.5}, {K_P: 6}, {K_P: 0.2}, {MASS: 2}, {T: 0.5}, {K_V: 6}],
+    "wall": [{K_P: 10}, {K_P: 0.3}, {K_V: 1.5}, {K_V: 3}, {MASS: 0.5}, {K_P: 0.1, K_V: 0.5}, {T: 0.6}],
+    "fast": [{T: 0.5}, {K_P: 0.5}, {K_P: 2}, {K_V: 0.9}, {K_V: 3}, {T: 0.7, K_P: 0.3}, {MASS: 2}],
+    "weak": [{T: 0.5}, {K_P: 0.5}, {K_P: 5}, {MASS: 2}, {T: 0.7}, {T: 0.6}],
+    "slider": [{K_P: 10}, {K_V: 0.2}, {K_V: 3}, {K_V: 8}, {MASS: 2}, {T: 2}],
+}  # fmt: skip
+"""Factors of sliders, by their keys."""
+CASES = [(name, places) for name, each in PLACES.items() for places in each]
 
 
 @pytest.fixture(scope="module")
@@ -54,14 +66,11 @@ def pages(tmp_path_factory) -> Any:
     return page
 
 
-def of_page(browser: Browser, places: Places) -> dict[str, Any]:
+def of_page(browser: Browser, places: Mapping[str, float]) -> dict[str, Any]:
     """Return verdict and values of the page that is open, with its sliders at places."""
     return browser.run(f"""(async () => {{
-        const {{ simulation }} = report, places = {json.dumps({key: dict(by) for key, by in places.items()})};
-        for (const slider of simulation.sliders) {{
-            const factors = places[slider.knob.key] ?? {{}};
-            slider.state = Array.from({{ length: slider.places.length }}, (_, k) => factors[k] ?? 1).join("_");
-        }}
+        const {{ simulation }} = report, places = {json.dumps(dict(places))};
+        for (const slider of simulation.sliders) slider.state = String(places[slider.knob.key] ?? 1);
         simulation.rerun();
         while (simulation.busy) await new Promise((done) => setTimeout(done, 10));
         const {{ state, headline, checks }} = simulation.verdict;
@@ -73,9 +82,43 @@ def of_page(browser: Browser, places: Places) -> dict[str, Any]:
 def of_run(name: str, command: str) -> Mapping[str, Any]:
     """Return the summary of the run of a scenario with the settings of a page's command."""
     scenario, settings, options = SCENARIOS[name]
-    words = [word.strip("'").partition("=") for word in command.split(" --set ")[1:]]
+    words = (word.strip("' ").partition("=") for word in command.split(" --set ")[1:])
     values = settings | {key: float(value) for key, _, value in words}
     try:
         return vdfmu.run(scenario, out=False, settings=values, reference=False, **options).summary
     except CosimError as error:
         return {"verdict": {"state": FAILED, "checks": [], "headline": str(error)}, "error": str(error)}
+
+
+def agree(browser: Browser, page: Path, name: str, places: Mapping[str, float]) -> None:
+    """Compare a page with a run."""
+    if browser.asked[-1:] != [page.as_uri()]:
+        show(browser, page)
+        centre(browser, "#simulate")
+    simulated = of_page(browser, places)
+    verdict = of_run(name, simulated["command"])["verdict"]
+    ours, theirs = ({check["key"]: check for check in each["checks"]} for each in (simulated, verdict))
+    if verdict["state"] == FAILED:
+        assert simulated["state"] != GOOD
+    if FAILED in (verdict["state"], simulated["state"]) and not ours.keys() & theirs.keys():
+        assert verdict["state"] == simulated["state"]  # a run that stopped
+        return
+    shared = {key for key in ours.keys() & theirs.keys() if UNJUDGED not in (ours[key]["state"], theirs[key]["state"])}
+    if NOT_HERE in (ours.get("stability") or {}).get("sentence", ""):
+        assert simulated["state"] != GOOD
+        shared -= {"stability"}
+    else:
+        assert {*ours} - OTHERS == {*theirs} - OTHERS and simulated["state"] == verdict["state"]
+    for key in shared:
+        assert ours[key]["state"] == theirs[key]["state"], key
+        value, expected = ours[key].get("value"), theirs[key].get("value")
+        if key in NUMBERS:
+            assert value == pytest.approx(expected, abs=NUMBERS[key], rel=NUMBERS[key]), key
+        elif expected is not None:
+            assert value == pytest.approx(expected, rel=ROUNDING, abs=1e-12), key
+            assert ours[key]["sentence"] == theirs[key]["sentence"]
+
+
+@pytest.mark.parametrize(("name", "places"), CASES)
+def test_the_page_judges_as_a_run_with_the_values_of_its_sliders(pages, browser, name, places):
+    agree(browser, pages(name), name, places)

@@ -86,8 +86,8 @@ export const listed = ({ checks }) =>
   checks.map(({ state, sentence, more, limit, by }) =>
     make(
       "li",
-      { class: state.replace(" ", "-") },
-      make("b", {}, state === UNJUDGED ? "not judged" : state),
+      { class: state === UNJUDGED ? "not-judged" : state },
+      make("b", {}, state),
       ` ${[upper(sentence), more].filter(Boolean).join("; ")} `,
       ...(by ? [make("small", {}, `limit ${text(limit, 3)}: ${by}`)] : []),
     ),

@@ -76,13 +76,13 @@ class Simulation {
       ),
       this.detail,
       this.results,
+      make("div", { class: "checks" }, this.equal),
       make(
         "div",
         { class: "checks", hidden: true },
         make("h3", {}, "Checks, simulated"),
         this.judged,
       ),
-      make("div", { class: "checks" }, this.equal),
     );
     this.budget = new Budget(found);
     section.hidden = found.hidden = false;
