@@ -250,7 +250,13 @@ export function figuresAt({ places, figures }, place) {
   for (const name of new Set([...Object.keys(before), ...Object.keys(after)])) {
     const [a, b] = [before[name], after[name]],
       worse = !b || (a && (name === "growth" ? a.value > b.value : a.value < b.value)) ? a : b;
-    const value = a && b ? a.value + share * (b.value - a.value) : worse.value;
+    const line = (low, high) => low + share * (high - low); // growth is that of an exponent
+    const value =
+      name === "growth"
+        ? Math.expm1(line(Math.log1p(a?.value ?? 0), Math.log1p(b?.value ?? 0)))
+        : a && b
+          ? line(a.value, b.value)
+          : worse.value;
     found[name] = { ...worse, value };
   }
   return found;
