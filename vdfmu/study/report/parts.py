@@ -94,7 +94,8 @@ def tiles_of(summary: Summary) -> list[Tile]:
     for key, (name, form, shown, measure) in _TILES.items():
         if key == "tool_error":
             tiles += _estimate_tiles(summary)
-        if (figure := figures.get(key)) is None:
+        resting = key.endswith("_error") and figures.get("path", {}).get("rest")
+        if (figure := figures.get(key)) is None or resting:
             continue
         component = figure.get("place", "").partition(".")[0]
         form, shown, measure = (
