@@ -184,15 +184,19 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
     fit, power = fitted(unit, abs(value))
     if fit:
         value, unit = float(f"{value / 10.0**power:.3g}"), fit
-    size = abs(value)
-    if value and not 1e-3 <= size < 1e6:
-        mantissa, _, exponent = f"{value:.2e}".partition("e")
-        text = f"{float(mantissa):g}·10{str(int(exponent)).translate(_RAISED)}"
-    else:
-        text = f"{value:.3g}" if size < 1000.0 else f"{value:.0f}"
-    return f"{text} {unit}".rstrip().replace("-", "−")
+    text = number(value)
+    return f"{f'−{text[1:]}' if text.startswith('-') else text} {unit}".rstrip()
 
 
-def number(value: float) -> str:
-    """Return a number with three significant digits."""
-    return f"{value:.3g}"
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, as all pages and messages write it.
+
+    >>> number(0.0123456), number(98765.4), number(6.7e-13), number(2.5e7)
+    ('0.0123', '98800', '6.7e-13', '2.5e7')
+    """
+    if not math.isfinite(value):
+        return f"{value:g}"
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    if value and not -3 <= int(exponent) < 6:
+        return f"{float(mantissa):g}e{int(exponent)}"
+    return f"{float(f'{mantissa}e{exponent}'):.12g}"

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.measure import quantity
+from vdfmu.base.measure import number, quantity
 from vdfmu.base.text import nearest
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check
 
@@ -40,8 +40,8 @@ class Limit(NamedTuple):
     def shown(self, value: float) -> str:
         """Return a number of the row as text."""
         if self.unit == "%":
-            return f"{100.0 * value:.3g} %"
-        return f"{value:.2g}" if self.unit == "1" else quantity(value, self.unit)
+            return f"{number(100.0 * value)} %"
+        return number(value, 2) if self.unit == "1" else quantity(value, self.unit)
 
     def state(self, value: float) -> str:
         """Return the state of a number; NaN is beyond every limit."""
@@ -109,6 +109,11 @@ ROWS = (
 )  # fmt: skip
 LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 """Limits by name."""
+
+
+def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:
+    """Return the limits that are not of the table: by name their ``value``, and ``by`` whom."""
+    return {key: {"value": row.value, "by": row.by} for key, row in limits.items() if row.by != LIMITS[key].by}
 
 
 def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] = LIMITS) -> dict[str, Limit]:

@@ -21,7 +21,7 @@ from vdfmu.study.run.summary_keys import Summary, energies
 from vdfmu.system.reference.reference import RESOLUTION
 
 Limits = Mapping[str, Limit]
-_ENERGY_FLOOR = 1e-3
+ENERGY_FLOOR = 1e-3
 """Residual [J] below which its share says nothing, as for an arm at rest."""
 
 
@@ -34,7 +34,13 @@ def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
         first = [*ends, *loops]  # a joint at its limit has no feedback, so its loop is no fault of the gains
     else:
         first = [*loops, *ends]
-    checks = [*_remarks(summary), *first, *_path(figures, limits), *_cut(summary), *calculated_checks(summary, limits)]
+    checks = [
+        *remark_checks(summary),
+        *first,
+        *_path(figures, limits),
+        *_cut(summary),
+        *calculated_checks(summary, limits),
+    ]
     return verdict_of(checks, [*_results(summary, checks)])
 
 
@@ -54,7 +60,7 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
         )  # fmt: skip
     finer = _at_half_step(figures)
     if (unstable := figures.get("unstable")) is not None:
-        factor = f"disturbances grow by a factor of {unstable['value']:.3g} in each step"
+        factor = f"disturbances grow by a factor of {number(unstable['value'])} in each step"
         more = "; ".join(filter(None, (factor, finer or "its gains are too high, or too low, for this step")))
         yield Check("stability", name, FAILED, f"unstable {since(unstable['at_s'])}, {unstable['place']}", more)
         return
@@ -123,7 +129,7 @@ def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
     yield check if check.state != GOOD else check._replace(sentence=check.more, more="")
 
 
-def _remarks(summary: Summary) -> Iterator[Check]:
+def remark_checks(summary: Summary) -> Iterator[Check]:
     """Yield what was noted of the system, often the cause of the rest: an implausible robot, unfed inputs."""
     for name in ("implausible", "unfed"):
         notes: Sequence[str] = summary.get(name) or ()
@@ -147,7 +153,7 @@ def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Che
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
         residual, exchanged = energies(bond)
-        share = residual / exchanged if residual > _ENERGY_FLOOR else 0.0
+        share = residual / exchanged if residual > ENERGY_FLOOR else 0.0
         places = {"error": quantity(residual, "J"), "place": quantity(exchanged, "J")}
         yield limits["energy"].check(share, **places)
 
@@ -217,7 +223,7 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")
     if states.get("margin") == GOOD:
-        yield f"modulus margin {figures['margin']['value']:.2g}"
+        yield f"modulus margin {number(figures['margin']['value'], 2)}"
     if "contact" in figures:
         contact = figures["contact"]
         yield f"in contact {since(contact['at_s'])}, {quantity(contact['value'], contact['unit'])} at most"
@@ -236,8 +242,8 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
 
 def since(time: float) -> str:
     """Return the phrase for a begin [s]."""
-    return f"from {time:.3g} s on" if time else "from the start"
+    return f"from {number(time)} s on" if time else "from the start"
 
 
 def _at(time: float) -> str:
-    return f"{time:.3g} s"
+    return f"{number(time)} s"

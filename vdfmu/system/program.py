@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -204,8 +204,11 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
     return writer.assembler.module(exported), writer.at, writer.assembler.growth
 
 
-def page_program(program: SystemProgram) -> dict[str, Any]:
-    """Return the data of a program for ``web/master.js`` for JSON. UsageError for inputs from external signals."""
+def page_program(program: SystemProgram, read: Collection[str] = ()) -> dict[str, Any]:
+    """Return the data of a program for ``web/master.js`` for JSON, which gives all outputs and the inputs `read`.
+
+    UsageError for inputs from external signals.
+    """
     if program.system.outside:
         raise UsageError("some of its inputs come from files")
     module, address, growth = write_module(program)
@@ -216,7 +219,7 @@ def page_program(program: SystemProgram) -> dict[str, Any]:
         for i, v in enumerate(unit.interface.variables):
             if v.type == "Real" and v.causality == "parameter":
                 entries[v.name] = [begin + i, unit.memory[i].item(), v.minimum, v.maximum]
-            elif v.type == "Real" and v.causality == "output":
+            elif v.type == "Real" and (v.causality == "output" or f"{name}.{v.group}" in read):
                 outputs[f"{name}.{v.name}"] = begin + i
     return {
         "module": compressed(module),

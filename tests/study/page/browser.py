@@ -230,5 +230,4 @@ def centre(browser: Browser, selector: str) -> tuple[float, float]:
 
 
 def number(text: str) -> float:
-    mantissa, _, power = text.replace("−", "-").partition("·10")
-    return float(mantissa) * 10.0 ** int((power or "⁰").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
+    return float(text.replace("−", "-"))

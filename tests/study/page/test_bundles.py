@@ -49,7 +49,7 @@ def test_each_source_is_in_a_bundle_and_each_bundle_has_a_source():
 def test_the_sources_are_few():
     """As prettier writes them, at 100 columns, with the JSDoc that tsc reads; no file is long."""
     lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in WEB.iterdir()}
-    for suffix, most in {".js": 5900, ".css": 1600}.items():
+    for suffix, most in {".js": 6100, ".css": 1600}.items():
         assert sum(count for path, count in lines.items() if path.suffix == suffix) < most
     assert {path.name for path, count in lines.items() if count > 400} <= {"lab_plots.js"}
 

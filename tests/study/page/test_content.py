@@ -269,7 +269,7 @@ def test_checks_pass_and_fail_by_their_limits_and_a_chaotic_loop_by_statistics()
     # a thousandth of 1e-3 degrees is 1.745e-8 rad
     summary["reference"]["sampled"]["max_position_difference_rad"] = 1.8e-8
     (check,) = calculated_checks(summary)
-    assert check.state == "failed" and "differ by 1.8e-08 rad at most; limit 1.75e-08" in check.text
+    assert check.state == "failed" and "differ by 1.8e-8 rad at most; limit 1.75e-8" in check.text
     # an arm that has hardly moved, with errors of 1e-7 degrees: the reference is solved to 1e-11 rad
     summary["max_position_error_deg"] = [1e-7]
     for apart, state in ((9e-12, "good"), (1.1e-11, "failed")):

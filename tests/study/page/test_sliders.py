@@ -69,7 +69,7 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     opened(browser, run / "report.html")
     assert 0 <= browser.run("report.simulation.apart") < EQUAL
     verdict = words_of(browser, "#found li")
-    assert verdict.startswith("good") and "limit 1·10⁻⁹ rad" in verdict
+    assert verdict.startswith("good") and "limit 1e-9 rad" in verdict
     assert "1 s simulated in" in words_of(browser, "#simulate [role=status]")
     # it is not drawn over itself
     assert browser.run("report.player.scene.puppets.length") == 1
@@ -182,7 +182,7 @@ def test_a_run_that_fails_says_why_and_shows_how(run, browser):
     slide(browser, "Proportional", 100)
     slide(browser, "Derivative", -100)
     said, message = words_of(browser, "#simulate [role=alert]"), words_of(browser, "#found .failure")
-    assert said.startswith("Unstable from 0.") and "proportional gains × 10, stable up to about × " in said
+    assert said == "Stopped with proportional gains × 10; derivative gains × 0.1."
     assert message.startswith("plant: doStep at t = 0.") and "Check its inputs and the gains" in message
     begin = browser.run("report.view.marks[0].time")
     assert 0.0 < begin <= simulated(browser, 0).shape[1] * 1e-3
@@ -211,10 +211,11 @@ def test_verdict_tiles_and_figures_follow_the_sliders_in_one_screen(run, browser
     slide(browser, "Derivative", -100)
     after, marks = browser.run(texts), browser.run("report.view.marks")
     assert browser.run("document.querySelector('.verdict').className") == "verdict failed"
-    assert re.match(r"Simulated: unstable from 0\.\d+ s, joint [1-6]; stopped at 0\.\d+ s$", after[0])
+    assert re.match(r"Simulated, failed: plant failed at 0\.\d+ s", after[0])
+    assert words_of(browser, ".checks summary").startswith("Recorded: ")
     for was, tile in zip(before[1:], after[1:], strict=True):
         assert was.split("\n")[1] + " →" in tile  # the recorded value, an arrow, the new one
-    assert after[3].split("→")[1].strip().startswith("none")
+    assert after[3].split("→")[1].strip().replace("\xa0", " ").startswith("not judged here")
     low, high = browser.run("[report.charts[0].plot.scales.x.min, report.charts[0].plot.scales.x.max]")
     assert low < marks[0]["time"] < high and high - low < 1.0
     # nothing of the panel and the readout is cut off or scrolls, and the message is above the sliders
@@ -229,7 +230,8 @@ def test_verdict_tiles_and_figures_follow_the_sliders_in_one_screen(run, browser
     slide(browser, "Derivative", 0)
     assert browser.run(texts) == before and browser.run("report.view.range") is None
     slide(browser, "Masses", 100)
-    assert words_of(browser, ".verdict").startswith("Simulated: stable; tool error ")
+    assert words_of(browser, ".verdict").startswith("Simulated, doubtful: stability not judged here")
+    assert "this command judges it: vdfmu run tracking " in words_of(browser, "#found .checks:last-of-type")
     assert browser.run("document.querySelector('.tile').className") == "tile worse"
 
 
@@ -242,7 +244,8 @@ def test_a_run_that_failed_has_sliders_and_goes_on_with_others(browser, tmp_path
     end = browser.run("report.view.full()[1]")
     assert end < 0.4
     slide(browser, "Derivative", -100)
-    assert words_of(browser, ".verdict").startswith("Simulated: ran to its end; tool error ")
+    said = words_of(browser, ".verdict")  # that of the failed run knows nothing of a margin
+    assert said.startswith("Simulated, doubtful: stability not judged here") and "maximum tool error" in said
     assert browser.run("[report.view.full()[1], Number(report.player.slider.max)]") == [0.5, 0.5]
 
 
@@ -271,14 +274,15 @@ def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
         return [e.className, left, right];
     }})""")
     (_, begin, end), *bands = bands
-    assert [colour for colour, *_ in bands] == ["poor", "fair", "good", "fair", "poor"]
+    colours = [colour for colour, *_ in bands]
+    assert (colours[0], colours[-1]) == ("poor", "poor") and {*colours} <= {"poor", "fair", "good"}
     edges = np.array([[begin, *(right for *_, right in bands)], [*(left for _, left, _ in bands), end]])
     assert np.abs(edges[0] - edges[1]).max() < 0.1  # pixels: nothing is left out
     # stable below the limit and unstable above it, in words too, and so it is in the run
     for place, word in ((high - 3, "margin"), (high + 3, "unstable")):
         slide(browser, "Derivative", round(place))
         said = words_of(browser, ".knob:nth-child(2) small")
-        assert said.startswith(word) and "; stable × 0.9 to 4." in said
+        assert said.startswith(word) and re.search(r"; stable × 0\.\d+ to \d", said)
         assert word in browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
     assert "derivative gains × " in words_of(browser, "#simulate [role=alert]")
     slide(browser, "Derivative", 0)
@@ -386,7 +390,7 @@ def test_keys_and_names_of_the_sliders(run, browser):
     assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
     assert browser.run("report.simulation.sliders[1].places[0]") == -1
     assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')").startswith(
-        "times 0.977; modulus margin 0."
+        "times 0.977; margin 0."
     )
     unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
         .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim())).map(e => e.outerHTML)""")
@@ -471,5 +475,4 @@ def test_a_run_that_stops_is_not_said_to_have_small_errors(browser, tmp_path):
     vdfmu.run("wall", out=tmp_path, reference=False, simulate=True)
     opened(browser, tmp_path / "report.html")
     slide(browser, "Derivative gains", 100)
-    said = r"Simulated: its linearised loops are unstable; stopped at 0\.\d+ s$"
-    assert re.match(said, words_of(browser, ".verdict"))
+    assert re.match(r"Simulated, failed: unstable from the start, joint \d", words_of(browser, ".verdict"))

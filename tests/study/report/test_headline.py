@@ -45,7 +45,7 @@ SOLVED = {"reference": {}}
     (2.89e-6, "m", 0, "2.89 µm"), (0.00289, "mm", 0, "2.89 µm"), (9.72e-5, "deg", 0, "97.2 µdeg"),
     (999.6e-6, "m", 0, "1 mm"), (0.763, "deg", 0, "0.763 deg"), (0.0999, "deg", 0, "99.9 mdeg"),
     (-1234.5, "N.m", 0, "−1230 N.m"), (-12345.0, "N.m", 0, "−12.3 kN.m"), (2350.0, "deg", 0, "2350 deg"),
-    (1.68e-18, "N.m", 1.0, "0 N.m"), (4.56e-13, "rad", 0, "4.56·10⁻¹³ rad"), (0.54, "", 0, "0.54"),
+    (1.68e-18, "N.m", 1.0, "0 N.m"), (4.56e-13, "rad", 0, "4.56e-13 rad"), (0.54, "", 0, "0.54"),
     (float("nan"), "m", 0, "–"),
 ])  # fmt: skip
 def test_a_number_has_three_digits_and_a_unit_that_fits(value, unit, peak, text):
@@ -265,7 +265,7 @@ def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_aga
     assert f'<p class="verdict good" data-run="0">{headline_of(results.summary)} <small>' in page
     assert f"<title>{page_title('planar_tracking', results.summary)}</title>" in page
     assert page.count('class="tile"') == len(tiles_of(results.summary)) == MOST_TILES
-    assert '<details class="checks good"><summary>' in page
+    assert '<details class="checks good" data-run="0"><summary>' in page
     bad = verdict_of([CHECK["failed"]])
     page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()
     assert '<p class="verdict failed" data-run="0">Failed: coupling energy error 31 % <small></small></p>' in page

@@ -53,7 +53,7 @@ def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_whe
     row = ("1", "0.00455", "0.0456", "10", "0.00501", "0.2", "2.5", "0.159", "0.1173", "135")
     assert sheet.rows[0] == row
     assert sheet.rows[1][3::3] == ("54", "6.8", "143")
-    assert sheet.rows[2] == ("3", "1.6e-08", "-", "-", "2.57e-08", "-", "-", "2.84e-07", "-", "-")
+    assert sheet.rows[2] == ("3", "1.6e-8", "-", "-", "2.57e-8", "-", "-", "2.84e-7", "-", "-")
     assert "Table 5, joints 1 and 2" in sheet.notes[1]
     sheet = tracking_sheet({**TRACKING, "paper": {}})
     assert len(sheet.columns) == 4
@@ -83,7 +83,7 @@ def test_statistics_are_compared_where_solutions_separate_and_the_energy_residua
     assert sheet.columns == ("Reference", "Position RMS\n[%]", "Torque RMS\n[%]")
     assert sheet.rows == [("sampled-delayed", "1.23", "3.45"), ("continuous", "2.46", "6.9")]
     said = " ".join(sheet.notes)
-    assert "up to 3.2e-06 rad. That shows no error: the loop is chaotic" in said
+    assert "up to 3.2e-6 rad. That shows no error: the loop is chaotic" in said
     assert "a change of 1e-09 moves the run by 0.00059 rad" in said
     assert ("Chaotic loop", "rotor inertias larger by 1e-09 of themselves move the run by 0.00059 rad or m") in facts(
         summary
@@ -122,7 +122,7 @@ def test_the_widest_numbers_fit_80_columns_and_facts_are_those_of_the_run():
         summary[key] = [1.234e-5] * 6
         summary["paper"][key] = [0.1234] * 6
     summary |= {"position_units": ["deg"] * 6, "torque_units": ["N.m"] * 6}
-    row = ["6", *["1.23e-05", "0.1234", "0.01"] * 3]
+    row = ["6", *["1.23e-5", "0.1234", "0.01"] * 3]
     assert any(line.split() == row for line in shown(sheet_table(tracking_sheet(summary))).splitlines())
     before = copy.deepcopy(TRACKING)
     assert list(facts(TRACKING)) == [

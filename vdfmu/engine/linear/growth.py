@@ -37,8 +37,8 @@ from vdfmu.engine.run.isolated import Isolated, LostProcessError
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
 and so do the ends of a motion, since friction falls with speed."""
-_NOTABLE, _DOUBTFUL = 1.01, 1.1
-"""Growth of disturbances to be reported, and to make the run doubtful."""
+_NOTABLE = 1.01
+"""Growth of disturbances to be reported."""
 _ROWS, _FEWEST = 200, 60
 """Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
 _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
@@ -75,11 +75,6 @@ class Growth(NamedTuple):
     def notable(self) -> bool:
         """Whether they grow enough to be reported."""
         return bool(self.exponent > math.log(_NOTABLE))
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether they grow enough to make the run doubtful."""
-        return bool(self.exponent > math.log(_DOUBTFUL))
 
 
 class Nearest(NamedTuple):
@@ -183,21 +178,11 @@ class Along:
 
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
         """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
-        times, rates = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("time", "rate"))
-        bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
-        rate = np.interp(bounds, times, np.maximum(rates, -1e9))
-        steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
-        most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
-        for k, step in enumerate(steps.tolist()):
-            if run < 0.0 or not k:
-                run, first = 0.0, k
-            run += step
-            if run > most:
-                most, place = run, (first, k + 1)
-        first, last = bounds[[*place]].tolist()
-        inside = [pose for pose in self.poses if first <= pose.time <= last]
+        growth = growth_of([pose.time for pose in self.poses], [pose.rate for pose in self.poses], begin, end, above)
+        inside = [pose for pose in self.poses if growth.begin <= pose.time <= growth.end]
         fastest = max(inside or self.poses, key=lambda pose: pose.rate)
-        return Growth(most, first, last, *fastest_mode(self.part(fastest.matrix)), place[1] == len(steps))
+        rate, state = fastest_mode(self.part(fastest.matrix))
+        return growth._replace(rate=rate, state=state)
 
     def nearest(self) -> Nearest | None:
         """Return the place of the loops nearest to instability; None without margins, see `lacking`."""
@@ -205,7 +190,7 @@ class Along:
             return None
         pose = min(self.poses, key=lambda pose: (_modulus(pose).min(), -pose.rate))
         least = _modulus(pose)
-        name = self._opened_at(int(least.argmin()))
+        name = self.opened_at(int(least.argmin()))
         modulus = float(least.min())
         return Nearest(modulus, pose.time, name if modulus else fastest_mode(self.part(pose.matrix))[1])
 
@@ -216,16 +201,36 @@ class Along:
             return None
         samples = np.array([loop.margins().delay / loop.step for _, loop in loops])
         row, loop = (int(each) for each in np.unravel_index(samples.argmin(), samples.shape))
-        return Late(float(samples[row, loop]), loops[row][0], self._opened_at(loop))
+        return Late(float(samples[row, loop]), loops[row][0], self.opened_at(loop))
 
     def without_feedback(self) -> str | None:
         """Return the first input to which nothing is fed back along the run; None if all have feedback."""
         fed = np.any([pose.loop.K.any(axis=1) for pose in self.poses if pose.loop is not None], axis=0)
         silent = np.flatnonzero(~fed) if fed.ndim else []
-        return self._opened_at(int(silent[0])) if len(silent) else None
+        return self.opened_at(int(silent[0])) if len(silent) else None
 
-    def _opened_at(self, loop: int) -> str:
+    def opened_at(self, loop: int) -> str:
+        """Return the input that opens a loop."""
         return self.system.parts.inputs[self.system.places(self.opened)[loop]]
+
+
+def growth_of(
+    at: Sequence[float], of_rows: Sequence[float], begin: float, end: float, above: float = SLOW
+) -> Growth:  # fmt: skip
+    """Return the largest growth of a run from `begin` to `end` [s] by the rates [1/s] at rows; its state is empty."""
+    times, rates = np.array(at), np.array(of_rows)
+    bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
+    rate = np.interp(bounds, times, np.maximum(rates, -1e9))
+    steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
+    most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
+    for k, step in enumerate(steps.tolist()):
+        if run < 0.0 or not k:
+            run, first = 0.0, k
+        run += step
+        if run > most:
+            most, place = run, (first, k + 1)
+    first, last = bounds[[*place]].tolist()
+    return Growth(most, first, last, float(rates.max()), "", place[1] == len(steps))
 
 
 def _modulus(pose: Pose) -> Floats:

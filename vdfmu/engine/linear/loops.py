@@ -131,6 +131,11 @@ class Loop:
         rates = self._modes.s.real
         return float(rates[np.abs(rates) > _STILL].max(initial=-np.inf))
 
+    @property
+    def fastest(self) -> int:
+        """The loop that moves most the mode that grows most."""
+        return int(np.abs(self._modes.parts[:, self._modes.s.real.argmax()]).argmax())
+
     def _inverse(self, w: Floats) -> Any:
         """``1 + L``, (m, n), at frequencies (m,) [rad/s], without slow modes."""
         modes = self._modes
@@ -187,6 +192,18 @@ class Loop:
             self.modulus, np.where(self.lost, 1.0, gain), np.where(self.lost, 0.0, phase),
             np.where(self.lost, 0.0, delay), self.rate,
         )  # fmt: skip
+
+
+def rates_of(loops: Sequence[Loop]) -> list[float]:
+    """Return the rate of each loop, see `Loop.rate`, faster than one by one."""
+    rates = np.full(len(loops), -np.inf)
+    for shape in {loop.K.shape for loop in loops}:
+        alike = [k for k, loop in enumerate(loops) if loop.K.shape == shape]
+        poles: Any = np.linalg.eigvals([loops[k].plant.A + loops[k].plant.B @ loops[k].K for k in alike])
+        first = loops[alike[0]]
+        s = np.log(np.maximum(np.abs(poles), _NONE)) / first.step if first.sampled else poles.real
+        rates[alike] = np.where(np.abs(s) > _STILL, s, -np.inf).max(axis=1, initial=-np.inf)
+    return rates.tolist()
 
 
 _spaced = lru_cache(np.geomspace)

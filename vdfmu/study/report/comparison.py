@@ -22,7 +22,7 @@ _BETTER = {
     "torque": ("peak torque", -1), "depth": ("penetration", 0), "contact": ("contact force", 0),
 }  # fmt: skip
 """Key figure to its words, and 1 if more is better, -1 if less is, 0 if neither is."""
-_SAME = 1e-3
+_SAME = 0.05
 """Share by which key figures that are the same differ at most."""
 _LISTED = 3
 """Most different settings that the answer names."""
@@ -63,7 +63,7 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> s
     said = said or [f"{name} failed" for name in failed]
     said += [f"{name} is {than} in {_listed(texts)}" for name, texts in wins.items()]
     if not said:
-        said = ["The runs do the same: no key figure differs by 0.1 %"]
+        said = ["The runs do the same: no key figure differs by 5 %"]
     differing = [row[0].partition(" [")[0] for row in settings.rows]
     more = f", and {len(differing) - _LISTED} more" if len(differing) > _LISTED else ""
     differ = f" They differ in {', '.join(differing[:_LISTED])}{more}." if differing else ""

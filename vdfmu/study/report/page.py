@@ -112,16 +112,19 @@ def report_page(
     wired = [{} if "arm" in run.summary else _wired(run) for run in runs]
     runs = [run._replace(summary={**run.summary, **more}) for run, more in zip(runs, wired, strict=True)]
     binaries: dict[str, str] = {}
-    simulations = [simulation_of(run, binaries if simulate else None) for run in runs]
+    commands = [run_command(run.summary) for run in runs]
+    simulations = [
+        simulation_of(run, binaries if simulate else None, command) for run, command in zip(runs, commands, strict=True)
+    ]
     parts = [
         {
             "name": name,
             **content_of(run.results, run.summary),
             "simulation": simulation,
-            "command": run_command(run.summary),
+            "command": command,
             "marks": marks(run.summary),
         }
-        for name, run, simulation in zip(names, runs, simulations, strict=True)
+        for name, run, simulation, command in zip(names, runs, simulations, commands, strict=True)
     ]
     for reason in dict.fromkeys(simulation.get("reason") for simulation in simulations if simulate):
         if reason:
@@ -224,6 +227,8 @@ def run_command(summary: Mapping[str, Any]) -> str:
             words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
     words += ["--backend", "python"] if summary.get("backend") == "python" else []
     words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []
+    limits = {key: own["value"] for key, own in (summary.get("own_limits") or {}).items() if own["by"] == "--limit"}
+    words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value!r}")]
     words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
     words += [word for each in (summary.get("settings") or {}).items() for word in ("--set", "=".join(map(str, each)))]
     return shlex.join(words)

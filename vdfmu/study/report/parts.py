@@ -7,7 +7,7 @@ from hashlib import sha256
 from html import escape
 from typing import Any, NamedTuple
 
-from vdfmu.base.measure import quantity
+from vdfmu.base.measure import number, quantity
 from vdfmu.base.page import table
 from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
 from vdfmu.study.report.sheets import Sheet, facts, sheets, units_of
@@ -17,7 +17,7 @@ from vdfmu.study.run.summary_keys import Summary
 
 def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     """Yield the checks of each run in a line that opens; it is open unless all are good."""
-    for name, run in zip(names, runs, strict=True):
+    for k, (name, run) in enumerate(zip(names, runs, strict=True)):
         rows = "".join(
             f'<li class="{check.state.replace(" ", "-")}"><b>{check.state}</b> {escape(check.text)} '
             f"<small>{escape(check.source)}</small></li>"
@@ -27,7 +27,10 @@ def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
             title = ("" if len(runs) == 1 else f"{escape(name)}: ") + checks_line(run.summary)
             state = state_of(run.summary)
             shown = "" if state == GOOD else " open"
-            yield f'<details class="checks {state}"{shown}><summary>{title}</summary><ul>{rows}</ul></details>'
+            yield (
+                f'<details class="checks {state}" data-run="{k}"{shown}><summary>{title}</summary>'
+                f"<ul>{rows}</ul></details>"
+            )
 
 
 class Tile(NamedTuple):
@@ -41,6 +44,8 @@ class Tile(NamedTuple):
     measure: str
     """Measure of a simulated run that replaces the value, see ``web/outcome.js``, and its signal if not of the figure;
     empty without such a measure."""
+    number: float
+    """Its value as a number, in the unit of the key figure or of the figure."""
     at: float | None = None
     """Its time [s]."""
 
@@ -57,22 +62,22 @@ def page_title(name: str, summary: Summary) -> str:
 MOST_TILES = 4
 _TILES = {
     "unstable": ("Disturbances grow", "a step, {place}, since {time}", "tracking", ""),
-    "saturated": ("Time at a limit", "{place}, since {time}", "torque", "limited"),
-    "contact": ("Contact force", "at the tool, since {time}", "plant.F_e.N", "length"),
+    "saturated": ("Time at a limit", "{place}, since {time}", "torque", "key saturated"),
+    "contact": ("Contact force", "at the tool, since {time}", "plant.F_e.N", "key contact"),
     "depth": ("Penetration", "at {time}", "{component}.", "highest {place}"),
     "power": ("Power at a cutting point", "joint {joint} at {time}", "power", "largest"),
     "cut": ("Torque at a cutting point", "joint {joint} at {time}", "force", "largest"),
-    "tool_error": ("Tool error", "at {time}", "tool", "largest"),
-    "joint_error": ("Worst joint", "joint {joint} at {time}", "tracking", "largest"),
-    "margin": ("Modulus margin", "{place} at {time}", "torque", "margin"),
+    "tool_error": ("Tool error", "at {time}", "tool", "key tool_error"),
+    "joint_error": ("Worst joint", "joint {joint} at {time}", "tracking", "key joint_error"),
+    "margin": ("Modulus margin", "{place} at {time}", "torque", "key margin"),
     "torque": ("Peak torque", "joint {joint} at {time}", "torque", "largest"),
 }
 """Key figure to the name, the note, the figure and the measure of its tile; the first ones are shown."""
 _VALUES: Mapping[str, Callable[[float], str]] = {
     "tool_error": lambda value: quantity(value, "m"),
-    "saturated": lambda value: f"{100.0 * value:.3g} %",
-    "margin": lambda value: f"{value:.2g}" if value else "none",
-    "unstable": lambda value: f"× {value:.3g}",
+    "saturated": lambda value: f"{number(100.0 * value)} %",
+    "margin": lambda value: number(value, 2) if value else "none",
+    "unstable": lambda value: f"× {number(value)}",
 }
 """Key figure without a unit to the text of its value."""
 
@@ -89,7 +94,8 @@ def tiles_of(summary: Summary) -> list[Tile]:
     for key, (name, form, shown, measure) in _TILES.items():
         if key == "tool_error":
             tiles += _estimate_tiles(summary)
-        if (figure := figures.get(key)) is None:
+        resting = key.endswith("_error") and figures.get("path", {}).get("rest")
+        if (figure := figures.get(key)) is None or resting:
             continue
         component = figure.get("place", "").partition(".")[0]
         form, shown, measure = (
@@ -100,7 +106,7 @@ def tiles_of(summary: Summary) -> list[Tile]:
         name = name.replace("torque", "force").replace("Torque", "Force") if figure.get("unit") == "N" else name
         if figure.get("limit"):
             note = f"{100 * figure['value'] / figure['limit']:.3g} % of its limit, {note}"
-        tiles.append(Tile(name, value_of(key, figure), note, shown, measure, figure["at_s"]))
+        tiles.append(Tile(name, value_of(key, figure), note, shown, measure, figure["value"], figure["at_s"]))
     return tiles[:MOST_TILES]
 
 
@@ -113,13 +119,14 @@ def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
             unit = units_of(summary, "torque_units", len(errors))[worst]
             name, note = each["words"].partition(",")[0], f"RMS error, joint {worst + 1}"
             figure = f"estimate.{each['component']}.{each['group']}"
-            yield Tile(name, quantity(errors[worst], unit), note, figure, "apart")
+            yield Tile(name, quantity(errors[worst], unit), note, figure, "apart", errors[worst])
 
 
 def tiles(summary: Summary) -> Iterator[str]:
     """Yield the key figures as buttons that go to their times and figures."""
     buttons = "".join(
-        f'<button type="button" class="tile" data-figure="{tile.figure}" data-measure="{tile.measure}"'
+        f'<button type="button" class="tile" data-figure="{tile.figure}" data-measure="{tile.measure}" '
+        f'data-value="{tile.number!r}"'
         f"{'' if tile.at is None else f' data-time={tile.at!r}'}><span>{escape(tile.name)}</span> "
         f"<b>{escape(tile.value)}</b> <small>{escape(tile.note)}</small></button>"
         for tile in tiles_of(summary)

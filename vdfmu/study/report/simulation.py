@@ -21,11 +21,11 @@ from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.study.limits import LIMITS
+from vdfmu.study.report.rules import facts_of, rules_of
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.tracks import Names, tracks
-from vdfmu.study.run.summary import LIMITED
+from vdfmu.study.run.accuracy import POWER
 from vdfmu.system.package.description import SystemDescription
 
 ROWS = 100
@@ -61,6 +61,8 @@ class Knob(NamedTuple):
     most: float = 10.0
     in_feedforward: bool = False
     """Whether the feedforward has them too and may know the change."""
+    gain: bool = False
+    """Whether they are gains of a controller, which have a track of their margins."""
 
 
 def _scaled_as(group: str) -> tuple[str, ...]:
@@ -69,8 +71,8 @@ def _scaled_as(group: str) -> tuple[str, ...]:
 
 
 KNOBS = (
-    Knob("Proportional gains", "PDController", ("K_p",)),
-    Knob("Derivative gains", "PDController", ("K_v",)),
+    Knob("Proportional gains", "PDController", ("K_p",), gain=True),
+    Knob("Derivative gains", "PDController", ("K_v",), gain=True),
     Knob("Masses and inertias", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
     Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
     Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
@@ -101,7 +103,7 @@ def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
     from vdfmu.system.program import SystemProgram, page_program  # takes long to import
 
     try:
-        content = page_program(SystemProgram(system)) | {"knobs": list(knobs(system))}
+        content = page_program(SystemProgram(system), POWER) | {"knobs": list(knobs(system))} | facts_of(system)
     except VdfmuError as error:
         content = {"reason": _reason(error)}
     store(place, json.dumps(content).encode())
@@ -111,7 +113,8 @@ def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
 def _read(content: bytes) -> dict[str, Any]:
     """Read a program; ValueError if it is none."""
     program = json.loads(content)
-    if isinstance(program.get("reason"), str) or {"module", "steps", "names", "units", "knobs"} <= program.keys():
+    keys = {"module", "steps", "names", "units", "knobs", "arms"}
+    if isinstance(program.get("reason"), str) or keys <= program.keys():
         return program
     raise ValueError("no program")
 
@@ -127,11 +130,11 @@ def _reason(error: VdfmuError) -> str:
     return str(error).splitlines()[0].rstrip(".")
 
 
-def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, Any]:
+def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str = "") -> dict[str, Any]:
     """Return the page's simulation, ready for JSON; ``{"reason": ..}`` without a simulation.
 
     The modules of the run are added to `binaries`, digest to base64 of a compressed module. If `binaries` is None, the
-    page simulates nothing.
+    page simulates nothing. `command` makes the run, with its end if the user chose this.
     """
     program = run.program
     if program is None and run.package.is_file():
@@ -152,7 +155,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None) -> dict[str, A
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:
-            content = {**program, **digests, **_judged(run, program)}
+            content = {**program, **digests, **_judged(run, program), **rules_of(run.summary, command)}
         except VdfmuError as error:
             reason = _reason(error)
         else:
@@ -187,25 +190,11 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),
-        "good": LIMITS["margin"].value,
         "margin": margin.get("value"),
         "why": why,
-        "path": _path_of(figures),
-        "limits": figures.get("torque", {}).get("limits", []),
-        "saturated": LIMITED,
         "late": 1.0 / substeps if (substeps := ALGORITHMS[run.summary["algorithm"]].substeps) else 0.0,
         "recorded": _recorded(run, program["names"]),
     }
-
-
-def _path_of(figures: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the place whose error is worst for the size of its motion, with the bounds of a doubtful, failed run."""
-    path = figures.get("path")
-    if path is None:
-        return None
-    row = LIMITS["joint" if "contact" in figures or path["place"] != "tool" else "tool"]
-    bounds = {"doubtful": row.value, "failed": LIMITS["joint"].value}
-    return {key: path[key] for key in ("place", "size", "unit")} | bounds
 
 
 def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:
@@ -275,6 +264,7 @@ def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],
                 "least": knob.least,
                 "most": knob.most,
+                "gain": knob.gain,
             }
 
 

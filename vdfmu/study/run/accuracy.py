@@ -105,7 +105,7 @@ def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]
         )
 
 
-_READ = ("plant.tau", "plant.kappa_dot", "controller.tau", "controller.kappa_dot")
+POWER = ("plant.tau", "plant.kappa_dot", "controller.tau", "controller.kappa_dot")
 
 
 class PowerBond(Tap):
@@ -120,7 +120,7 @@ class PowerBond(Tap):
 
     def __init__(self, robot: Robot) -> None:
         self._ell, self._energies = robot.ell, np.zeros((3, robot.n))
-        self.wanted = [f"{group}[{i + 1}]" for group in _READ for i in range(robot.n)]
+        self.wanted = [f"{group}[{i + 1}]" for group in POWER for i in range(robot.n)]
         self._columns: list[int] = []
 
     def begin(self, grid: Grid, names: Sequence[str]) -> None:

@@ -57,12 +57,12 @@ def key_figures(
             away, error = (np.linalg.norm(place - other, axis=1) for other in (first, actual))
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - q)), error]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
-        comparable = all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
+        with_tool = comparable(robot, plant)
         figures["joint_error"] = peaks.worst([unit.position for unit in units])
-        if comparable:
+        if with_tool:
             figures["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
         sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
-        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if comparable else math.inf)
+        figures["path"] = _path(robot, peaks, sizes, float(reached.most[-1]) if with_tool else math.inf)
     if touch and has_signals(results, touch):
         force = np.linalg.norm(results[touch][:, :3], axis=1)
         if force.any():
@@ -128,6 +128,18 @@ class _Peaks:
         return {"value": float(self.most[i]), "unit": units[i], "joint": i + 1, "at_s": float(self.at[i])} | more
 
 
+def comparable(robot: Robot, plant: Robot) -> bool:
+    """Whether the robot of the motion and that of the plant have the same geometry, so that the tool has an error."""
+    return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
+
+
+def least_sizes(robot: Robot) -> Floats:
+    """Return the sizes with which errors of an arm at rest are compared: of its joints [deg, mm], of its tool [m]."""
+    arm = float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
+    least = [JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in robot.joint_types]
+    return _SMALL * np.array([*least, arm])
+
+
 def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, Any]:
     """Return the error that is worst for its motion: of the tool [m], or of a joint against the largest of its kind.
 
@@ -135,10 +147,9 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
     the tool's motion, infinite without a tool error.
     """
     kinds = robot.joint_types
-    arm = float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
-    least = [_SMALL * JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in kinds]
+    least = least_sizes(robot)
     each = [max(least[i], *(sizes[j] for j in range(robot.n) if kinds[j] == kinds[i])) for i in range(robot.n)]
-    size = np.array([*each, max(tool, _SMALL * arm)])
+    size = np.array([*each, max(tool, least[-1])])
     share = peaks.most / size
     off = share / np.array([LIMITS["joint"].value] * robot.n + [LIMITS["tool"].value])
     i = int(np.lexsort([off, share > LIMITS["joint"].value])[-1])

@@ -36,7 +36,7 @@ from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
 from vdfmu.study.analysis.loops import loops_of, poses_of
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.judgement import check_wanted, judge
-from vdfmu.study.limits import read_limits
+from vdfmu.study.limits import own_limits, read_limits
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
@@ -152,6 +152,7 @@ class ScenarioRun:
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
+            **({"own_limits": own} if (own := own_limits(self.limits)) else {}),
             **remarks(scenario, options["settings"], self.system.values, options["stop"] is not None),
             **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
             "scene": scene_of(self.system),

@@ -172,6 +172,7 @@ KEYS: Mapping[str, Any] = {
     "rms_spring_torque_nm": _JOINTS,  # RMS of the spring torques, link-side
     "rms_tau_s_hat_error_nm": _JOINTS,  # RMS of the errors of the estimated spring torques, link-side
     "rms_tau_f_hat_error_nm": _JOINTS,  # RMS of the errors of the estimated friction torques, link-side
+    "own_limits": Keyed(Record({"value": NUMBER, "by": TEXT})),  # limits of the verdict that a user set
     "power_bond": _ENERGIES,  # energy that the coupling adds or takes, and exchanged energy, link-side [J]
     "limits": Keyed(_SHARES),  # shares of the time at limits, by plant
     "paper": _PAPER,  # values of the paper

@@ -57,7 +57,8 @@ def remarks(
     `values` are those of the units with the `settings`. `asked`: whether the user chose the end of the run.
     """
     facts: dict[str, Any] = {}
-    if (end := motion_end(scenario, values)) > scenario.stop + 0.5 * scenario.step:
+    end = max((begin + length for _, begin, length in motions(scenario, values)), default=0.0)
+    if end > scenario.stop + 0.5 * scenario.step:
         facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     fed_or_set = {name.partition("[")[0] for name in (*(settings or ()), *(n for table in tables for n in table.names))}
@@ -68,16 +69,14 @@ def remarks(
     return {key: value for key, value in facts.items() if value}
 
 
-def motion_end(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> float:
-    """Return the time at which the last desired motion has ended [s], the first time that it is played."""
-    ends = [0.0]
+def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, float, float]]:
+    """Yield the desired motions: name of the unit, begin and length [s], of those that repeat the first time."""
     for name, unit in scenario.resolved.units.items():
         begin = values[name].get("t_start", 0.0)
         if issubclass(unit, Played) and unit.rows is not None:
-            ends.append(begin + unit.experiment_stop / values[name].get("speed", 1.0))
+            yield name, begin, unit.experiment_stop / values[name].get("speed", 1.0)
         elif issubclass(unit, find_unit("trajectory")):
-            ends.append(begin + values[name].get("T", unit.declared["T"].start))
-    return max(ends)
+            yield name, begin, values[name].get("T", unit.declared["T"].start)
 
 
 def _unmeasured(scenario: Scenario) -> Iterator[str]:

@@ -103,18 +103,51 @@ export class Motion {
   }
 }
 
+const times = (R, v) => R.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
+
+/** Position of the end effector in {I} [m] without a drawing, as [x, y, z]. */
+export function toolPosition({ types, offset, rotation, tool_offset: tool }, q) {
+  let R = [
+      [1, 0, 0],
+      [0, 1, 0],
+      [0, 0, 1],
+    ],
+    p = [0, 0, 0];
+  const moved = (by) => times(R, by).map((value, axis) => p[axis] + value);
+  types.forEach((type, i) => {
+    p = moved(offset[i]);
+    const turn = rotation[i],
+      columns = [0, 1, 2].map((k) =>
+        times(
+          R,
+          turn.map((row) => row[k]),
+        ),
+      );
+    R = [0, 1, 2].map((k) => columns.map((column) => column[k]));
+    if (type === "prismatic") p = moved([0, 0, q[i]]);
+    else {
+      const [c, s] = [Math.cos(q[i]), Math.sin(q[i])];
+      R = R.map(([x, y, z]) => [c * x + s * y, c * y - s * x, z]);
+    }
+  });
+  return moved(tool);
+}
+
 const errors = new WeakMap();
 
 /** Distance [mm] between desired and actual end effector at the frames: errors are added to positions in double precision. */
 export function toolErrors(run) {
   const known = run.result ?? run;
   if (errors.has(known)) return errors.get(known);
-  const chain = new Chain(run.arm),
-    motion = new Motion(run);
+  const motion = new Motion(run);
   const values = Float64Array.from(motion.time, (_, k) => {
     const q = motion.row("q", k),
-      error = motion.row("error", k);
-    return 1e3 * chain.toolAt(q).distanceTo(chain.toolAt(q.map((v, i) => v + error[i])));
+      error = motion.row("error", k),
+      desired = toolPosition(
+        run.arm,
+        q.map((v, i) => v + error[i]),
+      );
+    return 1e3 * Math.hypot(...toolPosition(run.arm, q).map((v, axis) => v - desired[axis]));
   });
   errors.set(known, { time: motion.time, values });
   return errors.get(known);

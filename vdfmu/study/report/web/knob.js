@@ -2,14 +2,15 @@
 
 import { make, toggle } from "./data.js";
 import { text } from "./numbers.js";
+import { stateOf } from "./verdict.js";
 
 const NOTCHES = 100; // of a slider to either side
 
 /** A slider of factors around 1, for all joints and for each. */
 export class Knob {
-  constructor(knob, good, changed) {
+  constructor(knob, rows, changed) {
     this.knob = knob;
-    this.good = good;
+    this.rows = rows;
     this.places = Array(knob.values.length + 1).fill(0);
     this.chosen = 0;
     this.known = false;
@@ -97,25 +98,24 @@ export class Knob {
     const said = [this.output.textContent.replace("×", "times")];
     if (track) {
       const limits = this.limits(track),
-        margin = marginAt(track, place);
+        figures = figuresAt(track, place),
+        margin = figures.margin?.value ? `margin ${text(figures.margin.value, 2)}` : "unstable";
       this.track.replaceChildren(
         ...this.bands(track),
         ...track.limits
           .filter((limit) => limit !== null)
           .map((limit) => make("b", { style: `left:${percent(limit)}%` })),
       );
-      this.bounds.textContent = `${margin ? `margin ${text(margin, 2)}` : "unstable"}${limits ? `; ${limits}` : ""}`;
-      said.push(
-        `${margin ? `modulus margin ${text(margin, 2)}, ${this.colour(margin)}` : "unstable"}${limits ? `; ${limits.replaceAll("×", "times")}` : ""}`,
-      );
+      this.bounds.textContent = [margin, limits].filter(Boolean).join("; ");
+      said.push(`${margin}, ${this.colour(figures)}`, limits.replaceAll("×", "times"));
     }
-    this.slider.setAttribute("aria-valuetext", said.join("; "));
+    this.slider.setAttribute("aria-valuetext", said.filter(Boolean).join("; "));
   }
 
   /** Stretches of a track of one colour. */
   bands(track) {
     const colours = Array.from({ length: 2 * NOTCHES + 1 }, (_, k) =>
-        this.colour(marginAt(track, k - NOTCHES)),
+        this.colour(figuresAt(track, k - NOTCHES)),
       ),
       bands = [];
     colours.forEach((colour, k) => {
@@ -129,9 +129,13 @@ export class Knob {
     );
   }
 
-  /** Margins of a track have three decimals. */
-  colour(margin) {
-    return margin >= this.good - 0.0005 ? "good" : margin > 0 ? "fair" : "poor";
+  /** Green where all checks of the loops pass, red where they have no margin. */
+  colour({ margin, delay, growth }) {
+    if (!margin?.value) return "poor";
+    const good = Object.entries({ margin, delay, growth }).every(
+      ([key, figure]) => !figure || stateOf(this.rows[key], figure.value) === "good",
+    );
+    return good ? "good" : "fair";
   }
 
   /** Factors from and up to which the loops are stable, in words. */
@@ -144,20 +148,17 @@ export class Knob {
     return from || to ? `stable ${from ? `from × ${from}` : `up to × ${to}`}` : "";
   }
 
-  /** Places that this slider has left 1 for: words with the factor, and the limit where it alone makes the loops unstable. */
+  /** Places that this slider has left 1 for: words with the factor, figures of the loops there, and the limit of stability. */
   moved() {
     return this.places.flatMap((place, k) => {
       if (!place) return [];
       const track = this.knob.tracks[k],
-        words = `${this.knob.words.charAt(0).toLowerCase()}${this.knob.words.slice(1)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`;
-      const margin = track ? marginAt(track, place) : null,
-        limit = margin === 0 ? track.limits[place > 0 ? 1 : 0] : null;
+        { words } = this.knob,
+        limit = track?.limits[place > 0 ? 1 : 0] ?? null;
       return [
         {
-          words,
-          judged: !!track,
-          unstable: margin === 0,
-          margin,
+          words: `${words.charAt(0).toLowerCase()}${words.slice(1)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`,
+          figures: track ? figuresAt(track, place) : null,
           limit: limit === null ? null : this.factor(limit),
           above: place > 0,
         },
@@ -175,7 +176,7 @@ export class Knob {
     return this.knob.tracks.some((track) => track?.still);
   }
 
-  get judged() {
+  get tracked() {
     return this.knob.tracks.some((track) => track);
   }
 
@@ -235,16 +236,28 @@ export class Knob {
 /** Place on a track in percent. */
 const percent = (place) => 50 * (1 + place / NOTCHES);
 
-/** Modulus margin of a track at a place, a straight line between those that are known; 0 beyond the limits. */
-export function marginAt({ places, modulus, limits: [low, high] }, place) {
-  if ((low !== null && place < low) || (high !== null && place > high)) return 0;
-  const k = Math.min(
-      Math.max(
-        places.findIndex((one) => one >= place),
-        1,
-      ),
-      places.length - 1,
-    ),
-    [a, b] = [places[k - 1], places[k]];
-  return modulus[k - 1] + ((place - a) / (b - a)) * (modulus[k] - modulus[k - 1]);
+/** Key figures of the loops at a place of a track, between two places on a straight line from one to the other. */
+export function figuresAt({ places, figures }, place) {
+  const k = Math.max(
+    places.findIndex((one) => one >= place),
+    0,
+  );
+  if (places[k] === place || !k) return figures[k];
+  const [before, after] = [figures[k - 1], figures[k]];
+  if (before.unstable || after.unstable) return before.unstable ? before : after;
+  const share = (place - places[k - 1]) / (places[k] - places[k - 1]),
+    found = {};
+  for (const name of new Set([...Object.keys(before), ...Object.keys(after)])) {
+    const [a, b] = [before[name], after[name]],
+      worse = !b || (a && (name === "growth" ? a.value > b.value : a.value < b.value)) ? a : b;
+    const line = (low, high) => low + share * (high - low); // growth is that of an exponent
+    const value =
+      name === "growth"
+        ? Math.expm1(line(Math.log1p(a?.value ?? 0), Math.log1p(b?.value ?? 0)))
+        : a && b
+          ? line(a.value, b.value)
+          : worse.value;
+    found[name] = { ...worse, value };
+  }
+  return found;
 }

@@ -33,7 +33,7 @@ export const text = (value, digits = 6) => {
   const size = Math.abs(value);
   if (size !== 0 && (size < 1e-3 || size >= 1e6)) {
     const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
-    return `${Number(mantissa)}·10${raised(Number(exponent))}`.replace("-", "−");
+    return `${Number(mantissa)}e${Number(exponent)}`.replace(/^-/, "−");
   }
   return String(Number(value.toPrecision(digits))).replace("-", "−");
 };

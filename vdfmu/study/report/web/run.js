@@ -7,11 +7,12 @@ import { showFigures } from "./figures.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { watchScrollers } from "./scrollers.js";
-import { follow, pictureButtons, shareButtons } from "./share.js";
+import { commandOf, follow, pictureButtons, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { showSystem } from "./system.js";
 import { SimulationWorker, difference } from "./worker.js";
+import { check } from "./verdict.js";
 
 const section = (id) => document.getElementById(id);
 view.time = view.full()[0];
@@ -81,6 +82,8 @@ globalThis.report = {
   view,
   Chain,
   Motion,
+  check,
+  commandOf,
   SimulationWorker,
   toolErrors,
 };

@@ -16,7 +16,10 @@ import { recalled, remember, whenRecalled } from "./state.js";
 import { toolErrors } from "./arm.js";
 import { Knob } from "./knob.js";
 import { Budget, changeOf } from "./budget.js";
-import { outcomeOf, showTiles, tell } from "./outcome.js";
+import { keyFigures } from "./key_figures.js";
+import { listed, showTiles, tell } from "./outcome.js";
+import { commandOf } from "./share.js";
+import { judge } from "./verdict.js";
 import { SimulationWorker, difference } from "./worker.js";
 import { quantity, text } from "./numbers.js";
 
@@ -32,7 +35,8 @@ class Simulation {
     this.zoomed = null;
     this.status = make("p", { class: "note", role: "status" });
     this.bar = make("progress", { max: 1, "aria-label": "Progress of the simulation" });
-    this.verdict = make("ul");
+    this.equal = make("ul");
+    this.judged = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
     this.detail = make("p", { class: "failure", hidden: true });
     this.back = make("button", { type: "button", click: () => this.reset() }, "Reset");
@@ -72,7 +76,13 @@ class Simulation {
       ),
       this.detail,
       this.results,
-      make("div", { class: "checks" }, this.verdict),
+      make("div", { class: "checks" }, this.equal),
+      make(
+        "div",
+        { class: "checks", hidden: true },
+        make("h3", {}, "Checks, simulated"),
+        this.judged,
+      ),
     );
     this.budget = new Budget(found);
     section.hidden = found.hidden = false;
@@ -97,8 +107,8 @@ class Simulation {
     this.show(NOTHING);
     this.of = simulated.of = run;
     view.change("run", run);
-    const { knobs, good, margin, why } = run.simulation;
-    this.sliders = knobs.map((knob) => new Knob(knob, good, () => this.rerun()));
+    const { knobs, rows, why } = run.simulation;
+    this.sliders = knobs.map((knob) => new Knob(knob, rows, () => this.rerun()));
     this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
     const joints = Math.max(0, ...knobs.map(({ values }) => values.length));
     this.joint.firstChild.replaceChildren(
@@ -106,12 +116,14 @@ class Simulation {
     );
     this.joint.hidden = joints < 2;
     this.back.hidden = !knobs.length;
-    this.judged = why || this.sliders.some(({ judged }) => judged);
-    const least = good < margin ? `${text(good, 2)}, or this run's` : "this run's";
+    this.tracked = why || this.sliders.some(({ tracked }) => tracked);
     const colours = [
-      ["good", `margin at least ${least}`],
+      [
+        "good",
+        `margin at least ${text(rows.margin.value, 2)}, delay ${text(rows.delay.value, 2)} samples`,
+      ],
       ["fair", "less"],
-      ["poor", "unstable"],
+      ["poor", "none"],
     ];
     this.legend.replaceChildren(
       ...(why
@@ -121,7 +133,7 @@ class Simulation {
           )),
     );
     this.legend.title = `Modulus margin of the loops, linearised along the recorded run${this.sliders.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved`;
-    this.legend.hidden = !this.judged;
+    this.legend.hidden = !this.tracked;
     this.budget.of(run);
     this.recall();
     if (start || this.changes().length) this.rerun();
@@ -203,53 +215,67 @@ class Simulation {
       ? `Stopped${time.length ? ` at ${text(time.at(-1), 4)} s` : ""}.`
       : `${text(stop - start, 4)} s simulated in ${quantity(found.seconds, "s")}.`;
     if (!changes.length) this.judge(found, failure);
-    this.verdict.classList.toggle("other", changes.length > 0);
+    this.equal.classList.toggle("other", changes.length > 0);
     this.tabulate(found, failure);
     this.show(changes.length ? found : NOTHING);
-    this.explain(found, changes.length || own.ended ? failure : "", changes.length > 0);
+    this.explain(found, changes.length || own.ended ? failure : "", changes);
   }
 
-  /** Say what the run came to, at the top, in the tiles and above the sliders; show in the figures when it failed. */
-  explain(found, failure, changed) {
-    const moved = this.sliders.flatMap((slider) => slider.moved()),
-      unstable = moved.filter((one) => one.unstable),
-      run = { ...this.of, result: found };
-    const off = unstable.length ? departure(run, this.of) : null,
-      begin = off?.time ?? (failure && found.time.length ? found.time.at(-1) : null);
-    const margin = unstable.length ? 0 : moved.length === 1 ? moved[0].margin : null;
-    const outcome = outcomeOf(run, {
-      failure,
-      departure: off,
-      unstable: unstable.length > 0,
-      margin,
-    });
-    tell(this.of, changed ? outcome : null);
-    showTiles(this.of, changed && found.time.length ? run : null, margin);
-    const words = (list) =>
-      list
-        .map((one) => {
-          const limit = `, stable ${one.above ? "up" : "down"} to about × ${text(one.limit, 2)}`;
-          return one.words + (one.limit ? limit : "");
-        })
-        .join("; ");
-    const [first] = outcome.words;
+  /** Judge the run, at the top, in the tiles and above the sliders; show in the figures when it failed. */
+  explain(found, failure, changes) {
+    const { of } = this,
+      moved = this.sliders.flatMap((slider) => slider.moved()),
+      run = { ...of, result: found },
+      end = found.time.length ? found.time.at(-1) : null;
+    const { loops, why } = this.loopsAt(moved),
+      figures = end === null ? { end: 0 } : keyFigures(run, changes),
+      verdict = changes.length
+        ? judge(of.simulation, { figures, loops, why: this.told(why, changes), failure, end })
+        : null;
+    Object.assign(this, { verdict: verdict, figures: { ...figures, ...loops } });
+    tell(of, verdict);
+    showTiles(of, verdict && end !== null ? run : null, { ...figures, ...loops });
+    this.judged.replaceChildren(...(verdict ? listed(verdict) : []));
+    this.judged.parentElement.hidden = !verdict;
+    const unstable = loops?.unstable ?? (loops?.margin.value === 0 ? loops.margin : null),
+      begin = unstable ? Math.min(unstable.at_s, end ?? 0) : end;
     let said = "";
-    if (unstable.length || failure) said = `${first.charAt(0).toUpperCase()}${first.slice(1)}`;
-    if (unstable.length) said += `: ${words(unstable)}`;
-    else if (failure && moved.length)
-      said += ` with ${words(moved)}${moved.length > 1 && moved.every((one) => one.judged) ? "; each of them alone is stable" : ""}`;
-    this.failure.textContent = said && `${said}.`;
+    if (unstable || failure) {
+      said = `${loops?.unstable ? "Unstable" : unstable ? "Without a margin" : "Stopped"} with ${moved.map(({ words }) => words).join("; ")}`;
+      const { limit, above } = moved[0] ?? {};
+      if (unstable && limit)
+        said += `, stable ${above ? "up" : "down"} to about × ${text(limit, 2)}`;
+      said += ".";
+    }
+    this.failure.textContent = said;
     this.failure.hidden = !said;
-    this.legend.hidden = !!said || !this.judged;
+    this.legend.hidden = !!said || !this.tracked;
     this.detail.textContent = failure;
     this.detail.hidden = !failure;
     this.zoom(said ? begin : null, found.time.at(-1), failure);
     view.change(
       "marks",
-      begin === null || !said
-        ? []
-        : [{ time: begin, words: unstable.length ? "unstable" : "stopped" }],
+      begin === null || !said ? [] : [{ time: begin, words: unstable ? "unstable" : "stopped" }],
     );
+  }
+
+  /** Key figures of the loops with these sliders moved, by the track of the one that is; else null, and why. */
+  loopsAt(moved) {
+    const { simulation } = this.of,
+      [one] = moved;
+    if (moved.length === 1 && !this.given.length && one.figures)
+      return { loops: { ...simulation.figures, ...one.figures }, why: "" };
+    let why = "a point is shown";
+    if (simulation.why) why = simulation.why;
+    else if (moved.length > 1) why = "several sliders are moved";
+    else if (moved.length) why = "this slider has no track of margins";
+    return { loops: null, why };
+  }
+
+  /** Why something is not judged, with the command that judges it. */
+  told(why, changes) {
+    const { command } = this.of;
+    return command ? `${why}; this command judges it: ${commandOf(this.of, changes)}` : why;
   }
 
   /** Zoom in on the time at which a run began to fail, unless the reader has zoomed; null zooms out again. */
@@ -279,7 +305,7 @@ class Simulation {
     if (!own.ended) words = `with all sliders at 1, they stop ${steps} steps apart`;
     else if (!failure)
       words = `with all sliders at 1, they differ by ${text(position, 2)} ${own.unit} at most in the rows that the page has in double precision; limit ${text(limit, 2)} ${own.unit}${why && `. ${why}`}`;
-    this.verdict.replaceChildren(
+    this.equal.replaceChildren(
       make(
         "li",
         { class: passed ? "good" : "failed" },
@@ -320,23 +346,6 @@ export const peakCell = ({ value, joint, unit }, most) =>
     quantity(value, unit, most),
     ...(joint ? [make("small", {}, ` joint ${joint}`)] : []),
   );
-
-const WORSE = 2; // times its largest error in the recorded run that a joint is off when it has left the motion
-
-/** Time from which on a joint of a run is further off than ever in another run, and the joint; null if none is. */
-function departure(run, other) {
-  const joints = run.figures
-    .filter(({ key }) => key.startsWith("tracking."))
-    .flatMap((figure) => {
-      const { time, values } = rowsOf(figure, run.result),
-        limits = rowsOf(figure, other.result).values.map((row) => WORSE * largest(row));
-      return values.flatMap((row, k) => {
-        const at = row.findIndex((value) => Math.abs(value) > limits[k]);
-        return at < 0 ? [] : [{ time: time[at], joint: figure.curves[k][1] }];
-      });
-    });
-  return joints.sort((a, b) => a.time - b.time)[0] ?? null;
-}
 
 /** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
 export function peaksOf(run, until = Infinity) {

@@ -1,0 +1,181 @@
+// The verdict on a simulated run by the table of limits of vdfmu/study/limits.py, which the page has from Python:
+// the counterparts of `Limit.check` and `verdict_of`, and of the checks of vdfmu/study/verdict.py.
+
+import { quantity, text } from "./numbers.js";
+
+export const STATES = ["good", "doubtful", "failed"];
+export const UNJUDGED = "not judged";
+const [GOOD, DOUBTFUL, FAILED] = STATES;
+/** Comes last, so that the headline tells what is known to be doubtful. */
+const NOT_HERE = "stability not judged here";
+
+/** A number of a row of the table as text. */
+function shown({ unit }, value) {
+  if (unit === "%") return `${text(100 * value, 3)} %`;
+  return unit === "1" ? text(value, 2) : quantity(value, unit);
+}
+
+/** State of a number; NaN is beyond every limit. */
+export function stateOf({ value: limit, failed = Infinity, at_least: atLeast, beyond }, value) {
+  if (atLeast ? value >= limit : value <= limit) return GOOD;
+  return atLeast || failed === Infinity || value <= Math.max(failed, limit) ? beyond : FAILED;
+}
+
+/** Judge a number by a row of the table; `places` are those of its sentence. */
+export function check(row, value, /** @type {Record<string, any>} */ places, more = "") {
+  const state = stateOf(row, value),
+    words = { ...places, value: shown(row, value) };
+  let sentence = row.sentence.replace(/\{(\w+)\}/g, (_, name) => words[name] ?? "");
+  if (state !== GOOD) {
+    const limit = state === FAILED && row.beyond !== FAILED ? row.failed : row.value,
+      told = `limit ${shown(row, limit)}${row.own ? ` by ${row.by}` : ""})`;
+    sentence = sentence.endsWith(")")
+      ? `${sentence.slice(0, -1)}, ${told}`
+      : `${sentence} (${told}`;
+  }
+  const { key, name, by } = row;
+  return { key, name, state, sentence, more, value, limit: row.value, by };
+}
+
+const plain = (key, name, state, sentence, more = "") => ({ key, name, state, sentence, more });
+
+/** State, headline, results and checks: the headline is the sentence of the worst check, the first of several. */
+export function verdictOf(checks, results, longest) {
+  const judged = checks.filter((one) => one.state !== UNJUDGED),
+    names = checks.filter((one) => one.state === UNJUDGED).map(({ name }) => lower(name));
+  const state = judged.length
+    ? STATES[Math.max(...judged.map((one) => STATES.indexOf(one.state)))]
+    : DOUBTFUL;
+  const phrases = [...results, ...(names.length ? [`not judged: ${names.join(", ")}`] : [])];
+  let told = Math.min(phrases.length, 1);
+  const room = longest - `${GOOD}: `.length;
+  while (told < phrases.length && phrases.slice(0, told + 1).join("; ").length <= room) told += 1;
+  const headline =
+    state === GOOD
+      ? phrases.slice(0, told).join("; ") || "all checks pass"
+      : (judged.find((one) => one.state === state)?.sentence ?? "no check applies to this run");
+  const line = `${upper(state)}: ${headline}`;
+  return {
+    state,
+    headline: line.length <= longest ? line : `${line.slice(0, longest - 1).trimEnd()}…`,
+    results: (state === GOOD ? phrases.slice(told) : phrases).join("; "),
+    checks,
+  };
+}
+
+export const upper = (words) => words.charAt(0).toUpperCase() + words.slice(1);
+const lower = (words) => words.charAt(0).toLowerCase() + words.slice(1);
+const at = (time) => `${text(time, 3)} s`;
+const since = (time) => (time ? `from ${at(time)} on` : "from the start");
+
+/**
+ * The verdict on a run whose sliders have moved; `figures` are its key figures, `loops` those of its loops by the track
+ * of the slider, null with a reason, `why`, where no track has them; `failure` is the message of a run that stopped.
+ */
+export function judge(simulation, { figures, loops, why, failure, end }) {
+  const { rows, kept, longest } = simulation,
+    remarks = kept.filter(({ key }) => key !== "stability"),
+    stability = kept.filter(({ key }) => key === "stability");
+  const ofLoops = stability.length ? stability : [...loopChecks(simulation, loops, why)];
+  if (failure) {
+    const unit = /^(\w+): /.exec(failure)?.[1] ?? "the run",
+      stopped = end === null ? failure : `${unit} failed at ${at(end)}`;
+    const ran = plain("end", "Runs to its end", FAILED, stopped, failure);
+    return verdictOf([...(loops?.unstable ? ofLoops : []), ran], [], longest);
+  }
+  const limited = [...limitChecks(rows, figures)],
+    loop = loops?.unstable ?? loops?.margin;
+  const first =
+    limited.length && loop && figures.saturated.at_s < loop.at_s
+      ? [...limited, ...ofLoops]
+      : [...ofLoops, ...limited];
+  const checks = [
+    ...remarks,
+    ...first.filter((one) => one.sentence !== NOT_HERE),
+    ...pathChecks(rows, figures),
+    ...cutChecks(simulation, figures),
+    ...energyChecks(simulation, figures),
+    ...first.filter((one) => one.sentence === NOT_HERE),
+    plain("reference", "scipy reference", UNJUDGED, "no scipy reference: not solved here"),
+    plain("independent", "model in NumPy", UNJUDGED, "the model in NumPy is not evaluated here"),
+  ];
+  return verdictOf(checks, [...resultsOf(simulation, figures, loops, checks)], longest);
+}
+
+function* loopChecks({ rows, figures: { excited, open }, split }, loops, why) {
+  const name = "Stability";
+  if (excited)
+    yield plain("friction", "Friction", DOUBTFUL, "friction excites itself in the recorded run");
+  if (!loops || (loops.unstable && split && !excited)) {
+    const unknown = why || "dry friction may be what grows";
+    yield plain("stability", name, DOUBTFUL, NOT_HERE, unknown);
+    return;
+  }
+  if (loops.unstable) {
+    const { value, place, at_s: begin } = loops.unstable,
+      more = `disturbances grow by a factor of ${text(value, 3)} in each step`;
+    yield plain("stability", name, FAILED, `unstable ${since(begin)}, ${place}`, more);
+    return;
+  }
+  yield plain("stability", name, GOOD, "stable");
+  if (open) {
+    yield plain("feedback", "Feedback", DOUBTFUL, `nothing is fed back to ${open.place}`);
+    return;
+  }
+  const { growth, margin, delay } = loops;
+  if (growth) {
+    const { value, place, at_s: begin, until_s: until } = growth;
+    yield check(rows.growth, value, { place, time: at(begin), until: at(until) });
+  }
+  for (const [key, figure] of Object.entries({ margin, delay }))
+    if (figure)
+      yield check(rows[key], figure.value, { place: figure.place, time: at(figure.at_s) });
+}
+
+function* limitChecks({ saturated: row }, { saturated }) {
+  if (!saturated) return;
+  const { value, place, at_s: begin } = saturated;
+  yield check(row, value, { place, time: since(begin) }, "without feedback there");
+}
+
+function* pathChecks(rows, { path, contact }) {
+  if (!path) return;
+  const row = rows[contact || path.place !== "tool" ? "joint" : "tool"],
+    share = path.value / path.size,
+    [error, size] = [path.value, path.size].map((value) => quantity(value, path.unit));
+  const made = check(row, share, { place: path.place, error, time: at(path.at_s) });
+  if (path.rest) yield { ...made, sentence: `at rest within ${error}` };
+  else if (made.state === GOOD)
+    yield { ...made, sentence: `maximum ${path.place} error ${error} over a motion of ${size}` };
+  else yield { ...made, more: `maximum ${path.place} error ${error} over a motion of ${size}` };
+}
+
+const isCut = ({ stop, step }, { end }) => end > stop + 0.5 * step;
+
+function* cutChecks(simulation, figures) {
+  if (simulation.asked || !isCut(simulation, figures)) return;
+  const words = `the motion of ${at(figures.end)} is cut at ${at(simulation.stop)}`;
+  yield plain("motion", "Motion", DOUBTFUL, words);
+}
+
+function* energyChecks({ rows, floor }, { energy }) {
+  if (!energy) return;
+  const { residual, exchanged } = energy,
+    places = { error: quantity(residual, "J"), place: quantity(exchanged, "J") };
+  yield check(rows.energy, residual > floor ? residual / exchanged : 0, places);
+}
+
+/** Phrases for what a run came to, without what a doubtful or failed check says of it. */
+function* resultsOf(simulation, figures, loops, checks) {
+  const stateAt = (key) => checks.find((one) => one.key === key)?.state,
+    { contact, path, tool_error: tool, joint_error: worst } = figures;
+  if (stateAt("margin") === GOOD) yield `modulus margin ${text(loops.margin.value, 2)}`;
+  if (contact) yield `in contact ${since(contact.at_s)}, ${quantity(contact.value, "N")} at most`;
+  if (path?.rest) yield "at rest";
+  else if (tool && [stateAt("tool"), stateAt("joint")].every((one) => (one ?? GOOD) === GOOD))
+    yield `maximum tool error ${quantity(tool.value, "m")} (at ${at(tool.at_s)})`;
+  if (worst && !path?.rest)
+    yield `worst joint ${worst.joint}, ${quantity(worst.value, worst.unit)}`;
+  if (simulation.asked && isCut(simulation, figures))
+    yield `stopped at ${at(simulation.stop)} of a motion of ${at(figures.end)}`;
+}
