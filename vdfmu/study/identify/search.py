@@ -61,15 +61,24 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
     `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them. `narrower` are
     the same rows with half the band of the first filter: the change of parameters is part of their deviations.
     """
+    search = _searched(problem, prior)
+    covariance = search.covariance(narrower)
+    return Estimate(search.x, covariance, search.held, search.weak(covariance))
+
+
+def with_links(problem: IdentificationProblem, prior: Floats) -> Floats:
+    """Return all parameters, of which those of the links have this covariance about the robot file's."""
+    return _searched(problem, prior).x
+
+
+def _searched(problem: IdentificationProblem, prior: Floats | None) -> _Search:
     search = _Search(problem, prior)
     while True:
         for _ in range(_ROUNDS):
             if search.fit() < _SETTLED:
                 break
         if not search.flatten():
-            break
-    covariance = search.covariance(narrower)
-    return Estimate(search.x, covariance, search.held, search.weak(covariance))
+            return search
 
 
 def expected_deviations(problem: IdentificationProblem, prior: Floats | None, noise: list[Floats]) -> Floats:
