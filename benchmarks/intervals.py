@@ -24,7 +24,7 @@ from vdfmu.study.identify.fit import Identified, identify
 from vdfmu.study.identify.log import Log
 
 ARMS = ("planar_2dof", "slider_3dof", "scara_4dof")
-STEP, PERIOD, NOISE, CORRELATED = 0.002, 12.0, 0.01, 0.1
+STEP, PERIOD, NOISE, CORRELATED = 0.004, 12.0, 0.01, 0.1
 """Step of the log [s], period of its motion [s], noise over the largest torque, and time that colours the noise [s]."""
 SHARES = {"I_m": 0.2, "f_c": 0.3, "f_s": 0.1, "v_s": 0.3, "f_v": 0.3, "K_f0": 0.2, "c_f": 0.2, "K_w0": 0.2, "c_w": 0.2}
 """Deviations of the logarithms of the values of a robot file from the truth."""
@@ -43,8 +43,14 @@ def simulated(log: Log, robot: Robot, seed: int, coloured: bool) -> Log:
     if coloured:
         pole = float(np.exp(-STEP / CORRELATED))
         noise = lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], noise, axis=0)
-    measured = SensorNoise(step=STEP).measured(log, robot)
-    return measured._replace(tau=log.tau + NOISE * np.abs(log.tau).max(axis=0) * noise)
+    zeros = dice.uniform(0.0, 1e-3, (2, robot.n))  # of the encoders, more than their steps
+    shifted = log._replace(kappa=log.kappa + zeros[0], q=log.q + zeros[1])
+    measured = SensorNoise(step=STEP).measured(shifted, robot)
+    return measured._replace(
+        kappa=measured.kappa - zeros[0],
+        q=measured.q - zeros[1],
+        tau=log.tau + NOISE * np.abs(log.tau).max(axis=0) * noise,
+    )
 
 
 def start_of(robot: Robot, seed: int) -> Robot:

@@ -15,8 +15,8 @@ from scipy.interpolate import CubicSpline
 import vdfmu
 from tests.study.identify.recorded import STEP, M, T, motion
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.run import Results, Signal
 from vdfmu.engine.results.verdict import FAILED
+from vdfmu.engine.run import Results, Signal
 from vdfmu.study.identify.log import read_log
 
 
@@ -210,7 +210,7 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
             read_log(write(path, table(data, **other), t), robot)
     same(read_log(write(path, table(data), 1e3 * T), robot, time="time [ms]"), data)
     (check, *_) = read_log(write(path, table(data, q=0.9 * q)), robot).checks
-    assert check.key == "ratio" and "joint 1: the link moves 0.9 times as far as the rotor" in check.sentence
+    assert check.key == "ratio" and "joint 1: the link moves 0.901 times as far as the rotor" in check.sentence
 
 
 def test_the_way_out_is_one(robot, data, tmp_path):

@@ -117,7 +117,7 @@ def file_torques(robot: Robot, q: Floats, parts: Regressor) -> Floats:
 
 
 def _step_sizes(measured: Floats) -> Floats:
-    """Steps (n,) of the encoders of measured positions (m, n) [rad or m]; 0 if values are not multiples of one."""
+    """Return steps (n,) of the encoders of positions (m, n) [rad or m]; 0 if values are not multiples of one."""
     step = np.zeros(measured.shape[1])
     for i, column in enumerate(measured.T):
         apart = np.diff(np.unique(column))
