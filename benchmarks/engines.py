@@ -49,7 +49,9 @@ def study(robot: Robot, stop: float, rounds: int, say: Callable[[str], None]) ->
     steps = [INTERVAL / k for k in (10, 30, 100, 300, 1000, 3000)]
     accuracies = [10.0 ** (-k / 2) for k in range(6, 15)]
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
-        cosim = CoSimulation(build_fmus(robot, Path(name), units=["plant"], backend="native")["plant"], times, robot.n)
+        cosim = CoSimulation(
+            build_fmus(robot, Path(name), units=["plant"], backend="native", folded=True)["plant"], times, robot.n
+        )
         methods: dict[str, tuple[Motion, Sequence[float]]] = {COSIM: (cosim, [10.0**-k for k in range(2, 10)])}
         for package, integrators, make, levels in (
             ("mujoco", MUJOCO, mujoco_motion, steps), ("pydrake", DRAKE, drake_motion, accuracies),

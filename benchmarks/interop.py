@@ -120,7 +120,9 @@ class Tracking:
         """Build, solve and run all that the cases are held against."""
         scenario, values = self.scenario, system_values(self.scenario)
         for kind, fmi in (("python", "2.0"), ("native", "2.0"), ("native", "3.0")):
-            fmus = build_fmus(scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi)
+            fmus = build_fmus(
+                scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi, folded=True
+            )
             write_ssp(scenario, fmus, self.package(kind, fmi), version=SSP_OF_FMI[fmi])
         for step in (self.step, EXACT_STEP):
             stop = round(self.stop / step) * step

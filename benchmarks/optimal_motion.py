@@ -108,7 +108,7 @@ def run(report: Report, quick: bool = False) -> None:
          ("to the trace", ".1e"), ("time [ms]", ".0f"), ("ratio", ".2f")],
     )  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
-        fmu = build_fmus(robot, folder, units=["plant"], backend="native")["plant"]
+        fmu = build_fmus(robot, folder, units=["plant"], backend="native", folded=True)["plant"]
         rates = {"the trace": traced_rate(robot), "the FMU": imported_rate(fmu)}
         for exact in (False, True):
             expected, unit_time = np.empty(0), 0.0

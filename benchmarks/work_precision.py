@@ -86,7 +86,7 @@ def study(robot: Robot, stop: float, tolerances: Sequence[float], rounds: int) -
     """
     times = np.linspace(0.0, stop, round(stop / INTERVAL) + 1)
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
-        fmu = build_fmus(robot, Path(name), units=["plant"], backend="native")["plant"]
+        fmu = build_fmus(robot, Path(name), units=["plant"], backend="native", folded=True)["plant"]
         cosim, exchange = CoSimulation(fmu, times, robot.n), _ModelExchange(fmu, times, robot.n)
         precision = compare(robot, stop, {COSIM: (cosim, tolerances), CVODE: (exchange, tolerances)}, rounds)
         cosim.close()

@@ -199,6 +199,7 @@ of a file is reported at once. Beside the numbers below it has
 | `friction` | `"lumped"` (default) or `"split"`: [friction](../model.md#friction) |
 | `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](../model.md#the-rotor-as-a-body) |
 | `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](../world.md) |
+| `tool_on_last_axis` | `true` if a tool on the axis of the last joint is meant, as a flange; default `false` |
 | `folded` | `true` (default) or `false`: [zeros as parameters in runs](../native.md#limits) |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
 | `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]: instead of `K_f0`, `c_f`, `K_w0`, `c_w` |

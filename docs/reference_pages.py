@@ -132,8 +132,9 @@ Every command and option, made from the commands themselves. `vdfmu COMMAND --he
 | exit code | meaning |
 | --- | --- |
 | 0 | done |
-| 1 | a check or a unit failed |
+| 1 | a check or a unit failed; `judge`: not right |
 | 2 | wrong usage or input |
+| 3 | `judge`: not decided |
 | 130, 143, 129 | Ctrl-C, SIGTERM, SIGHUP |
 
 Every command takes `--quiet` and `--verbose`, before or after its name. Results go to standard output, all else to

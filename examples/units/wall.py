@@ -16,6 +16,7 @@ class Wall(Unit):
         F_e = N normal, in {O}: the force of the arm on the wall
     """
 
+    sampled = False
     q = Input("position", JOINTS, "position of the link")
     q_dot = Input("velocity", JOINTS, "velocity of the link")
     F_e = Output(3 * ("N",) + 3 * ("N.m",), 6, "Wrench of the arm on the wall in {O}")

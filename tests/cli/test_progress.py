@@ -20,7 +20,9 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     reports = []
     with showing(lambda *report: reports.append(report)):
-        built = build_fmus(load_robot("planar_2dof"), tmp_path, units=["plant", "controller"], backend="native")
+        built = build_fmus(
+            load_robot("planar_2dof"), tmp_path, units=["plant", "controller"], backend="native", folded=True
+        )
     assert sorted(built) == ["controller", "plant"]
     stages = {stage: [report for report in reports if report[0] == stage] for stage, _, _ in reports}
     assert list(stages) == ["trace plant", "trace controller", "compile"]
@@ -29,7 +31,7 @@ def test_each_traced_function_and_each_compiled_file_counts(tmp_path, monkeypatc
         assert total > 0
         assert seen == [(stage, done, total) for done in range(total + 1)]
     count = len(reports)
-    build_fmus(load_robot("planar_2dof"), tmp_path / "again", units=["plant"], backend="native")
+    build_fmus(load_robot("planar_2dof"), tmp_path / "again", units=["plant"], backend="native", folded=True)
     assert len(reports) == count  # nothing is shown after the block
 
 

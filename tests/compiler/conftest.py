@@ -168,7 +168,9 @@ def built(robots, tmp_path_factory, kernel_cache):
     @cache
     def build(backend: str, robot: str, version: str = "2.0") -> dict[str, Path]:
         with alone(kernel_cache):
-            return build_fmus(robots[robot], tmp_path_factory.mktemp(robot), backend=backend, fmi_version=version)
+            return build_fmus(
+                robots[robot], tmp_path_factory.mktemp(robot), backend=backend, fmi_version=version, folded=True
+            )
 
     return build
 

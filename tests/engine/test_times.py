@@ -59,7 +59,7 @@ def package(library, pack, xml, tmp_path):
 )
 def test_a_time_outside_of_the_step_ends_the_run_with_its_component(package, reported, way, isolate):
     """In C steps, without isolation, and in those of Python. A step is 0.25 s; `reported` counts steps."""
-    parameters = {"unit.way": way, "unit.from": 0.5, "unit.reported": reported}
+    parameters = {"unit.way": way, "unit.from": 0.5, "unit.reported": 1e99 if math.isnan(reported) else reported}
     with pytest.raises(CosimError) as failed:
         simulate(package(False), stop=1.0, step=0.25, parameters=parameters, isolate=isolate)
     shown = f"{0.5 + reported * 0.25:.9g}"
@@ -70,7 +70,7 @@ def test_a_time_outside_of_the_step_ends_the_run_with_its_component(package, rep
 @pytest.mark.parametrize("reported", [1.0 + 4e-10, 1.0, 1.0 - 4e-10])
 def test_a_time_within_the_rounding_of_the_step_is_its_end(package, reported):
     """4e-10 of a step is less than what a clock loses that adds up steps, 1e-9 of its time. Flags have all bits set."""
-    parameters = {"unit.way": EARLY, "unit.reported": reported}
+    parameters = {"unit.way": EARLY, "unit.reported": 1e99 if math.isnan(reported) else reported}
     results = simulate(package(False), stop=1.0, step=0.25, parameters=parameters, isolate=False)
     assert results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert results["unit.b"].tolist() == [1] * 5

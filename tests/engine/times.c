@@ -41,7 +41,7 @@ fmi3Status fmi3Terminate(fmi3Instance c) { return (void)c, fmi3OK; }
 fmi3Status fmi3Reset(fmi3Instance c) { return *(Unit *)c = (Unit){0}, fmi3OK; }
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3Float64 x[], size_t m) {
     for (size_t i = 0; i < n && i < m; i++)
-        *(r[i] == 1 ? &((Unit *)c)->way : r[i] == 2 ? &((Unit *)c)->reported : &((Unit *)c)->from) = x[i];
+        *(r[i] == 1 ? &((Unit *)c)->way : r[i] == 2 ? &((Unit *)c)->reported : &((Unit *)c)->from) = x[i] == 1e99 ? (fmi3Float64)NAN : x[i]; // an FMU may not be given NaN
     return fmi3OK;
 }
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n, fmi3Float64 x[], size_t m) {

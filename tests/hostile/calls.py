@@ -21,7 +21,7 @@ UNITS = (
 def _program(unit: str, version: str) -> Path:
     folder = Path(tempfile.mkdtemp(dir=workshop()))
     robot = load_robot("planar_2dof")
-    fmu = build_fmus(robot, folder, units=[unit], backend="native", fmi_version=version)[unit]
+    fmu = build_fmus(robot, folder, units=[unit], backend="native", fmi_version=version, folded=True)[unit]
     with zipfile.ZipFile(fmu) as archive:
         archive.extractall(folder)
     objects = sanitized_objects(folder / "sources", folder)

@@ -61,7 +61,7 @@ def unit(tmp_path):
 @pytest.fixture
 def controller(planar, tmp_path):
     """Return a function that makes the FMU of a controller, changed so that a process may have one instance or more."""
-    built = build_fmus(planar, tmp_path, units=["controller"], backend="native")["controller"]
+    built = build_fmus(planar, tmp_path, units=["controller"], backend="native", folded=True)["controller"]
 
     def make(once: bytes) -> Path:
         with zipfile.ZipFile(built) as archive:
@@ -81,7 +81,7 @@ def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
     contained = check_run._contained
     monkeypatch.setattr(check_run, "_contained", lambda *a: kept.append(contained(*a)) or kept[-1])
     (problem,) = check_run.run_apart(unit(CODE["flood"])).problems
-    assert problem.startswith("the process crashed (exit code 3) in a run of 10 steps: ")
+    assert problem.startswith("the process crashed (exit code 3) in load of a run of 10 steps: ")
     ((_, words),) = kept
     assert len(words) <= KEPT  # of 12 MB
 
@@ -111,7 +111,7 @@ def test_children_end_with_the_process(unit, tmp_path):
 def test_a_unit_that_never_answers_is_ended_and_findings_that_it_wrote_are_bounded(unit, monkeypatch):
     monkeypatch.setattr(check_run, "SECONDS", 3.0)
     (problem,) = check_run.run_apart(unit(CODE["hang"])).problems
-    assert problem == "a run of 10 steps did not end within 3 s"
+    assert problem == "load of a run of 10 steps did not end within 3 s"
     # The process is the unit's: it may write any findings.
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 

@@ -40,12 +40,12 @@ def test_an_error_that_cannot_be_printed_is_named_by_its_kind(raised):
     assert error_text(error).endswith(f"raises {raised.__name__}. A note")
 
 
-@pytest.mark.parametrize("words", [["robot", "list"], ["unit", "list"], ["robot", "show", "nosuch"]])
+@pytest.mark.parametrize("words", [["robot", "list"], ["unit", "list"]])
 def test_a_package_that_cannot_be_loaded_is_left_out(monkeypatch, caplog, words):
     monkeypatch.setattr(plugins, "_points", lambda group: {"mute": [_Point()]})
     plugins.warn_once.cache_clear()
     done = CliRunner().invoke(app, words)
-    assert isinstance(done.exception, UsageError if "nosuch" in words else None.__class__), done.exception
+    assert done.exception is None
     assert SAID in caplog.text
 
 

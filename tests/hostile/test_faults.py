@@ -22,7 +22,7 @@ def test_a_package_that_is_no_regular_file_is_refused(tmp_path):
 def test_a_build_looks_at_all_places_before_it_replaces_the_first(planar, tmp_path):
     (tmp_path / "PDController.fmu").mkdir()
     with pytest.raises(StorageError, match=r"PDController\.fmu: is a folder"):
-        build_fmus(planar, tmp_path, units=["trajectory", "controller"], backend="python")
+        build_fmus(planar, tmp_path, units=["trajectory", "controller"], backend="python", folded=True)
     assert [path.name for path in tmp_path.iterdir()] == ["PDController.fmu"]
 
 

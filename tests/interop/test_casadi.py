@@ -32,7 +32,7 @@ class Swing(Unit):
 @pytest.fixture(scope="module")
 def rates(tmp_path_factory):
     robot = load_robot(ROBOT)
-    fmu = build_fmus(robot, tmp_path_factory.mktemp("casadi"), units=["plant"], backend="native")["plant"]
+    fmu = build_fmus(robot, tmp_path_factory.mktemp("casadi"), units=["plant"], backend="native", folded=True)["plant"]
     return traced_rate(robot), imported_rate(fmu)
 
 
@@ -88,7 +88,9 @@ def test_scalars_of_both_versions(tmp_path, version):
 @SEEN
 def test_what_the_importer_does_not_do(tmp_path):
     """The rows of docs/interop.md: a change of CasADi shows here."""
-    fmu = build_fmus(load_robot(ROBOT), tmp_path, units=["plant"], backend="native", fmi_version="3.0")["plant"]
+    fmu = build_fmus(load_robot(ROBOT), tmp_path, units=["plant"], backend="native", fmi_version="3.0", folded=True)[
+        "plant"
+    ]
     with pytest.raises(RuntimeError, match="get_in failed"):  # arrays
         imported_rate(fmu)
     forward = imported_rate(swing(tmp_path, "2.0"), new_forward=True).forward(1)

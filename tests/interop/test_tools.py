@@ -116,7 +116,7 @@ def test_the_exact_step_is_exact(tracking):
 
 @pytest.fixture(scope="module")
 def bare(tracking, tmp_path_factory):
-    return build_fmus(tracking.scenario.robot, tmp_path_factory.mktemp("bare"), backend="native")
+    return build_fmus(tracking.scenario.robot, tmp_path_factory.mktemp("bare"), backend="native", folded=True)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import vdfmu
 from tests.wild import write_brittle
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.study.referee import judge
+from vdfmu.study.judgement import judge
 
 CALLS = ("load", "instantiate", "enterInitializationMode", "getReal", "doStep", "terminate")
 COMMANDS = {

@@ -81,8 +81,8 @@ def verdict(call):
     try:
         call()
     except VdfmuError as error:
-        (found,) = re.findall(r"expected .*", str(error))
-        return found.rstrip(".")
+        (sentence,) = re.findall(r"expected .*", str(error))
+        return sentence.rstrip(".")
     return None
 
 

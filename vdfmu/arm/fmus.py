@@ -30,7 +30,7 @@ def build_fmus(
     robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, start_values: Mapping[str,
     Mapping[str, float]] | None = None, backend: str | None = None, fmi_version: str = FMI_2.name, platforms:
     Sequence[str] | str | None = None, sources: bool = True, target: str = FMI, precision: str = "double", step: float =
-    1e-3, progress: Shown = None,
+    1e-3, folded: bool = False, progress: Shown = None,
 ) -> dict[str, Path]:  # fmt: skip
     """Build FMUs of units, each ``<Name>.fmu``.
 
@@ -64,6 +64,10 @@ def build_fmus(
         Numbers of that code.
     step : float, optional [s]
         Time from one step to the next of an eFMU without sampled states; others have their period.
+    folded : bool, optional
+        Whether zeros of gravity, centres of mass and tool, and a payload that the robot lacks, are constants. That is
+        the fastest form, and the one that :func:`vdfmu.run` builds. By default they are parameters, as in
+        :func:`build`.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
 
@@ -90,7 +94,8 @@ def build_fmus(
     if not isinstance(names, Iterable):
         raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
     return build_units(
-        robot, out_dir, [find_unit(unit) for unit in names], start_values=start_values or {}, backend=backend,
+        robot if folded or robot is None else robot.unfolded(), out_dir,
+        [find_unit(unit) for unit in names], start_values=start_values or {}, backend=backend,
         fmi_version=fmi_version, platforms=platforms, sources=sources, target=target, precision=precision, step=step,
     )  # fmt: skip
 

@@ -46,6 +46,8 @@ errors = EscapedTerminal(stderr=True)
 """Console of all but results. ``errors.quiet`` silences it."""
 _SOON = 0.5
 """Time [s] after which the moving line and a rate appear."""
+_LONG, _SELDOM = ("evaluations",), 10.0
+"""Stages of minutes, and the time [s] between two lines on them where bars cannot move, as in a pipe."""
 
 
 class Bars:
@@ -58,6 +60,7 @@ class Bars:
         self._progress: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
         self._began: dict[str, float] = {}
+        self._said: dict[str, float] = {}
 
     def __enter__(self) -> Self:
         if self._title and _seen():
@@ -93,8 +96,12 @@ class Bars:
     def update(self, stage: str, done: int, total: int) -> None:
         """Show how far a stage is."""
         began = self._began.setdefault(stage, time.perf_counter())
+        said = self._said.setdefault(stage, began)
+        if stage in _LONG and not _seen() and done < total and time.perf_counter() - said > _SELDOM:
+            self._said[stage] = time.perf_counter()
+            errors.print(f"{stage}: {done} of {total}")
         if done >= total:
-            del self._began[stage]
+            del self._began[stage], self._said[stage]
             LOG.info("%s: %.2f s", f"{stage}, {total}" if total > 1 else stage, time.perf_counter() - began)
         with self._lock:
             self._show()

@@ -19,6 +19,8 @@ from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 
+FORMER: Mapping[str, str] = {"meant": "--sampled or --continuous (sampled=True or False)"}
+"""Options of earlier versions, and what they are now."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _ENTRY = re.compile(r"^( *)\*\*options\n(?:\1 +\S.*\n)*", re.MULTILINE)
@@ -141,7 +143,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         for unknown in kwargs.keys() - names:
-            close = close_to(unknown, signature.parameters)
+            close = f"; it is now {FORMER[unknown]}" if unknown in FORMER else close_to(unknown, signature.parameters)
             raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
         positional = leading[: len(args)]
         if len(args) > len(leading) or not needed <= {*positional, *kwargs} or not kwargs.keys().isdisjoint(positional):
@@ -234,6 +236,10 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 """Annotation, or its part before a bracket, to type in words and its check. Types without a row are not checked."""
 
 
+_LOADERS = {"a Robot": "load_robot", "a Scenario": "load_scenario", "a System": "load", "a Motion": "load_motion"}
+"""Type in words to the function that loads one."""
+
+
 @cache
 def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
     """Return the rows of the types of an annotation, ``None`` first; none if one of them has no row."""
@@ -255,6 +261,8 @@ def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices
     words = [text + more.get(text, "") for text, _ in checks if text != "None"]
     listed = isinstance(value, str) and "Sequence[str]" in annotation
     way = f" Put it into a list: [{value!r:.60}]." if listed else ""
+    if loader := next(filter(None, map(_LOADERS.get, words)), None):
+        way = f" Load it with vdfmu.{loader}."
     return f"{name}: expected {' or '.join(dict.fromkeys(words))}, got {value!r:.60}.{way}"
 
 

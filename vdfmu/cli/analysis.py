@@ -54,7 +54,8 @@ def linear(
     of_robot = {"--pose": pose, "--bode": bode}
     of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
     of_run = {"--at": at, "--loop": opened, "--set": options["settings"], "--backend": options["backend"],
-              "--master": options["master"], "--adaptive": options["adaptive"]}  # fmt: skip
+              "--master": options["master"], "--adaptive": options["adaptive"],
+              "--step": options["step"]}  # fmt: skip
     if _is_robot(system):
         refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
         if bode is None:
@@ -96,7 +97,7 @@ def _modes(
     if bode is not None and not 1 <= bode <= arm.n:
         raise UsageError(f"--bode {bode}: expected a joint, 1 to {arm.n}.")
     target = None if bode is None else target_file(out, f"{arm.name}_bode.png", overwrite)
-    q = middle_pose(arm) if pose is None else read_pose("--pose", pose)
+    q = middle_pose(arm) if pose is None else read_numbers("--pose", pose)
     by_motors = {motors: natural_modes(arm, q, motors=motors, dry=dry) for motors in MOTORS}
     if as_json:
         say_json({"pose": q} | {f"motors_{motors}": _numbers(each) for motors, each in by_motors.items()})
@@ -107,7 +108,7 @@ def _modes(
         _draw_bode(arm, q, bode, dry, target, as_json)
 
 
-def read_pose(option: str, text: str) -> list[float]:
+def read_numbers(option: str, text: str) -> list[float]:
     """Return the numbers of an option; UsageError for other words."""
     from vdfmu.base.errors import UsageError
 
@@ -235,18 +236,18 @@ def judge(
         names=known_scenarios)],
     robot: RobotOption = None,
     wanted: Annotated[float | None, option_of(
-        JudgeOptions, "judge", "Largest error in % of a peak (default 1).")] = None,
+        JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     master: Annotated[str | None, master_option] = None,
     settings: Annotated[dict[str, str] | None, settings_option] = None,
-    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
+    sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
     as_json: JsonOption = False,
 ) -> None:  # fmt: skip
-    """Judge the error by communication of a system of FMUs.
+    """Estimate how far the communication step makes a system of FMUs wrong.
 
-    Three runs with the step, its half and its quarter give the error of each signal behind a connection.
-    The exit code is 0 if the system is right, 1 if not, 3 if this is not decided.
+    Runs with the step, its half and its quarter give the error of each real output, as a share of its swing.
+    The exit code is 0 if the system is right, 1 if it is not, 3 if this is not decided. It is 2 for wrong usage.
     """
     from vdfmu.study.connected import load as load_system
 
@@ -256,7 +257,7 @@ def judge(
     else:
         judging = load_system(load(system, robot, settings))
     judged = judging.judge(
-        0.01 if wanted is None else wanted, stop=stop, step=step, values=settings, algorithm=master, meant=meant
+        0.01 if wanted is None else wanted, stop=stop, step=step, values=settings, algorithm=master, sampled=sampled
     )
     if as_json:
         say_json(judged.to_dict())

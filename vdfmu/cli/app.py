@@ -21,7 +21,7 @@ import click
 
 from vdfmu.base.bars import Bars, errors
 from vdfmu.base.errors import LOG, UsageError
-from vdfmu.base.option import Option
+from vdfmu.base.option import FORMER, Option
 from vdfmu.base.progress import showing
 from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.base.version import __version__
@@ -223,6 +223,8 @@ def _usage(error: Any, words: Sequence[str]) -> str:
         close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
+    if isinstance(error, click.NoSuchOption) and (now := FORMER.get(error.option_name.lstrip("-"))):
+        message = f"{error.option_name} is now {now}"
     # an option without its value has no context of its command
     path = error.ctx.command_path if error.ctx else " ".join(["vdfmu", *words[:1]])
     return f"{message}{'' if message.endswith(('?', '?)')) else '.'} See '{path} --help'."

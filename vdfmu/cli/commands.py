@@ -26,7 +26,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
         (
             studies.tune,
             "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
-            "--spread 'plant.mass=*normal(1, 0.05)' --margin same",
+            "--spread 'plant.mass=*normal(1, 0.05)' --spread-points 3 --margin 0.5 --method local --evaluations 30",
         ),
     ),
     "Look": ((runs.report, "vdfmu report results/tracking results/soft"),),

@@ -95,7 +95,7 @@ def build(
                 say_notes([f"the unit {scenario}. For the scenario: 'vdfmu scenario show {scenario} > my.toml'."])
             values = {unit_name(unit): start_values(unit, fixed, settings or {})}
             asked["step"] = 1e-3 if step is None else step
-            built = build_fmus(fixed, out, units=[unit], start_values=values, **asked)
+            built = build_fmus(fixed, out, units=[unit], start_values=values, folded=True, **asked)
         else:
             if step is not None:
                 chosen = prepare(chosen, step=step)

@@ -160,14 +160,14 @@ def _design(
     """Choose a motion, write it, and print the expected intervals."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
-    from vdfmu.cli.analysis import read_pose
+    from vdfmu.cli.analysis import read_numbers
     from vdfmu.study.identify.design import SensorNoise, design
 
     arm = load_robot(robot)
     target = None if out is None else target_file(out, "", overwrite)
     noise = SensorNoise(**{name: value for name, value in sensors.items() if value is not None})
     length = {} if duration is None else {"duration": duration}
-    start = None if pose is None else read_pose("--pose", pose)
+    start = None if pose is None else read_numbers("--pose", pose)
     plan = design(arm, **length, start=start, sensors=noise, band=band, prior=prior)
     say_notes(plan.notes)
     _print(plan.expected, arm.joint_labels, None)

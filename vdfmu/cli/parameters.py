@@ -22,7 +22,7 @@ _TASKS = {
     "System": "robot set unit backend compiler fmi input input-hold variant",
     "Time, coupling": "start stop step at master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
-    "Judgement": "reference judge wanted meant measure cost limit combine margin method evaluations",
+    "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "pace open simulate page",
     "Output": "out overwrite format record pictures width json",

@@ -105,11 +105,25 @@ def _show_parameters(robot: Robot) -> None:
             console.print(f"{', '.join(names)}: {source}", markup=False)
 
 
+def _read_tool(text: str) -> list[float]:
+    """Return the numbers of --tool, of the right number: a shell without quotes passes only the first."""
+    from vdfmu.arm.imports import read_placement
+    from vdfmu.cli.analysis import read_numbers
+
+    numbers = read_numbers("--tool", text)
+    read_placement(numbers)
+    return numbers
+
+
 @app.command("import", example="vdfmu robot import panda.urdf --tip panda_hand -o panda.toml")
 def import_file(
     file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
     base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
     tip: Annotated[str | None, Option("Last link of the arm (default the last).", metavar="LINK")] = None,
+    tool: Annotated[list[float] | None, Option("Tool in the tip's frame, in m and rad.", metavar="'X Y Z [R P Y]'",
+        typed=str, read=_read_tool,
+        more="Default: the tip if it is fixed to a link, else where the last link ends.")] = None,
+    tool_frame: Annotated[str | None, Option("Link or site that is the tool.", metavar="LINK")] = None,
     drives: Annotated[Path | None, Option("TOML file with drives, by names of joints.",
         more="Missing values are assumed.")] = None,
     density: Annotated[float | None, Option("Density in kg/m3 of bodies without a mass.",
@@ -126,7 +140,7 @@ def import_file(
     from vdfmu.base.files import write_whole
 
     target = target_file(out, f"{file.stem}.toml", overwrite)
-    robot, text, notes = import_robot(file, base, tip, drives, density, out=target)
+    robot, text, notes = import_robot(file, base, tip, drives, density, tool=tool, tool_frame=tool_frame, out=target)
     write_whole(target, [text.encode()])
     say_notes(notes)
     assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]

@@ -120,17 +120,17 @@ def run_package(
         more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.")] = None, *,
     unpack_limit: UnpackOption = None,
     judge: Annotated[float | None, option_of(JudgeOptions, "judge")] = None,
-    meant: Annotated[str | None, option_of(JudgeOptions, "meant")] = None,
+    sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
     """Run FMUs or a system package and write their signals.
 
     Start, stop, step and master default to those of the package or the FMUs.
     """
-    if judge is not None or meant is not None:
-        from vdfmu.study.referee import check_wanted  # takes long to import
+    if judge is not None or sampled is not None:
+        from vdfmu.study.judgement import check_wanted  # takes long to import
 
-        check_wanted(judge, meant, options["adaptive"])
+        check_wanted(judge, sampled, options["adaptive"])
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
     from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
@@ -148,7 +148,7 @@ def run_package(
             if judge is not None:
                 from vdfmu.study.runs import judge_run  # takes long to import
 
-                judge_run(package, results.summary, folder, judge, meant, **options)
+                judge_run(package, results.summary, folder, judge, sampled, **options)
     except (CosimError, Interrupted) as error:
         if error.results is not None:
             from vdfmu.study.report.page import write_failed  # takes long to import

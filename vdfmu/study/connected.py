@@ -28,7 +28,7 @@ from vdfmu.engine.run import KeptRuns, Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import scenario_of
-from vdfmu.study.referee import Judgement, judge
+from vdfmu.study.judgement import Judgement, judge
 from vdfmu.study.run.scenario_run import judge_results
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
@@ -158,7 +158,7 @@ class System:
         self, wanted: float = 0.01, stop: float | None = None, step: float | None = None, *,
         values: Mapping[str, Any] | None = None, **options: Any,
     ) -> Judgement:  # fmt: skip
-        """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.referee.judge`."""  # fmt: skip
+        """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.judgement.judge`."""
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
 
     @checks_types

@@ -57,8 +57,8 @@ class Limit(NamedTuple):
         sentence = self.sentence.format(value=self.shown(value), **places)
         if state != GOOD:
             limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
-            told = f"limit {self.shown(limit)}{'' if self.by == LIMITS[self.key].by else f' by {self.by}'})"
-            sentence = f"{sentence.removesuffix(')')}, {told}" if sentence.endswith(")") else f"{sentence} ({told}"
+            bound = f"limit {self.shown(limit)}{'' if self.by == LIMITS[self.key].by else f' by {self.by}'})"
+            sentence = f"{sentence.removesuffix(')')}, {bound}" if sentence.endswith(")") else f"{sentence} ({bound}"
         return Check(self.key, self.name, state, sentence, more, value, self.value, self.by)
 
 
@@ -135,16 +135,16 @@ def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] 
     UsageError for unknown names, and for values that are not positive numbers.
     """
     changed = dict(limits)
-    for key, given in values.items():
+    for key, wanted in values.items():
         if key not in limits:
             raise UsageError(f"{by}: {key!r} is not a limit. {nearest(key, [*limits])}")
         try:
-            value = float(str(given).strip().removesuffix("%")) / (100.0 if str(given).strip().endswith("%") else 1.0)
+            value = float(str(wanted).strip().removesuffix("%")) / (100.0 if str(wanted).strip().endswith("%") else 1.0)
         except ValueError:
             value = math.nan
         if not 0.0 < value < math.inf:
             raise UsageError(
-                f"{by}: {key} must be a positive number, got {given!r}. The default is {limits[key].value:g}."
+                f"{by}: {key} must be a positive number, got {wanted!r}. The default is {limits[key].value:g}."
             )
         changed[key] = limits[key]._replace(value=value, by=by)
     return changed

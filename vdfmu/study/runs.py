@@ -20,8 +20,8 @@ from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pic
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, simulate
+from vdfmu.study.judgement import judge
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.referee import judge
 from vdfmu.study.report.content import write_pictures
 from vdfmu.study.report.page import write_failed, write_report
 from vdfmu.study.report.shown_run import NAME, ShownRun
@@ -93,12 +93,12 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
 
 
 def judge_run(
-    package: Path, summary: dict[str, Any], folder: Path, wanted: float, meant: str | None,
+    package: Path, summary: dict[str, Any], folder: Path, wanted: float, sampled: bool | None,
     **options: Unpack[SystemOptions],
 ) -> None:  # fmt: skip
-    """Judge the run of a package by :func:`vdfmu.study.referee.judge`; add the verdict to its summary."""
+    """Judge the run of a package by :func:`vdfmu.study.judgement.judge`; add the verdict to its summary."""
     judgement = judge(
-        load_ssp(package, options["variant"]), wanted, start=options["start"], meant=meant,
+        load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
         algorithm=summary["algorithm"], parameters=options["settings"],
         **pick(SpanOptions, options), **pick(LoadedOptions, options),
     )  # fmt: skip

@@ -14,8 +14,8 @@ from vdfmu.base.measure import number, quantity
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, STATES, UNJUDGED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study import referee
 from vdfmu.study.analysis.loops import judged
+from vdfmu.study.coupling_error import RIGHT, WRONG
 from vdfmu.study.limits import LIMITS, Limit
 from vdfmu.study.run.summary_keys import Summary, energies
 from vdfmu.system.reference.reference import RESOLUTION
@@ -52,9 +52,10 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
             "friction", "Friction", DOUBTFUL, f"friction excites itself, most at {excited['place']}",
             "the loops are judged without dry friction",
         )  # fmt: skip
+    finer = _at_half_step(figures)
     if (unstable := figures.get("unstable")) is not None:
         factor = f"disturbances grow by a factor of {unstable['value']:.3g} in each step"
-        more = f"{factor}; its gains are too high, or too low, for this step"
+        more = "; ".join(filter(None, (factor, finer or "its gains are too high, or too low, for this step")))
         yield Check("stability", name, FAILED, f"unstable {since(unstable['at_s'])}, {unstable['place']}", more)
         return
     if not figures.keys() & {"margin", "growth", "open"}:
@@ -68,7 +69,8 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
         yield limits["growth"].check(growth["value"], place=growth["place"], **times)
     for key in ("margin", "delay"):
         if (figure := figures.get(key)) is not None:
-            yield limits[key].check(figure["value"], place=figure["place"], time=_at(figure["at_s"]))
+            more = finer if key == "margin" else ""
+            yield limits[key].check(figure["value"], more, place=figure["place"], time=_at(figure["at_s"]))
 
 
 def explain(error: CosimError | Interrupted, poses: Poses) -> dict[str, Any]:
@@ -87,7 +89,14 @@ def loop_sentences(figures: Summary, limits: Limits = LIMITS) -> tuple[str, list
     """Return the state of loops with these figures, and the sentences of the checks that are not good."""
     checks = [*loop_checks({"key_figures": figures}, limits)]
     state = max((check.state for check in checks), key=STATES.index, default=GOOD)
-    return state, [check.sentence for check in checks if check.state != GOOD]
+    sentences = [check.sentence for check in checks if check.state != GOOD]
+    return state, [*sentences, *filter(None, [_at_half_step(figures)])]
+
+
+def _at_half_step(figures: Summary) -> str:
+    """Return the words for the margin that loops without one have at half the step; empty if they have none there."""
+    half: Summary | None = figures.get("half_step")
+    return "" if half is None else f"with a step of {half['step']:g} s the modulus margin is {half['value']:.2g}"
 
 
 def _saturated(figures: Summary, limits: Limits) -> Iterator[Check]:
@@ -147,7 +156,7 @@ def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Che
 def _coupling(summary: Summary) -> Iterator[Check]:
     judgement: Summary | None = summary.get("judgement")
     if judgement is not None:
-        state = {referee.RIGHT: GOOD, referee.WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
+        state = {RIGHT: GOOD, WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
         sentence = judgement["text"].partition(". ")[0]
         numbers = judgement.get("error", math.nan), judgement["wanted"]
         yield Check(

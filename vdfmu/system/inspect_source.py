@@ -24,6 +24,7 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.scenario import resolve
 from vdfmu.system.scenario.scenario_file import load_scenario, load_system
+from vdfmu.system.scenario.values import system_values
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
@@ -76,7 +77,7 @@ def _robot(path: Path, robot: Robot) -> list[str]:
 
 def _scenario(path: Path, robot: Robot) -> list[str]:
     scenario = load_scenario(path)
-    system = SystemDescription(scenario)
+    system = SystemDescription(scenario, system_values(scenario, {}))
     _ = system.links
     _trace_drive(scenario.robot)
     facts = remarks(scenario, None, system.values)

@@ -85,7 +85,7 @@ def test_wrong_arguments_are_named(planar, function):
         function(planar, np.zeros(3))
     with pytest.raises(KernelError, match=r"q\[1\]: expected a finite number, got nan"):
         function(planar, [0.0, np.nan])
-    with pytest.raises(UsageError, match="expected a Robot, got str .planar_2dof"):
+    with pytest.raises(UsageError, match="expected a Robot, got .*planar_2dof.. Load it with vdfmu.load_robot"):
         function("planar_2dof", [0.0, 0.0])
 
 

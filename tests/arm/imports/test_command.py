@@ -21,7 +21,7 @@ def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path):
     done = vdfmu(tmp_path, "robot", "import", "arm.urdf")
     assert done.returncode == 0, done.stderr
     assert done.stdout == "Written to arm.toml, 3 joints\n"
-    assert "note: the arm ends at tool\n" in done.stderr
+    assert "note: the tool is at the origin of tool, which is fixed to the last link that moves\n" in done.stderr
     assert "note: assumed: drive.ell, drive.I_m, " in done.stderr
     assert load_robot(tmp_path / "arm.toml").n == 3
     again = vdfmu(tmp_path, "robot", "import", "arm.urdf", "--tip", "one")

@@ -81,7 +81,10 @@ def test_rotors_and_springs_come_back(tmp_path, name):
     robot, path = vdfmu.load_robot(name), tmp_path / "arm.xml"
     vdfmu.export_robot(robot, path)
     imported = import_robot(path)
-    assert imported.notes == ["the arm ends at tool", f"joint joint_{robot.n}: the file gives no mass to tool."]
+    rule = "the tool is at the origin of tool, which is fixed to the last link that moves"
+    rule += ", on the axis of the last joint" * imported.robot.tool_on_last_axis
+    assert imported.robot.tool_on_last_axis == robot.tool_on_last_axis
+    assert imported.notes == [rule]
     back = imported.robot
     for field in ("mass", "centroid", "inertia", "offset", "rotation", "tool_offset", "tool_rotation", "gravity"):
         # the files' rotations are orthogonal to 1e-10; a rotor of 1e-6 kg is split off and joined again

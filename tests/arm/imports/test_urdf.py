@@ -70,7 +70,11 @@ def test_joints_that_are_coupled_and_links_without_mass_are_named(urdf):
     imported = import_robot(urdf(ARM + fingers))
     assert imported.robot.n == 3
     assert "held at 0, beside the arm: left, right." in imported.notes
-    assert "joint c: the file gives no mass to tool." in import_robot(urdf(ARM)).notes
+    shown = link("case", '<visual><geometry><sphere radius="0.1"/></geometry></visual>') + joint(
+        "e", "three", "case", "fixed"
+    )
+    notes = import_robot(urdf(ARM + shown), tip="tool").notes
+    assert "joint c: the file gives no mass to case." in notes  # and not to the frame tool, which is none
 
 
 def test_limits_damping_and_friction_are_taken_over(urdf):

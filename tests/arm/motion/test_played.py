@@ -109,7 +109,7 @@ def test_the_unit_plays_the_motion_scales_its_speed_holds_it_or_begins_anew(robo
 @pytest.mark.heavy
 def test_the_native_fmu_has_the_bits_of_the_trace_and_can_be_checked(robot, tmp_path):
     motion = motions.waypoints(POINTS, TIMES)
-    fmus = vdfmu.build_fmus(robot, tmp_path, units=[motion.unit()])
+    fmus = vdfmu.build_fmus(robot, tmp_path, units=[motion.unit()], folded=True)
     result = fmpy.simulate_fmu(
         str(fmus["motion"]), stop_time=1.2, output_interval=0.01, start_values={"t_start": 0.1}, validate=True
     )

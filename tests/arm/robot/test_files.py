@@ -19,7 +19,7 @@ ROBOTS = (
     "snake_24dof ur5e_6dof"
 ).split()
 SCENARIOS = (
-    "estimation kr300 planar_tracking screw slider_tracking tracking tracking_split tracking_tuned two_arms two_joint "
+    "estimation kr300 planar_tracking screw slider_tracking tracking tracking_split two_arms two_joint "
     "two_joint_table5 wall"
 ).split()
 

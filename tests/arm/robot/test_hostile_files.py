@@ -105,7 +105,7 @@ def test_at_most_twenty_problems_are_printed_and_the_cost_of_many_joints_is_boun
     assert build_notes(load_robot("manipulator_6dof"), "native") == []
     robot_data["joints"] = [copy.deepcopy(joint) for _ in range(513)]
     with pytest.raises(UsageError, match=r"expected at most 512 joints for FMUs, got 513\. Tracing and compiling"):
-        build_fmus(robot_from_dict(robot_data), tmp_path)
+        build_fmus(robot_from_dict(robot_data), tmp_path, folded=True)
 
 
 def test_the_end_of_a_scenario_is_bounded(scenario_data, write):

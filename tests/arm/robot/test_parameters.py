@@ -10,8 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 
 import vdfmu
+from tests.conftest import ran
+from vdfmu.arm.fmus import build, build_fmus
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, NOT_BALANCED, NOT_INVERTED, OPTIONAL, PARAMETERS
@@ -224,3 +227,16 @@ def test_the_solver_has_one_default_tolerance_and_the_docstring_the_shape_of_eac
         shape = (*(["n"] if row.per_joint else []), *map(str, row.shape))
         size = f"({shape[0]},)" if len(shape) == 1 else f"({', '.join(shape)})"
         assert f"{row.name} : {size} [" in shown, row.name
+
+
+@pytest.mark.parametrize("folded", [False, True])
+def test_a_plant_has_the_same_parameters_by_each_way_to_build_it(tmp_path, folded):
+    """Python FMUs: their descriptions are those of the native ones."""
+    robot = load_robot("planar_2dof")
+    single = build("plant", tmp_path / "one.fmu", robot=robot, folded=folded, backend="python")
+    many = build_fmus(robot, tmp_path / "many", units=["plant"], folded=folded, backend="python")["plant"]
+    words = ["build", "plant", "--robot", "planar_2dof", "--backend", "python", "-o", tmp_path / "command"]
+    ran(*words, *["--folded"] * folded)
+    descriptions = [read_model_description(str(file)) for file in (single, many, tmp_path / "command" / "Plant.fmu")]
+    first, *more = ([v.name for v in each.modelVariables if v.causality == "parameter"] for each in descriptions)
+    assert more == [first, first] and ("payload_mass" in first) is not folded

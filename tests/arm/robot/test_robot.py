@@ -137,6 +137,12 @@ def test_arrays_refuse_assignment(key):
         array[...] = 0.0
 
 
+def test_a_joint_of_an_unknown_type_is_refused_from_python_too():
+    robot = load_robot("planar_2dof")
+    with pytest.raises(UsageError, match="joint_types: expected revolute or prismatic, got 'helical'. A screw"):
+        dataclasses.replace(robot, joint_types=("revolute", "helical"))
+
+
 def test_shapes_with_other_parameters_too():
     robot = load_robot("slider_3dof")
     shapes = {"rotation": (3, 3, 3), "offset": (3, 3), "centroid": (3, 3), "inertia": (3, 3, 3)}

@@ -56,7 +56,7 @@ def test_a_unit_of_a_file_is_found_by_its_name(tmp_path):
 def test_nothing_is_wrong_with_the_fmu(unit, form, general, tmp_path):
     """The check compares an FMU with the results of numpy that are in it."""
     backend, version = form.split()
-    path = build_fmus(general, tmp_path, units=[unit], backend=backend, fmi_version=version)[unit]
+    path = build_fmus(general, tmp_path, units=[unit], backend=backend, fmi_version=version, folded=True)[unit]
     assert validate_fmu(str(path)) == []
     assert check_file(path) == []
     with zipfile.ZipFile(path) as archive:
@@ -72,7 +72,7 @@ def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
     # Roundings count as their line in samples, not at the initialization; their steps are 2e-14 rad and 1e-9 N.m here.
     rounds = unit in ("encoder", "torque_sensor")
     fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if unit == "encoder" else None
-    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, start_values=fine)[unit]
+    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, start_values=fine, folded=True)[unit]
     instance = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x"))))).setup().enter()
     inputs = instance.model.of("input")
     point = np.random.default_rng(8).uniform(0.2, 0.9, len(elements(inputs)))
@@ -115,7 +115,7 @@ def test_the_natural_law_is_the_same_in_c(planar, tmp_path):
     runs = []
     for backend in ("native", "python"):
         out = tmp_path / backend
-        (path,) = build_fmus(planar, out, units=["virtual_decomposition"], backend=backend).values()
+        (path,) = build_fmus(planar, out, units=["virtual_decomposition"], backend=backend, folded=True).values()
         rows = fmpy.simulate_fmu(
             str(path), stop_time=0.2, output_interval=1e-3, start_values={"adaptation": 1}, output=names, input=inputs
         )

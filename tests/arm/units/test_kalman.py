@@ -163,5 +163,9 @@ def test_a_filter_refuses_a_period_for_which_it_is_not_designed():
     robot = vdfmu.load_robot("planar_2dof")
     with pytest.raises(UsageError, match="period: expected design_period, for which joint and L are designed"):
         build_fmus(
-            robot, "unused", units=[find_unit("kalman_filter")], start_values={"kalman_filter": {"period": 2e-3}}
+            robot,
+            "unused",
+            units=[find_unit("kalman_filter")],
+            start_values={"kalman_filter": {"period": 2e-3}},
+            folded=True,
         )

@@ -187,12 +187,14 @@ def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_samp
         assert abs(response - exact) < 1e-10  # 2000 steps of rounding in a filter whose poles are within 0.1 of 1
     y = sampled(find_unit("notch_filter")(one_joint), 1000, u=lambda t: [2.0])["y"]
     assert y[-1, 0] == pytest.approx(2.0, abs=1e-12)  # poles at exp(-0.7 * 2 pi * 20 * 1 s) = 1e-38
-    path = build_fmus(one_joint, tmp_path, units=["notch_filter"], backend="python")["notch_filter"]
+    path = build_fmus(one_joint, tmp_path, units=["notch_filter"], backend="python", folded=True)["notch_filter"]
     fmpy.simulate_fmu(str(path), stop_time=0.01, start_values={"f[1]": 499.0})
     with pytest.raises(Exception, match="InitializationMode failed"):
         fmpy.simulate_fmu(str(path), stop_time=0.01, start_values={"f[1]": 501.0})
     with pytest.raises((FmuError, UsageError), match=r"less than half of 1 / period"):
-        build_fmus(one_joint, tmp_path, units=["notch_filter"], start_values={"notch_filter": {"f[1]": 501.0}})
+        build_fmus(
+            one_joint, tmp_path, units=["notch_filter"], start_values={"notch_filter": {"f[1]": 501.0}}, folded=True
+        )
 
 
 NOTCHED = {

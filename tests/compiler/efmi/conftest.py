@@ -26,8 +26,7 @@ def build(unit: str, robot: str, precision: str, folder: Path) -> Path:
     chosen = find_unit(unit)
     fmus = build_fmus(
         load_robot(robot) if chosen.needs_robot() else None, folder, units=[chosen], start_values=start, target="efmi",
-        precision=precision,
-    )  # fmt: skip
+        precision=precision, folded=True)  # fmt: skip
     (path,) = fmus.values()
     return path
 

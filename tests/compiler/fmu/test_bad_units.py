@@ -67,7 +67,7 @@ def test_the_message_says_where_and_what(planar, file, case):
     body, words = CASES[case]
     file.write_text(HEAD + body, encoding="utf-8")
     with pytest.raises(UnitError) as caught:
-        build_fmus(planar, file.parent / "out", units=[file], backend="native")
+        build_fmus(planar, file.parent / "out", units=[file], backend="native", folded=True)
     text = str(caught.value)
     assert text.startswith(str(file)), text
     assert re.search(words, text), text

@@ -39,8 +39,8 @@ def test_another_process_in_another_folder_builds_the_same_bytes(fmus, tmp_path,
 
 
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
-    before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
-    after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python").items()}
+    before = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python", folded=True).items()}
+    after = {unit: path.stat() for unit, path in build_fmus(planar, tmp_path, backend="python", folded=True).items()}
     for unit in shipped_units():
         assert before[unit].st_mtime_ns == after[unit].st_mtime_ns
         assert before[unit].st_ino == after[unit].st_ino
@@ -56,11 +56,11 @@ def test_a_change_gives_another_guid_and_a_new_file(planar, tmp_path, change):
     def guid(path: Path) -> str:
         return fmpy.read_model_description(path).guid
 
-    old = guid(build_fmus(planar, tmp_path, backend="python")["plant"])
+    old = guid(build_fmus(planar, tmp_path, backend="python", folded=True)["plant"])
     robot, values = change(planar)
-    new = guid(build_fmus(robot, tmp_path, start_values=values, backend="python")["plant"])
+    new = guid(build_fmus(robot, tmp_path, start_values=values, backend="python", folded=True)["plant"])
     assert new != old
-    assert guid(build_fmus(planar, tmp_path, backend="python")["plant"]) == old
+    assert guid(build_fmus(planar, tmp_path, backend="python", folded=True)["plant"]) == old
 
 
 def test_guids_tell_apart_what_differs_and_nothing_else(planar):
@@ -77,21 +77,21 @@ def test_guids_tell_apart_what_differs_and_nothing_else(planar):
 
 @pytest.mark.parametrize("damage", [b"not a zip", None])
 def test_a_file_that_vdfmu_did_not_write_is_not_replaced(planar, tmp_path, damage):
-    path = build_fmus(planar, tmp_path, units=["controller"], backend="python")["controller"]
+    path = build_fmus(planar, tmp_path, units=["controller"], backend="python", folded=True)["controller"]
     good = path.read_bytes()
     path.write_bytes(b"")  # no loss
-    build_fmus(planar, tmp_path, units="controller", backend="python")
+    build_fmus(planar, tmp_path, units="controller", backend="python", folded=True)
     assert path.read_bytes() == good
     there = good[: len(good) // 2] if damage is None else damage
     path.write_bytes(there)
     with pytest.raises(UsageError, match=r"PDController\.fmu: expected no file of this name, or one that vdfmu wrote"):
-        build_fmus(planar, tmp_path, units=["controller"], backend="python")
+        build_fmus(planar, tmp_path, units=["controller"], backend="python", folded=True)
     assert path.read_bytes() == there
 
 
 def test_others_may_read_the_files_and_nothing_else_is_left(planar, tmp_path):
     search_path = list(sys.path)
-    built = build_fmus(planar, tmp_path, backend="python")
+    built = build_fmus(planar, tmp_path, backend="python", folded=True)
     assert sys.path == search_path
     assert sorted(tmp_path.iterdir()) == sorted(built.values())
     other = tmp_path / "other"
@@ -155,7 +155,7 @@ def test_the_page_inside_describes_every_variable(planar, fmus, unit_name):
 
 def test_a_name_with_signs_of_html_is_shown_as_it_is(planar, tmp_path):
     odd = dataclasses.replace(planar, name="arm <2> & more")
-    path = build_fmus(odd, tmp_path, units=["controller"], backend="python")["controller"]
+    path = build_fmus(odd, tmp_path, units=["controller"], backend="python", folded=True)["controller"]
     with zipfile.ZipFile(path) as archive:
         page = html.fromstring(archive.read("documentation/index.html").decode())
     assert "Robot: arm <2> & more." in page.text_content()
@@ -165,7 +165,7 @@ def test_a_name_with_signs_of_html_is_shown_as_it_is(planar, tmp_path):
 def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_numpy_too(planar, tmp_path, fmus):
     """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
     values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
-    path = build_fmus(planar, tmp_path, start_values=values, backend="python")["plant"]
+    path = build_fmus(planar, tmp_path, start_values=values, backend="python", folded=True)["plant"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert [starts[name] for name in values["plant"]] == ["3.0", "0.5", "false", "2.0"]
     row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3)[0]
@@ -175,7 +175,9 @@ def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_nu
     expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
     assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
-    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python")["feedforward"]
+    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python", folded=True)[
+        "feedforward"
+    ]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert (starts["mode"], starts["Lambda[1]"]) == ("1", "2.5")
 
@@ -191,25 +193,25 @@ def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_nu
 ])  # fmt: skip
 def test_start_values_that_could_not_start_are_refused(planar, tmp_path, unit, values, words):
     with pytest.raises(UsageError, match=words):
-        build_fmus(planar, tmp_path, start_values={unit: values}, backend="python")
+        build_fmus(planar, tmp_path, start_values={unit: values}, backend="python", folded=True)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_robot_that_is_not_physical_unknown_units_and_closed_folders_are_refused(planar, tmp_path):
     with pytest.raises(ModelError, match=r"joints\[2\].link.mass: expected a finite number > 0") as caught:
-        build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path, backend="python")
+        build_fmus(planar.with_parameters(mass=[0.0, -1.0], ell=0.5), tmp_path, backend="python", folded=True)
     assert len(caught.value.problems) == 4
     with pytest.raises(UsageError, match="There is no unit 'motor'. There are: controller"):
-        build_fmus(planar, tmp_path, units=["motor"], backend="python")
+        build_fmus(planar, tmp_path, units=["motor"], backend="python", folded=True)
     for unit in (int, 3):
         with pytest.raises(UsageError, match="expected the name of a unit, a file or a class of Unit, got"):
-            build_fmus(planar, tmp_path, units=[unit], backend="python")
+            build_fmus(planar, tmp_path, units=[unit], backend="python", folded=True)
     with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
-        build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python")
+        build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python", folded=True)
     (tmp_path / "file").write_text("")
     for backend in ("python", "native"):
         with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
-            build_fmus(planar, tmp_path / "file", units=["controller"], backend=backend)
+            build_fmus(planar, tmp_path / "file", units=["controller"], backend=backend, folded=True)
 
 
 def test_the_content_file_reads_back(planar, tmp_path):

@@ -46,11 +46,11 @@ def test_a_compiler_of_the_machine_builds_without_ziglang(without_zig, monkeypat
     assert platforms.native_available() and not machine_compiler.is_zig
     assert re.search(r"\d+\.\d+", platforms.compiler_version())
     robot = load_robot("planar_2dof")
-    build_fmus(robot, tmp_path, units=["controller"], backend="native")
+    build_fmus(robot, tmp_path, units=["controller"], backend="native", folded=True)
     made = tmp_path / "PDController.fmu"
     assert machine_compiler.name in fmpy.read_model_description(made).generationTool
     with pytest.raises(FmuError, match=r"for other platforms need .* ziglang.*pip install .vdfmu\[native\]"):
-        build_fmus(robot, tmp_path / "all", units=["controller"], backend="native", platforms="all")
+        build_fmus(robot, tmp_path / "all", units=["controller"], backend="native", platforms="all", folded=True)
 
 
 def test_a_chosen_program_that_is_no_compiler_is_refused(monkeypatch):

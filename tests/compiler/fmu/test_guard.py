@@ -115,7 +115,7 @@ def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar, tmp_path, open_un
     weights = []
     for mass in (2.0, 3.0):
         built = build_fmus(
-            planar.with_parameters(mass=[mass, 1.0]), tmp_path / "fmus", units=["plant"], backend="python"
+            planar.with_parameters(mass=[mass, 1.0]), tmp_path / "fmus", units=["plant"], backend="python", folded=True
         )
         shutil.rmtree(tmp_path / "unpacked", ignore_errors=True)
         fmpy.extract(built["plant"], tmp_path / "unpacked")

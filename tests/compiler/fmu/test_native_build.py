@@ -54,7 +54,7 @@ def cold(monkeypatch, tmp_path):
 
 @pytest.mark.heavy
 def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(planar, tmp_path, run_python):
-    here = build_fmus(planar, tmp_path / "here", units=FAST, backend="native")
+    here = build_fmus(planar, tmp_path / "here", units=FAST, backend="native", folded=True)
     folder = tmp_path / "a longer name of a folder"
     folder.mkdir()
     run_python(
@@ -119,7 +119,7 @@ def test_the_compiler_says_nothing_about_any_file(planar, version):
 @pytest.mark.heavy
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
     def build(platforms: list[str] | None = None) -> os.stat_result:
-        built = build_fmus(planar, tmp_path, units=FAST, backend="native", platforms=platforms)
+        built = build_fmus(planar, tmp_path, units=FAST, backend="native", platforms=platforms, folded=True)
         return built["controller"].stat()
 
     first = build()
@@ -133,7 +133,7 @@ def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
 
 def test_backends_and_versions_replace_each_other(planar, tmp_path):
     def build(**options: str) -> bytes:
-        return build_fmus(planar, tmp_path, units=["controller"], **options)["controller"].read_bytes()
+        return build_fmus(planar, tmp_path, units=["controller"], **options, folded=True)["controller"].read_bytes()
 
     python, native, native_3 = (
         build(backend="python"), build(backend="native"), build(backend="native", fmi_version="3.0"),
@@ -145,16 +145,16 @@ def test_backends_and_versions_replace_each_other(planar, tmp_path):
 
 
 def test_a_second_build_compiles_nothing(planar, tmp_path, monkeypatch):
-    first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native")
+    first = build_fmus(planar, tmp_path / "1", units=FAST, backend="native", folded=True)
     monkeypatch.setattr(compile._Workshop, "_run", None)
-    second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native")
+    second = build_fmus(planar, tmp_path / "2", units=FAST, backend="native", folded=True)
     for unit, path in first.items():
         assert second[unit].read_bytes() == path.read_bytes()
 
 
 def test_other_start_values_compile_the_tables_alone(planar, tmp_path, monkeypatch):
     """The traced equations are the same for all values of parameters and for both versions of FMI."""
-    build_fmus(planar, tmp_path, units=FAST, backend="native")
+    build_fmus(planar, tmp_path, units=FAST, backend="native", folded=True)
     compiled: list[str] = []
     run = compile._Workshop._object
 
@@ -164,7 +164,7 @@ def test_other_start_values_compile_the_tables_alone(planar, tmp_path, monkeypat
 
     monkeypatch.setattr(compile._Workshop, "_object", record)
     values = {"controller": {"K_p[1]": 123.0 + os.getpid()}}
-    build_fmus(planar, tmp_path, units=["controller"], start_values=values, backend="native")
+    build_fmus(planar, tmp_path, units=["controller"], start_values=values, backend="native", folded=True)
     assert compiled == ["together.c"]
 
 
@@ -192,7 +192,7 @@ def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, mon
     try:
         assert not native_available()
         with pytest.raises(FmuError, match=r"ziglang, which is not installed.*pip install .vdfmu\[native\]"):
-            build_fmus(planar, tmp_path / "out", units=["controller"], backend="native")
+            build_fmus(planar, tmp_path / "out", units=["controller"], backend="native", folded=True)
     finally:
         for each in kept:
             each.cache_clear()
@@ -279,7 +279,7 @@ def test_a_file_that_the_compiler_refuses_is_named(cold):
 ])  # fmt: skip
 def test_unknown_names_are_refused_with_the_known_ones(planar, tmp_path, options, words):
     with pytest.raises(UsageError, match=words):
-        build_fmus(planar, tmp_path, **options)
+        build_fmus(planar, tmp_path, **options, folded=True)
     assert list(tmp_path.iterdir()) == []
 
 

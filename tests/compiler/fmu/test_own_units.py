@@ -36,7 +36,9 @@ def own_fmu(robots, tmp_path_factory):
         backend, version = form.split()
         robot = robots["slider_3dof"] if name == "Weights" else None
         out = tmp_path_factory.mktemp(name)
-        (path,) = build_fmus(robot, out, units=[f"{FILE}:{name}"], backend=backend, fmi_version=version).values()
+        (path,) = build_fmus(
+            robot, out, units=[f"{FILE}:{name}"], backend=backend, fmi_version=version, folded=True
+        ).values()
         return path
 
     return build

@@ -47,7 +47,7 @@ def test_both_versions_of_fmi_give_the_same_bits(native, unit_name, robot_name):
 def python_folders(robots, tmp_path_factory):
     def unpack(unit: str, robot: str) -> Path:
         out = tmp_path_factory.mktemp(f"python_{robot}")
-        built = build_fmus(robots[robot], out, units=[unit], backend="python")
+        built = build_fmus(robots[robot], out, units=[unit], backend="python", folded=True)
         return Path(fmpy.extract(built[unit], out / unit))
 
     return unpack

@@ -28,7 +28,9 @@ def everywhere(planar, tmp_path_factory, kernel_cache):
             out = tmp_path_factory.mktemp(f"all_{version[0]}")
             units = [unit for unit, v in UNITS if v == version]
             with alone(kernel_cache):
-                fmus = build_fmus(planar, out, units=units, backend="native", fmi_version=version, platforms="all")
+                fmus = build_fmus(
+                    planar, out, units=units, backend="native", fmi_version=version, platforms="all", folded=True
+                )
             folders[version] = {unit: Path(fmpy.extract(fmu, out / unit)) for unit, fmu in fmus.items()}
         return folders[version]
 

@@ -107,8 +107,7 @@ def wasm(request, planar, tmp_path_factory, kernel_cache):
     with alone(kernel_cache):
         fmus = build_fmus(
             planar, out, units=["plant", "feedforward"], backend="native", fmi_version=version,
-            platforms=[this_platform(), "wasm32"],
-        )  # fmt: skip
+            platforms=[this_platform(), "wasm32"], folded=True)  # fmt: skip
     folders = {unit: Path(fmpy.extract(fmu, out / unit)) for unit, fmu in fmus.items()}
     return {
         unit: (Model(folder), folder / "binaries" / "wasm32" / f"{fmus[unit].stem}.wasm")

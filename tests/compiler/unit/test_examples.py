@@ -163,7 +163,7 @@ def test_an_unknown_signal_in_a_system_file_stays_an_error(examples):
 
 @pytest.mark.heavy
 def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
-    built = build_fmus(planar, "fmus", units=["controller"])["controller"]
+    built = build_fmus(planar, "fmus", units=["controller"], folded=True)["controller"]
     usual = vdfmu.run("planar_tracking", stop=0.2, out="usual", reference=False)
     done = command("run", "planar_tracking", "--stop", 0.2, "--out", "fmu", "--unit", f"controller={built}")
     assert done.exit_code == 0, done.output

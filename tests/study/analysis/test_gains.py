@@ -7,11 +7,12 @@ from scipy.signal import cont2discrete
 from tests.arm.imports.conftest import ARM
 from tests.conftest import TYPICAL
 from vdfmu import run
+from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import arm_gains, joint_gains, reach_scenario
+from vdfmu.study.analysis.reach import arm_gains, joint_gains, reach_scenario, steepest_fall
 from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
@@ -34,8 +35,9 @@ def smallest_distance(J: float, M: float, K: float, K_p: float, K_v: float, dela
 def test_a_joint_has_the_margin_that_is_promised(J, M, K):
     K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP)
     assert margin >= 0.5
-    smallest = min(smallest_distance(J, M, K, K_p, K_v, delay) for delay in (0, 1))
-    assert smallest == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
+    now, late = (smallest_distance(J, M, K, K_p, K_v, delay) for delay in (0, 1))
+    assert now == pytest.approx(margin, rel=0.01)  # both are minima over grids of frequencies
+    assert late > 0.49  # 0.5 was asked for, by such a minimum
 
 
 def test_a_stiff_joint_has_the_poles_that_are_placed_and_a_soft_one_a_quarter_of_its_spring():
@@ -55,9 +57,8 @@ def test_a_stiff_joint_has_the_poles_that_are_placed_and_a_soft_one_a_quarter_of
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", TYPICAL)
 def test_the_loops_of_the_whole_arm_keep_clear_of_minus_one(name):
-    """The rule knows of no other joint, and of no friction that falls with speed, which the wrist of the paper has."""
-    least = 0.08 if name == "manipulator_6dof" else 0.65
-    assert margins_along(reach_scenario(name)).judged.loops.modulus.min() > least
+    """The rule knows of no other joint. The friction of the paper's wrist falls by 17 N.m.s/rad."""
+    assert margins_along(reach_scenario(name)).judged.loops.modulus.min() > 0.65
 
 
 @pytest.mark.heavy
@@ -69,14 +70,28 @@ def test_the_loops_of_every_other_shipped_arm_do_too(name):
     assert margins_along(scenario).judged.loops.modulus.min() > 0.5
 
 
+def test_friction_that_falls_takes_its_slope_from_the_damping():
+    """The formula is the slope of Eq. (54), by differences. K_v is at least twice as large, or there are no gains."""
+    robot = load_robot("manipulator_6dof")
+    v = robot.v_s / np.sqrt(2.0)
+    slope = (stribeck_friction(robot, v * 1.001) - stribeck_friction(robot, v * 0.999)) / (0.002 * v)
+    np.testing.assert_allclose(steepest_fall(robot), -slope, rtol=1e-5)  # third derivative, 1e-6, at the inflection
+    J, M, K, fall = 0.114, 0.1, 45e3, 17.0
+    K_p, K_v, margin = joint_gains(J, K, np.array([M]), STEP, fall=fall)
+    assert margin >= 0.5 and K_v >= 2.0 * fall  # 1 + L at high gain of a slow rotor: K_v over K_v - fall is 2 at most
+    assert K_p == pytest.approx((K_v - fall) ** 2 / (J + M), rel=1e-12)  # a damping ratio of 0.5, by its formula
+    with pytest.raises(UsageError, match="expected gains with a modulus margin of 0.5, got none"):
+        joint_gains(J, K, np.array([M]), STEP, fall=60.0)  # above J / (2 h) = 57
+
+
 def test_gains_follow_the_step_and_those_that_miss_their_margin_are_refused():
     robot = load_robot("planar_2dof")
     q = np.zeros((1, 2))
-    fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 4e-3)
+    fast, slow = arm_gains(robot, q, 1e-3), arm_gains(robot, q, 2e-3)
     assert (slow.K_v < fast.K_v / 2).all()
     assert (slow.K_p < fast.K_p).all()
     # No gains have more than the 1 of none at all.
-    with pytest.raises(UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got 0.9.* smaller"):
+    with pytest.raises(UsageError, match=r"joint 1: expected gains with a modulus margin of 1.1, got none .* smaller"):
         arm_gains(load_robot("planar_2dof"), np.zeros((1, 2)), 1e-3, margin=1.1)
 
 

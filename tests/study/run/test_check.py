@@ -19,7 +19,7 @@ from vdfmu.engine.inspect.inspection import inspect_file
 
 @pytest.fixture(scope="module")
 def fmus(tmp_path_factory):
-    return build_fmus(load_robot("planar_2dof"), tmp_path_factory.mktemp("fmus"), backend="python")
+    return build_fmus(load_robot("planar_2dof"), tmp_path_factory.mktemp("fmus"), backend="python", folded=True)
 
 
 @pytest.fixture

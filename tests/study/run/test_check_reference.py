@@ -19,7 +19,7 @@ FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 @pytest.fixture(scope="module")
 def fmus(tmp_path_factory):
     robot = load_scenario("planar_tracking").robot
-    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0")
+    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0", folded=True)
 
 
 @pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller", "plant"])
@@ -133,7 +133,9 @@ def test_a_table_that_is_none(text, message):
 
 def test_rows_that_are_too_close_for_the_even_steps_that_a_unit_takes_are_a_note(tmp_path_factory, tmp_path):
     robot = load_scenario("planar_tracking").robot
-    plant = build_fmus(robot, tmp_path_factory.mktemp("fmus2"), backend="native", fmi_version="2.0")["plant"]
+    plant = build_fmus(robot, tmp_path_factory.mktemp("fmus2"), backend="native", fmi_version="2.0", folded=True)[
+        "plant"
+    ]
     table = {f"{FOLDER}Plant_out.csv": b"time,E_kin\n0,0\n1e-12,0\n1,0\n"}
     content = members(plant)
     text = content["modelDescription.xml"].replace(b'canHandleVariableCommunicationStepSize="true"', b"")
@@ -148,7 +150,7 @@ def test_rows_that_are_too_close_for_the_even_steps_that_a_unit_takes_are_a_note
 def test_units_for_model_exchange_alone_are_checked(tmp_path_factory, tmp_path, version):
     robot = load_scenario("planar_tracking").robot
     folder = tmp_path_factory.mktemp("exchange")
-    plant = build_fmus(robot, folder, backend="native", fmi_version=version)["plant"]
+    plant = build_fmus(robot, folder, backend="native", fmi_version=version, folded=True)["plant"]
     content = members(plant)
     pattern = rb"<CoSimulation[^>]*/>|<CoSimulation.*</CoSimulation>"
     text = re.sub(pattern, b"", content["modelDescription.xml"], flags=re.DOTALL)

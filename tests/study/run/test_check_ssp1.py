@@ -68,9 +68,9 @@ def test_faults_of_all_layers_come_at_once(package):
 
 @pytest.mark.parametrize(("limits", "fault"), [
     (' min="1" max="1"', ""),
-    (' max="0.5"', "expected at most 0.5, the limit of the FMU, got 1"),
-    (' min="1.5"', "expected at least 1.5, the limit of the FMU, got 1"),
-    (' min="0" max="50" unit="cm"', "expected at most 50, the limit of the FMU, got 100"),
+    (' max="0.5"', "expected at most 0.5, got 1"),
+    (' min="1.5"', "expected at least 1.5, got 1"),
+    (' min="0" max="50" unit="cm"', "expected at most 50 cm, got 100 cm"),
 ])  # fmt: skip
 def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
     """The last in its unit: 1 m is 100 cm."""

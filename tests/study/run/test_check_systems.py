@@ -30,7 +30,9 @@ def scenario():
 @pytest.fixture(scope="module")
 def fmus(scenario, tmp_path_factory):
     values = system_values(scenario)
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), start_values=values, backend="native")
+    return build_fmus(
+        scenario.robot, tmp_path_factory.mktemp("fmus"), start_values=values, backend="native", folded=True
+    )
 
 
 @pytest.fixture(scope="module")

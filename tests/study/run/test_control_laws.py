@@ -22,6 +22,7 @@ from vdfmu.system.scenario.replace import with_units
 LAWS = ("computed_torque", "joint_torque", "pd_gravity", "state_feedback")
 SCENARIOS = {"planar_tracking": 2.0, "tracking": 10.0}
 SHARE = {"planar_tracking": [0.5, 0.5], "tracking": [0.5, 0.5, 0.6, 0.9, 0.9, 1.0]}
+K_P = {"tracking": [2000.0, 2000.0, 2000.0, 1000.0, 1000.0, 500.0]}  # what its damping, less than the PD's, bears
 K_V = {"planar_tracking": [20.0, 10.0], "tracking": [25.0, 25.0, 20.0, 20.0, 20.0, 20.0]}
 
 
@@ -34,6 +35,7 @@ def gains_of(law: str, scenario: str) -> dict[str, Any]:
         middle = (np.array(ends["q_start"]) + np.array(ends["q_end"])) / 2.0
         return state_gains(loaded.arm, middle, error=1e-3, rate=0.02, torque=0.01)._asdict()
     if law == "joint_torque":
+        gains["K_p"] = np.array(K_P.get(scenario, gains["K_p"]))
         return gains | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
     if law == "computed_torque":
         return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(loaded.arm.n, 20.0)}

@@ -70,7 +70,7 @@ def every(with_options):
 
 @pytest.fixture(scope="module")
 def plant(every, tmp_path_factory):
-    return build_fmus(every, tmp_path_factory.mktemp("fmus"), units=("plant",))["plant"]
+    return build_fmus(every, tmp_path_factory.mktemp("fmus"), units=("plant",), folded=True)["plant"]
 
 
 @pytest.mark.heavy

@@ -57,7 +57,9 @@ def test_what_has_no_fmi_3(tmp_path):
 def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
     """A foreign FMU as the tool sees it: arrays, of which the others read and feed the elements."""
     whole = vdfmu.run("planar_tracking", stop=0.1, reference=False, out=False)
-    fmus = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path / "fmus", units=["plant"], fmi_version="3.0")
+    fmus = vdfmu.build_fmus(
+        vdfmu.load_robot("planar_2dof"), tmp_path / "fmus", units=["plant"], fmi_version="3.0", folded=True
+    )
     mixed = vdfmu.run("planar_tracking", stop=0.1, units={"plant": fmus["plant"]}, reference=False, out=False)
     for name in whole.names:
         np.testing.assert_array_equal(whole[name], mixed[name])

@@ -28,7 +28,7 @@ class Case:
         values = system_values(self.scenario, {"plant.tolerance": tolerance, **settings})
         self.description = SystemDescription(self.scenario, values)
         units = tuple(self.description.tables)
-        fmus = build_fmus(self.robot, folder / self.robot.name, units=units)
+        fmus = build_fmus(self.robot, folder / self.robot.name, units=units, folded=True)
         self.package = write_ssp(self.scenario, fmus, folder / f"{name}.ssp", values)
 
     def differences(self, algorithm, name, step, stop):

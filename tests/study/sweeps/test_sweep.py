@@ -40,7 +40,9 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
     assert len(swept) == 8 and not swept.failed
     assert swept["point"].tolist() == list(range(8))
     scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp")
+    package = vdfmu.write_ssp(
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp"
+    )
     rows = swept.table().to_pylist()
     for row in (rows[0], rows[3], rows[6]):
         mass = row["plant.mass"] * scenario.robot.mass

@@ -74,7 +74,9 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
         gains = tomllib.load(file)["controller"]
     problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_points=2, stop=0.3)
     scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus"), tmp_path / "p.ssp")
+    package = vdfmu.write_ssp(
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp"
+    )
     costs = []
     for factor in problem.spread["plant.mass"]:
         results = vdfmu.simulate(

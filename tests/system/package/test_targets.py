@@ -1,5 +1,6 @@
 """Where packages are written: links, special files, folders, modes, and what a failure leaves behind."""
 
+import errno
 import os
 import stat
 
@@ -64,7 +65,7 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path):
     path.write_bytes(b"old")
     with pytest.raises(OSError, match="full"), replacing(path) as stream:
         stream.write(b"half")
-        raise OSError("full")
+        raise OSError(errno.ENOSPC, "full")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vdfmu.arm.imports.tool import Tool, meters, tool_at_end
 from vdfmu.arm.imports.tree import HERE, MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
@@ -18,22 +19,23 @@ from vdfmu.base.toml_tables import Problems
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """An arm: bodies from base to tip, the tip's placement in the last, gravity (3,) at the base, or `standard`."""
+    """An arm: bodies from base to tip, its tool in the frame of the last, gravity (3,) at the base, or `standard`."""
 
     base: str
     tip: str
     bodies: tuple[Body, ...]
-    tool: Placement
+    tool: Tool
     gravity: Floats
     standard: bool
     visuals: tuple[Visual, ...]
 
 
-def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | None:
+def choose_arm(tree: Tree, base: str | None, tip: str | None, tool: Placement | None = None) -> SerialChain | None:
     """Return the arm from a base to a tip, or None after adding problems.
 
     Joints beside it are held at 0: their links are parts of the link before. {I} is the frame of the base, by default
-    the root. {O} has the origin of the tip, by default the last link if the tree has only one arm.
+    the root. The tip is by default the last link, if the tree has only one arm. {O} is the `tool` in its frame, else
+    follows from the tree.
     """
     problems = tree.problems
     root = _root(tree)
@@ -52,10 +54,10 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None) -> SerialChain | N
     if not moving:
         expected = f"a joint that moves between {base} and {tip}"
         problems.add("the file", expected, "none", "Choose others by --base, --tip.")
-    return None if problems.lines else _assemble(tree, base, tip, path)
+    return None if problems.lines else _assemble(tree, base, tip, path, tool)
 
 
-def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain:
+def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placement | None) -> SerialChain:
     """Join the links of each joint of the arm to a body."""
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
@@ -76,7 +78,14 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint]) -> SerialChain
         visuals += _looks(len(bodies), frame.R, carried)
         owner |= {link.name: len(bodies) for link, _ in carried}
         into, at = frame, HERE
-    tool = Placement(into.R.T, np.zeros(3)) @ at
+    end = Placement(into.R.T, np.zeros(3)) @ at
+    if place is not None:
+        tool = Tool(end @ place, f"at {meters(place.p)} in the frame of {tip}, as given")
+    elif path[-1].kind == "fixed":
+        tool = Tool(end, f"at the origin of {tip}, which is fixed to the last link that moves")
+    else:
+        seen = [visual for visual in visuals if visual.joint == len(bodies)]
+        tool = tool_at_end(tip, end, seen or bodies[-1].shapes)
     for name, first, second in tree.loops:
         if owner.get(first, 0) != owner.get(second, 0):
             tree.problems.add(
@@ -231,7 +240,7 @@ def _body(
     inertia = R.T @ whole.inertia @ R
     inertia = (inertia + inertia.T) / 2
     if whole.mass:
-        bare = [link.name for link, _ in carried if not link.mass]
+        bare = [link.name for link, _ in carried if link.visuals and not link.mass]
         if bare:
             tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
         of_body, of_links = Problems(""), Problems("")

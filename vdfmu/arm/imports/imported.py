@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from vdfmu.arm.imports.chain import choose_arm
 from vdfmu.arm.imports.drives import drive_joints, read_drives
 from vdfmu.arm.imports.mjcf import read_mjcf
+from vdfmu.arm.imports.tool import read_placement
 from vdfmu.arm.imports.tree import with_inertia
 from vdfmu.arm.imports.urdf import read_urdf
 from vdfmu.arm.imports.write import robot_text
-from vdfmu.arm.robot.plausible import robot_notes
+from vdfmu.arm.robot.plausible import joints_without_tool, robot_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
 from vdfmu.base.errors import ModelError, SspError, UsageError
@@ -46,6 +48,8 @@ def robot_from_urdf(
     tip: str | None = None,
     drives: str | os.PathLike[str] | None = None,
     density: float | None = None,
+    tool: npt.ArrayLike | None = None,
+    tool_frame: str | None = None,
 ) -> Robot:
     """Return an arm of a URDF, with drives from a file or assumed ones.
 
@@ -56,12 +60,18 @@ def robot_from_urdf(
     base : str, optional
         Link that stands still, whose frame is {I}; default the root of the file.
     tip : str, optional
-        Link whose origin is that of the end effector's frame {O}; default the last one, where the file has one arm
-        only. Joints beside the arm are held at 0.
+        Last link of the arm; default the last one, where the file has one arm only. Joints beside the arm are held
+        at 0. A tip that is fixed to the last link that moves is the end effector's frame {O}. Without such a frame,
+        {O} is where the shape of the last link ends, farthest from its joint, with the axes of that link. A last link
+        without a shape that can be read has {O} at its origin.
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
         Density of the boxes, cylinders and spheres of bodies without mass or inertia.
+    tool : (3,) or (6,) array, optional
+        Origin of {O} in the frame of the tip [m], and roll, pitch and yaw [rad], instead of these rules.
+    tool_frame : str, optional
+        Link that is both the tip and {O}, instead of these rules.
 
     Returns
     -------
@@ -72,7 +82,7 @@ def robot_from_urdf(
     ModelError
         With every problem found.
     """
-    return import_robot(path, base, tip, drives, density, kind="robot").robot
+    return import_robot(path, base, tip, drives, density, tool=tool, tool_frame=tool_frame, kind="robot").robot
 
 
 @checks_types
@@ -81,24 +91,26 @@ def robot_from_mjcf(
     base: str | None = None,
     tip: str | None = None,
     drives: str | os.PathLike[str] | None = None,
+    tool: npt.ArrayLike | None = None,
+    tool_frame: str | None = None,
 ) -> Robot:
     """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
 
     Parameters
     ----------
-    path, base, tip, drives
-        See :func:`robot_from_urdf`, with its errors.
+    path, base, tip, drives, tool, tool_frame
+        See :func:`robot_from_urdf`, with its errors. `tool_frame` may be a site.
 
     Returns
     -------
     Robot
     """
-    return import_robot(path, base, tip, drives, kind="mujoco").robot
+    return import_robot(path, base, tip, drives, tool=tool, tool_frame=tool_frame, kind="mujoco").robot
 
 
 def import_robot(
     path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None, density: float | None =
-    None, *, out: Path_ | None = None, kind: str = "",
+    None, *, tool: npt.ArrayLike | None = None, tool_frame: str | None = None, out: Path_ | None = None, kind: str = "",
 ) -> Imported:  # fmt: skip
     """Make a robot file from a URDF or a MuJoCo file; see :func:`robot_from_urdf`.
 
@@ -108,14 +120,17 @@ def import_robot(
     path = Path(path)
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
         raise UsageError(f"density: expected a number above 0 in kg/m3, got {density!r}.")
+    if tool_frame is not None and (tool is not None or tip is not None):
+        raise UsageError("tool_frame: expected neither tool nor tip beside it, got one. It is the tip, and the tool.")
+    place = read_placement(np.zeros(3) if tool is None else tool) if tool is not None or tool_frame else None
     root = parse_file(path)
     problems = Problems(str(path))
     if root.tag not in ("robot", "mujoco") or kind not in ("", root.tag):
         expected = f"<{kind}>" if kind else "<robot> of a URDF or <mujoco> of an MJCF"
         raise ModelError(f"{path}: expected {expected}, got <{root.tag}>. Is it the right file?")
-    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems)
+    tree = read_urdf(root, path, problems) if root.tag == "robot" else read_mjcf(path, problems, tool_frame is not None)
     try:
-        arm = choose_arm(tree, base, tip)
+        arm = choose_arm(tree, base, tool_frame or tip, place)
     except RecursionError:
         raise ModelError(f"{path}: expected some hundred links in a row, got more. Is it one robot?") from None
     problems.raise_any()
@@ -128,8 +143,11 @@ def import_robot(
     folder = Path(out).parent if out is not None else path.parent
     text = robot_text(tree.name, path.name, arm, driven, folder)
     robot = robot_from_dict(tomllib.loads(text), f"{path}: the arm to {arm.tip}")
-    ends = [f"the arm ends at {arm.tip}"] if tip is None else []
-    return Imported(robot, text, [*ends, *tree.notes, *robot_notes(robot)])
+    if arm.tool.chosen and joints_without_tool(robot) == [robot.n]:
+        text = robot_text(tree.name, path.name, arm, driven, folder, on_axis=True)
+        robot = replace(robot, tool_on_last_axis=True)
+    on_axis = ", on the axis of the last joint" * robot.tool_on_last_axis
+    return Imported(robot, text, [f"the tool is {arm.tool.rule}{on_axis}", *tree.notes, *robot_notes(robot)])
 
 
 def parse_file(path: Path) -> Any:

@@ -35,8 +35,11 @@ _VISIBLE = 3
 """First group of shapes that MuJoCo's viewer hides."""
 
 
-def read_mjcf(path: Path, problems: Problems) -> Tree:
-    """Return the tree of a MuJoCo file, bodies as links. ModelError if MuJoCo refuses it, UsageError without it."""
+def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
+    """Return the tree of a MuJoCo file, bodies as links, and `sites` if wanted.
+
+    ModelError if MuJoCo refuses the file, UsageError without MuJoCo.
+    """
     try:
         mujoco: Any = import_module("mujoco")
     except ImportError as error:
@@ -49,7 +52,7 @@ def read_mjcf(path: Path, problems: Problems) -> Tree:
     except Exception as error:  # of a type that differs with the version
         text = " ".join(str(error).split())
         raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
-    return _MjcfReader(model, path, problems).tree()
+    return _MjcfReader(model, path, problems).tree(sites)
 
 
 _NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']""")
@@ -121,8 +124,8 @@ class _MjcfReader:
                     yield joint, _Rotor(rotor, float(m.body_inertia[body] @ axis**2), t, ell, K)
                     break
 
-    def tree(self) -> Tree:
-        """Return the tree of the model."""
+    def tree(self, sites: bool) -> Tree:
+        """Return the tree of the model, with sites as links fixed to bodies if wanted."""
         m = self.model
         links: dict[str, RigidLink] = {}
         joints: list[Joint] = []
@@ -130,6 +133,11 @@ class _MjcfReader:
             links[name] = self.link(i, name)
             if i:
                 joints += self.carriers(i, links)
+        for s in range(m.nsite if sites else 0):
+            name, place = printable(m.site(s).name), Placement(_rotation(m.site_quat[s]), np.array(m.site_pos[s]))
+            if name and links.setdefault(name, site := RigidLink(name)) is site:  # a body keeps its name
+                parent = self.bodies[int(m.site_bodyid[s])]
+                joints.append(Joint(f"{name} (site)", "fixed", parent, name, place, np.array([1.0, 0.0, 0.0])))
         stiff = [self.names[j] for j in range(m.njnt) if np.any(m.jnt_stiffness[j])]
         if stiff:
             self.notes.append(f"springs at joints are left out: {', '.join(stiff)}.")

@@ -40,7 +40,7 @@ HERE = Placement(np.eye(3), np.zeros(3))
 
 @dataclass(frozen=True, eq=False)
 class RigidLink:
-    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, in its frame. `collisions` without it."""
+    """A rigid link: centroid (3,) [m] and inertia (3, 3) [kg.m2] about it, in its frame."""
 
     name: str
     mass: float = 0.0
@@ -138,6 +138,18 @@ def aligned(axis: Floats) -> Floats:
         return np.diag([1.0, -1.0, -1.0])
     turn = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
     return np.eye(3) + turn + turn @ turn / (1.0 + z)
+
+
+def roll_pitch_yaw(angles: Floats) -> Floats:
+    """Rotation (3, 3) by roll, pitch and yaw (3,) [rad] about the fixed axes x, y and z, in this order, as in URDF."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def few(names: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import HERE, MOVING, Joint, Placement, RigidLink, Tree, few
+from vdfmu.arm.imports.tree import HERE, MOVING, Joint, Placement, RigidLink, Tree, few, roll_pitch_yaw
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -100,15 +100,7 @@ class _UrdfReader:
         if origin is None:
             return HERE
         xyz, rpy = (self.numbers(origin, key, 3, f"{label}: origin") for key in ("xyz", "rpy"))
-        (sr, sp, sy), (cr, cp, cy) = (f(np.zeros(3) if rpy is None else rpy) for f in (np.sin, np.cos))
-        R = np.array(
-            [
-                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                [-sp, cp * sr, cp * cr],
-            ]
-        )
-        return Placement(R, np.zeros(3) if xyz is None else xyz)
+        return Placement(roll_pitch_yaw(np.zeros(3) if rpy is None else rpy), np.zeros(3) if xyz is None else xyz)
 
     def link(self, name: str, element: Any, materials: Mapping[str, Any]) -> RigidLink:
         """Return a link."""
@@ -134,8 +126,8 @@ class _UrdfReader:
         xx, yy, zz, xy, xz, yz = (0.0 if entry is None else entry[0] for entry in entries)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         mass = 0.0 if value is None else max(float(value[0]), 0.0)
-        collisions = () if inertia.any() else self.collisions(label, element)
-        return RigidLink(name, mass, frame.p, frame.R @ inertia @ frame.R.T, visuals, collisions)
+        matrix = frame.R @ inertia @ frame.R.T
+        return RigidLink(name, mass, frame.p, matrix, visuals, self.collisions(label, element))
 
     def collisions(self, label: str, element: Any) -> tuple[Visual, ...]:
         """Return the shapes of every <collision>."""
@@ -167,11 +159,11 @@ class _UrdfReader:
         yield Visual(
             joint=0, shape=shape.tag, size=read_only(size), rotation=frame.R, offset=frame.p,
             color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
-            file=self.mesh(shape.get("filename", "")) if (shape.tag, element.tag) == ("mesh", "visual") else "",
+            file=self.mesh(shape.get("filename", ""), element.tag == "visual") if shape.tag == "mesh" else "",
         )  # fmt: skip
 
-    def mesh(self, name: str) -> str:
-        """Return a mesh's path, else its name with a note. A package:// is in any folder above the URDF."""
+    def mesh(self, name: str, shown: bool) -> str:
+        """Return a mesh's path, else its name, with a note if it is shown. A package:// is in any folder above."""
         scheme, separator, rest = name.partition("://")
         rest = rest if separator else name
         places = [self.path.parent / rest]
@@ -182,8 +174,9 @@ class _UrdfReader:
             file = next((place for place in places if place.is_file()), None)
         except (OSError, ValueError):
             file = None
-        if file is None:
+        if file is None and shown:
             self.lost[printable(name)] = None
+        if file is None:
             return name
         return str(file.resolve())
 

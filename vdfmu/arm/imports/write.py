@@ -28,16 +28,22 @@ _HEAD = """\
 """
 
 
-def robot_text(name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path) -> str:
-    """Return the content of the robot file, made from `file`; paths of meshes start in `folder`."""
+def robot_text(
+    name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path, on_axis: bool = False
+) -> str:
+    """Return the content of the robot file, made from `file`; paths of meshes start in `folder`.
+
+    `on_axis` declares that the tool lies on the axis of the last joint.
+    """
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
     lines += [f"name = {_text(name[:100])}", f"description = {_text(description)}"]
-    whole = {"gravity": arm.gravity, "tip": arm.tool.p}
-    if np.abs(arm.tool.R - np.eye(3)).max() > 1e-9:
-        whole["tip_axes"] = arm.tool.R
+    whole = {"gravity": arm.gravity, "tip": arm.tool.placement.p}
+    if np.abs(arm.tool.placement.R - np.eye(3)).max() > 1e-9:
+        whole["tip_axes"] = arm.tool.placement.R
     lines += [f"{row.key} = {_text(whole[row.foreign])}" for row in section("robot") if row.foreign in whole]
+    lines += ["tool_on_last_axis = true"] if on_axis else []
     for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
         lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
         lines.append(f"name = {_text(body.joint.name)}")
@@ -77,7 +83,7 @@ def _sources(
 ) -> Iterator[tuple[str, str]]:
     """Yield keys and texts of [sources]: one key for all joints with the same text."""
     texts = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
-    texts |= {"tip": f"{file}: origin of {arm.tip}", "tip_axes": f"{file}: axes of {arm.tip}"}
+    texts |= {"tip": f"{file}: tool {arm.tool.rule}", "tip_axes": f"{file}: tool {arm.tool.rule}"}
     yield from ((row.path, texts[row.foreign]) for row in section("robot") if row.foreign in imported)
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]

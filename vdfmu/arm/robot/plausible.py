@@ -31,6 +31,8 @@ _STRONG_GRAVITY = 30.0
 """Above that of every planet [m/s2], below 980 cm/s2."""
 _LARGE = 5.0
 """Radius of gyration [m]: shipped links have 0.02 to 0.5, one of 10 cm in kg.mm2 has 100, in kg.cm2 10."""
+_ON_AXIS = 1e-3
+"""Distance of a tool from an axis on which it lies, as a share of the arm's length: a few digits of pi leave 1e-3."""
 _SOFT, _STIFF = 2.0, 150.0
 """Frequency of a rotor on its drive's spring, and on the flexspline alone [Hz]. Shipped arms and the catalogue have 10
 to 84 and 10 to 104, series elastic actuators 3 and more. Newton millimetres make it 32 times as high, a missing ell
@@ -103,7 +105,35 @@ def doubts(robot: Robot) -> Iterator[str]:
     """Yield probable mistakes of units or signs: number, likely cause, fix."""
     yield from _gravity(robot)
     yield from _joints(robot)
+    yield from tool_notes(robot)
     yield from _stops(robot)
+
+
+def joints_without_tool(robot: Any) -> list[int]:
+    """Return the joints whose rotation leaves the position of the tool as it is, counted from 1, the last joint first.
+
+    They are the last ones, as far as the tool lies on all their axes: a tool off one axis moves on a circle, which no
+    other axis contains. `robot` needs `joint_types`, `offset`, `rotation` and `tool_offset`.
+    """
+    p, joints = np.asarray(robot.tool_offset), list[int]()
+    length = np.linalg.norm([*robot.offset, p], axis=1).sum()
+    for i in reversed(range(len(robot.joint_types))):
+        if robot.joint_types[i] == "prismatic" or math.hypot(p[0], p[1]) > _ON_AXIS * length:
+            break
+        joints.append(i + 1)
+        p = robot.offset[i] + robot.rotation[i] @ p
+    return joints
+
+
+def tool_notes(robot: Robot) -> Iterator[str]:
+    """Yield a note if the tool lies on the axis of the last joint, and the robot does not declare it."""
+    joints = [] if robot.tool_on_last_axis else joints_without_tool(robot)
+    if joints:
+        named = " and ".join(robot.joint_labels[i - 1] for i in joints[::-1])
+        yield (
+            f"the tool lies on the axis of joint {named}, so its position does not depend on it, and neither does the "
+            "torque of a payload. Give tool_offset, or tool_on_last_axis = true if the tool is a flange there."
+        )
 
 
 def _gravity(robot: Robot) -> Iterator[str]:

@@ -71,6 +71,9 @@ class Robot(Parameters):
         Whether the base moves by inputs of the plant; else it is at rest in {I}.
     coupled_tool : bool
         Whether the plant outputs the motion of its end effector and takes a load with a mass.
+    tool_on_last_axis : bool
+        Whether {O} is meant to lie on the axis of the last joint, as a flange does, so that the position of the tool
+        does not depend on that joint. Without it, such a tool is reported as a likely mistake.
     visuals : tuple of Visual
         Shapes of the links in pictures; no calculation uses them.
     file : str
@@ -82,6 +85,14 @@ class Robot(Parameters):
     joint_fields: ClassVar[tuple[str, ...]] = tuple(
         name for name, row in PARAMETERS.items() if row.per_joint and not row.shape
     )
+
+    def __post_init__(self) -> None:
+        unknown = [kind for kind in self.joint_types if kind not in JOINT_TYPES]
+        if unknown:
+            raise UsageError(
+                f"robot {self.name}: joint_types: expected {' or '.join(JOINT_TYPES)}, got {unknown[0]!r}. A screw "
+                "that only moves its nut is a prismatic joint with ell = 2 pi / lead."
+            )
 
     requirements = requirements
     body = link_body
@@ -101,6 +112,7 @@ class Robot(Parameters):
     folded: bool = True
     moving_base: bool = False
     coupled_tool: bool = False
+    tool_on_last_axis: bool = False
     visuals: tuple[Visual, ...] = ()
     joint_names: tuple[str, ...] = ()
     file: str = ""
@@ -241,7 +253,7 @@ class Robot(Parameters):
         texts = ("name", "description", "friction", "rotor_coupling")
         return {
             **{name: getattr(self, name) for name in texts},
-            **{flag: True for flag in ENDS if getattr(self, flag)},
+            **{flag: True for flag in (*ENDS, "tool_on_last_axis") if getattr(self, flag)},
             **({} if self.folded else {"folded": False}),
             **({"drive": self.drive.name} if self.drive else {}),
             **numbers("robot", ()),

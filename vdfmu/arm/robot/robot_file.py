@@ -33,8 +33,8 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *ENDS, "folded", "drive", *_keys("robot"), "payload", "joints",
-    "sources", "visuals",
+    "name", "description", "friction", "rotor_coupling", *ENDS, "folded", "drive", *_keys("robot"),
+    "tool_on_last_axis", "payload", "joints", "sources", "visuals",
 )  # fmt: skip
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
 
@@ -53,7 +53,7 @@ def robot_from_dict(
     description = file.text("description", "")
     friction = file.text("friction", "lumped", FRICTION_ARRANGEMENTS)
     rotor_coupling = file.flag("rotor_coupling", True)
-    flags = {flag: file.flag(flag, False) for flag in ENDS}
+    flags = {flag: file.flag(flag, False) for flag in (*ENDS, "tool_on_last_axis")}
     folded = file.flag("folded", True)
     whole = section_numbers(file, "robot") | {row.name: np.zeros(row.shape) for row in section("payload")}
     if "payload" in file.data:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -44,6 +46,12 @@ class Visual:
             **({"file": self.file} if self.file else {}),
             **{name: getattr(self, name).tolist() for name in ("size", "rotation", "offset", "color")},
         }
+
+
+def read_mesh(path: str | os.PathLike[str], scale: Floats) -> tuple[Floats, Any]:
+    """Return the corners (k, 3) and the triangles (m, 3) of a mesh. ImportError without trimesh, any for a bad file."""
+    mesh = import_module("trimesh").load(path, force="mesh")
+    return np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces)
 
 
 def read_visuals(problems: Problems, data: object, n: int) -> tuple[Visual, ...]:

@@ -24,6 +24,7 @@ class Played(Unit):
     notes: ClassVar[tuple[str, ...]] = ()
     """Notes on the motion."""
 
+    sampled = False
     q_d = Output(*DESIRED["q_d"])
     q_d_dot = Output(*DESIRED["q_d_dot"])
     q_d_ddot = Output(*DESIRED["q_d_ddot"])

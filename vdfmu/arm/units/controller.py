@@ -22,6 +22,7 @@ class PDController(Unit):
     the loop is unstable at useful gains.
     """
 
+    sampled = True
     q_d = Input(*DESIRED["q_d"])
     q_d_dot = Input(*DESIRED["q_d_dot"])
     q = Input(*MEASURED["q"])

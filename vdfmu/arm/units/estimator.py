@@ -23,6 +23,7 @@ class TorqueEstimator(Unit):
     itself.
     """
 
+    sampled = True
     q = Input(*MEASURED["q"])
     kappa = Input(*MEASURED["kappa"])
     tau = Input("N.m", JOINTS, "motor torque, motor-side")

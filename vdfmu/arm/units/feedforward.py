@@ -41,6 +41,7 @@ class Feedforward(Unit):
     For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S taken as 0.
     """
 
+    sampled = True
     q_d = Input(*DESIRED["q_d"])
     q_d_dot = Input(*DESIRED["q_d_dot"])
     q_d_ddot = Input(*DESIRED["q_d_ddot"])

@@ -18,6 +18,7 @@ class Trajectory(Unit):
     after. The third derivative jumps at both ends. There it has the value of the time that follows: 0 at the end.
     """
 
+    sampled = False
     q_d = Output(*DESIRED["q_d"])
     q_d_dot = Output(*DESIRED["q_d_dot"])
     q_d_ddot = Output(*DESIRED["q_d_ddot"])

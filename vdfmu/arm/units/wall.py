@@ -24,6 +24,7 @@ class Wall(Unit):
     ``d = c N`` and more by the arm's own; in the plane k is 0 and ``d = mu N / v_eps``.
     """
 
+    sampled = False
     p_O, R_O, V_O = tool_inputs()
     F_e = Output(*WRENCH, six("Force of the arm on the wall in {O}", "Moment of the arm on the wall in {O}"))
     depth = Output("m", text="Depth of the end effector behind the plane")

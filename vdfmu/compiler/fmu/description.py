@@ -18,8 +18,9 @@ LOG_CATEGORIES = {
     "logAll": "Log all messages.",
 }
 SAMPLED = "org.vdfmu.sampled"
-"""Annotation that names the parameter with the time between samples: the discrete outputs are states that are sampled
-by the inputs at the begin of a communication step. Their directional derivatives belong to the next sample."""
+"""Annotation with ``Sampled`` or ``Continuous``. ``Sampled`` names the parameter with the time between samples: the
+discrete outputs are states that are sampled by the inputs at the begin of a communication step. Their directional
+derivatives belong to the next sample. Without a parameter the unit samples once in each of its steps."""
 FOLDED = "org.vdfmu.folded"
 CHOICES = "org.vdfmu.choices"
 """Annotation that lists the numbers of the robot that are constants of the code: names of arrays and elements."""
@@ -159,13 +160,16 @@ def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> No
 
 
 def _add_annotations(root: Element, interface: Interface, group: str, tag: str, key: str) -> None:
-    """Add annotations of sampled states, folded numbers and names of choices; each version of FMI has its own tags."""
+    """Add annotations of samples, folded numbers and names of choices; each version of FMI has its own tags."""
     folded = interface.robot.constants() if interface.robot is not None and interface.has_robot else []
     named = [variable for variable in interface if variable.choices]
-    parent = SubElement(root, group) if interface.is_sampled or folded or named else root
-    if interface.is_sampled:
+    sampled = interface.unit.sampled or interface.is_sampled
+    declared = interface.unit.sampled is not None or interface.is_sampled
+    parent = SubElement(root, group) if declared or folded or named else root
+    if declared:
         annotation = SubElement(parent, tag, {key: SAMPLED})
-        SubElement(annotation, "Sampled", {"xmlns": f"urn:{SAMPLED}", "period": "period"})
+        period = {"period": "period"} if interface.is_sampled else {}
+        SubElement(annotation, "Sampled" if sampled else "Continuous", {"xmlns": f"urn:{SAMPLED}", **period})
     if folded:
         annotation = SubElement(parent, tag, {key: FOLDED})
         SubElement(annotation, "Folded", {"xmlns": f"urn:{FOLDED}"}).text = " ".join(folded)

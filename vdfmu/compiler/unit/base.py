@@ -82,6 +82,9 @@ class BaseUnit:
     """Whether the native FMU has model exchange even without states. A written system then uses it so."""
     chain: ClassVar[int | None] = None
     """Fewest joints with which the arguments of ``cut`` are unknowns in the linearisation of :meth:`balance`."""
+    sampled: ClassVar[bool | None] = None
+    """True: the unit samples its inputs, every ``period`` or once in each of its steps, and holds its outputs. False: a
+    law in continuous time, which a shorter communication step brings nearer. None: not declared."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}

@@ -66,6 +66,12 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
             yield name, f"{name}: expected a parameter without a shape, {start}"
         elif needed and not (declared is not None and declared.minimum and declared.minimum > 0.0):
             yield name, f"{name}: expected a minimum above 0, {start}"
+    if unit.sampled not in (None, True, False):
+        yield "sampled", f"sampled: expected True, False or None, got {unit.sampled!r}"
+    elif states and unit.sampled:
+        yield "sampled", "sampled: expected False or None for a unit with continuous states, got True"
+    elif sampled and unit.sampled is False:
+        yield "sampled", "sampled: expected True or None for a unit with sampled states, got False"
     solver = unit.declared.get("solver")
     if states and unit.backend == "native" and not (isinstance(solver, Choice) and solver.choices == SOLVERS):
         yield "solver", "solver must be the choice of the solver that a unit with continuous states has. Rename it"

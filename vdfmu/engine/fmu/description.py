@@ -32,7 +32,7 @@ KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _UNIT = "resources/unit.py"
 """Member of a Python FMU of this project with the code of a user's unit."""
 _TRUE = {"true", "1"}
-_SAMPLED = ".//{urn:org.vdfmu.sampled}Sampled[@period]"
+_SAMPLED, _CONTINUOUS = (f".//{{urn:org.vdfmu.sampled}}{tag}" for tag in ("Sampled", "Continuous"))
 _CHOICES = "{urn:org.vdfmu.choices}Choice"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 
@@ -85,6 +85,9 @@ class Description:
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
     states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
+    samples: bool | None = None
+    """Whether it samples its inputs, from the same annotation: every `period`, else once in each of its steps. None if
+    it does not declare whether it is sampled or continuous."""
 
     @property
     def sampled(self) -> list[FmuVariable]:
@@ -259,6 +262,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         stop=_positive(experiment.stopTime),
         step=_positive(experiment.stepSize),
         period=next((e.get("period", "") for e in root.iterfind(_SAMPLED)), ""),
+        samples=True if root.find(_SAMPLED) is not None else False if root.find(_CONTINUOUS) is not None else None,
     )
 
 

@@ -171,6 +171,12 @@ class Loop:
         """The least modulus margin of all loops; 0 if a loop lacks it."""
         return 0.0 if self.lost.any() else float(self.modulus.min())
 
+    def later(self) -> Loop:
+        """Return the sampled loops with the feedback of all of them one sample later: the inputs are further states."""
+        (A, B), (n, m) = self.plant, self.plant.B.shape
+        waiting = Linear(np.vstack([np.hstack([A, B]), np.zeros((m, n + m))]), np.eye(n + m)[:, n:])
+        return replace(self, plant=waiting, K=np.hstack([self.K, np.zeros((m, m))]))
+
     def margins(self) -> Margins:
         """Return all margins."""
         w, n = self._grid(_GRID), len(self.K)

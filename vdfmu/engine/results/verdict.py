@@ -65,10 +65,10 @@ def verdict_of(checks: Sequence[Check], results: Sequence[str] = ()) -> dict[str
     state = max((check.state for check in judged), key=STATES.index, default=DOUBTFUL)
     phrases = [*results, *unjudged_phrase(checks)]
     if state == GOOD:
-        room, told = LONGEST - len(f"{GOOD}: "), 1 if phrases else 0
-        while told < len(phrases) and len("; ".join(phrases[: told + 1])) <= room:
-            told += 1
-        headline, phrases = "; ".join(phrases[:told]) or "all checks pass", phrases[told:]
+        room, count = LONGEST - len(f"{GOOD}: "), 1 if phrases else 0
+        while count < len(phrases) and len("; ".join(phrases[: count + 1])) <= room:
+            count += 1
+        headline, phrases = "; ".join(phrases[:count]) or "all checks pass", phrases[count:]
     else:
         headline = next((check.sentence for check in judged if check.state == state), "no check applies to this run")
     return {

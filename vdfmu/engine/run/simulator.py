@@ -202,7 +202,7 @@ class Simulator:
         With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
         step. All others are initialized again. For errors see :meth:`run`.
         """
-        values = {key: np.asarray(value).tolist() for key, value in _mapping(parameters).items()}
+        values = {key: repr(np.asarray(value).tolist()) for key, value in _mapping(parameters).items()}  # 1 == True
         grid = self.grid(start, stop, step)
         wanted = grid, values
         if self._by_hand is not None and self._begun == wanted:

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -57,7 +58,7 @@ class Judged(NamedTuple):
         if growth.unstable:
             factor = math.exp(growth.rate * loops.system.step)
             figures["unstable"] = {"value": factor, "place": place_of(growth.state, loops), "at_s": growth.begin}
-            return figures
+            return figures | half_step(loops)
         if (slow := grown(loops)).notable:
             figures["growth"] = {
                 "value": math.expm1(slow.exponent), "place": place_of(slow.state, loops), "at_s": slow.begin,
@@ -66,6 +67,7 @@ class Judged(NamedTuple):
         if (nearest := loops.nearest()) is not None:
             place = place_of(nearest.name, loops)
             figures["margin"] = {"value": nearest.modulus, "place": place, "at_s": nearest.time}
+            figures |= {} if nearest.modulus else half_step(loops)
             if (late := loops.delay()) is not None:
                 figures["delay"] = {"value": late.samples, "place": place_of(late.name, loops), "at_s": late.time}
             if (silent := loops.without_feedback()) is not None:
@@ -93,6 +95,22 @@ def judged(poses: Poses, begin: float, end: float, failed: bool = False) -> Judg
 def grown(loops: Along) -> Growth:
     """Return where disturbances grow most along a run."""
     return loops.growth(loops.poses[0].time, loops.poses[-1].time, 0.0)
+
+
+def half_step(loops: Along) -> dict[str, Any]:
+    """Return the entry ``half_step``: the modulus margin at half the step, by the same linearisations. Empty without.
+
+    Sampled components are left out: what they compute may depend on the step.
+    """
+    system = loops.system
+    if system.how.continuous or system.every or system.samples.signals:
+        return {}
+    half = replace(system, step=system.step / 2.0)
+    again = Along(half, loops.opened, ((pose.time, pose.matrix) for pose in loops.poses))
+    nearest = None if again.lacking else again.nearest()
+    if nearest is None or not nearest.modulus:
+        return {}
+    return {"half_step": {"value": nearest.modulus, "at_s": nearest.time, "step": half.step * system.how.substeps}}
 
 
 def since(time: float) -> str:
@@ -128,9 +146,12 @@ def run_along(
     """
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
     scenario = system if package else scenario_of(system, names=options.get("settings") or ())
+    step = options.pop("step", None)
+    if isinstance(scenario, Scenario) and step is not None:
+        scenario = replace(scenario, step=step)
     with packaged(scenario, **options) as (path, taken):
         with Simulator(path, **taken) as simulator:
-            grid = simulator.grid(None, None, None)
+            grid = simulator.grid(None, None, step)
             places = [(t - grid.begin) / grid.step for t in at]
             if beyond := [f"{t:g}" for t, place in zip(at, places, strict=True) if not -0.5 < place < grid.n + 0.5]:
                 raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
@@ -141,7 +162,7 @@ def run_along(
                 poses = Poses("tau", TIED, **asked)
             failed = ""
             try:
-                simulator.run(record=(), taps=[poses])
+                simulator.run(record=(), taps=[poses], step=step)
             except CosimError as error:
                 if poses.lacking or not poses.seconds or isinstance(error, LostProcessError):
                     raise

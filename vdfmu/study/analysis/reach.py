@@ -29,6 +29,8 @@ _DAMPING = 0.5
 _DAMPED = 2.0
 """Decay rate [1/s] of a joint by the friction of its drive. Without friction no gains keep a delayed loop from driving
 the spring's mode."""
+_STABLE = 1e-3
+"""Modulus margin of a loop that only has to be stable."""
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
 """N of the first try, the factor from one try to the next, and the last N."""
 _INERTIAS = 5
@@ -36,7 +38,7 @@ _INERTIAS = 5
 
 
 class Gains(NamedTuple):
-    """Gains (n,), link-side, and the modulus margin that each joint by itself has with one sample of delay."""
+    """Gains (n,), link-side, and the modulus margin that each joint has by itself."""
 
     K_p: Floats
     K_v: Floats
@@ -44,36 +46,37 @@ class Gains(NamedTuple):
 
 
 def joint_gains(
-    J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint"
+    J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint", fall: float = 0.0
 ) -> tuple[float, float, float]:
     """Gains of one joint, K_p and K_v, and its modulus margin, at least `margin`.
 
     The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and sees the
-    `inertias` (m,) of links; messages have its `name`. UsageError if the smallest gains of the search miss the margin.
+    `inertias` (m,) of links; messages have its `name`. Its friction falls with the rotor's speed by at most `fall`
+    [N m s/rad or N s/m], which takes as much from K_v. UsageError if no gains of the search have the margin.
+
+    The loop has the margin without friction and where it falls; without friction also one sample later. Where no
+    gains do all three, the later loop has to be stable only, and is first tried with half the margin.
     """
     tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS).tolist()
-    plants = [held(Linear(A - _DAMPED * np.eye(len(A)), B), step) for A, B in (_two_inertias(J, M, K) for M in tries)]
-    N = _FIRST
-    while True:
-        K_v = N * J / step
-        K_p = min(K_v**2 / (4 * _DAMPING**2 * (J + tries[-1])), K / 4)
-        feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
-        least = np.inf
-        for plant in plants:
-            loop = Loop(plant, feedback, step, slow=0.0)
-            least = min(least, _late(loop).least)
-            least = least if least < margin else min(least, loop.least)
-            if least < margin:
-                plants.sort(key=lambda each: each is not plant)  # it is first to miss the margin of the next try too
-                break
-        if least >= margin:
-            return K_p, K_v, least
-        if N < _LAST:
-            raise UsageError(
-                f"{name}: expected gains with a modulus margin of {margin:g}, got {least:.3g} with the smallest, K_p = "
-                f"{K_p:.3g} and K_v = {K_v:.3g}. Give a smaller step or margin, or check the joint's drive and inertia."
-            )
-        N *= _FALL
+    plants = [_plant(J, M, K, 0.0, step) for M in tries]
+    falling = [_plant(J, M, K, fall, step) for M in tries] if fall else []
+    for late in (margin, margin / 2.0, _STABLE):
+        N = _FIRST
+        while N >= _LAST and (K_v := N * J / step) > fall:
+            K_p = min((K_v - fall) ** 2 / (4 * _DAMPING**2 * (J + tries[-1])), K / 4)
+            feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
+            loops = [Loop(plant, feedback, step, slow=0.0) for plant in (*falling, *plants)]
+            if all(loop.later().least >= late for loop in loops[len(falling) :]):
+                least = min(loop.least for loop in loops)
+                if least >= margin:
+                    return K_p, K_v, least
+            N *= _FALL
+        if not fall:
+            break
+    raise UsageError(
+        f"{name}: expected gains with a modulus margin of {margin:g}, got none for a step of {step:g} s. Give a "
+        "smaller step or margin, or check the joint's drive, inertia and friction."
+    )
 
 
 def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) -> Gains:
@@ -88,27 +91,27 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     seen: Floats = np.concatenate([held, free]).astype(float)
     J = robot.I_m * robot.ell
     K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
+    fall = steepest_fall(robot) if robot.friction == "lumped" else np.zeros(robot.n)  # else no rotor feels it
     each = [
-        joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {robot.joint_labels[i]}")
-        for i in range(robot.n)
+        joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {label}", float(fall[i]))
+        for i, label in enumerate(robot.joint_labels)
     ]
     return Gains(*np.array(each).T)
 
 
-def _two_inertias(J: float, M: float, K: float) -> Linear:
-    """Links on a spring on a rotor: states q, kappa, q_dot, kappa_dot; input the torque on the rotor, link-side."""
-    A = np.zeros((4, 4))
+def steepest_fall(robot: Robot) -> Floats:
+    """Largest fall of Eq. (54) with speed, at v_s / sqrt(2), less f_v: (n,) [N m s/rad or N s/m], 0 where it rises."""
+    return np.maximum((robot.f_s - robot.f_c) / robot.v_s * np.sqrt(2.0 / np.e) - robot.f_v, 0.0)
+
+
+def _plant(J: float, M: float, K: float, fall: float, step: float) -> Linear:
+    """Links on a spring on a rotor, sampled: states q, kappa, q_dot, kappa_dot; input the rotor's torque, link-side."""
+    A = -_DAMPED * np.eye(4)
     A[0, 2] = A[1, 3] = 1.0
-    A[2, :2] = -K / M, K / M
-    A[3, :2] = K / J, -K / J
-    return Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]]))
-
-
-def _late(loop: Loop) -> Loop:
-    """Return a loop with one input whose feedback comes a sample later: it is a further state."""
-    (A, B), last = loop.plant, np.array([[0.0] * len(loop.plant.A) + [1.0]])
-    plant = Linear(np.vstack([np.hstack([A, B]), 0.0 * last]), last.T)
-    return replace(loop, plant=plant, K=np.append(loop.K, [[0.0]], axis=1))
+    A[2, :2] += -K / M, K / M
+    A[3, :2] += K / J, -K / J
+    A[3, 3] += fall / J
+    return held(Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]])), step)
 
 
 _STEP = 1e-3
@@ -145,8 +148,8 @@ q_end = {end}
 T = {T!r}
 
 [controller]
-# One rule for any arm: poles of each joint as far out as sampling and a sample of delay allow. Modulus margins of
-# the joints by themselves: {margins}.
+# One rule for any arm: poles of each joint as far out as sampling, a sample of delay and friction that falls with
+# speed allow. Modulus margins of the joints by themselves: {margins}.
 K_p = {K_p}  # N.m/rad or N/m, link-side
 K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 """

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from vdfmu.arm.equations.kinematics import poses
 from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.visual import read_mesh
 from vdfmu.base.arrays import Floats
 from vdfmu.study.report.scripts import packed
 
@@ -197,14 +198,13 @@ def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]],
     parts: list[dict[str, Any]] = []
     notes: list[str] = []
     try:
-        trimesh: Any = import_module("trimesh") if meshes else None
+        _ = import_module("trimesh") if meshes else None
     except ImportError as error:
         install = "Install a reader: 'pip install vdfmu[view]'"
         return [], [f"{len(meshes)} meshes cannot be shown: {error}. {install}"]
     for visual in meshes:
         try:
-            mesh = trimesh.load(Path(folder or "") / visual.file, force="mesh")
-            corners, triangles = np.asarray(mesh.vertices, float) * visual.size, np.asarray(mesh.faces)
+            corners, triangles = read_mesh(Path(folder or "") / visual.file, visual.size)
         except Exception as error:  # a reader of a foreign format may raise anything
             notes.append(f"mesh {visual.file} cannot be shown: {error}")
             continue

@@ -33,9 +33,9 @@ from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.folder import keep, write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, LogMessage, Simulator, check_coupling
-from vdfmu.study import referee
 from vdfmu.study.analysis.loops import loops_of, poses_of
 from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.judgement import check_wanted, judge
 from vdfmu.study.limits import read_limits
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.run import summary as numbers
@@ -114,7 +114,7 @@ class ScenarioRun:
 
     def __init__(self, scenario: Scenario, options: ScenarioRunOptions) -> None:
         self.scenario, self._options = scenario, options
-        referee.check_wanted(options["judge"], options["meant"], scenario.adaptive)
+        check_wanted(options["judge"], options["sampled"], scenario.adaptive)
         native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
         self._backend = choose_backend("native" if native else options["backend"])
         self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
@@ -258,9 +258,9 @@ class ScenarioRun:
             summary |= self._references(results)
         if self._options["judge"] is not None:
             coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
-            judgement = referee.judge(
+            judgement = judge(
                 self.package, self._options["judge"], stop=scenario.stop, step=scenario.step,
-                meant=self._options["meant"], **coupling,
+                sampled=self._options["sampled"], **coupling,
             )  # fmt: skip
             summary["judgement"] = judgement.to_dict()
         loops = self._loops if self._loops is not None else self._own_loops()

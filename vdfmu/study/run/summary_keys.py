@@ -89,7 +89,7 @@ _SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)}, {"estimates": List(_E
 _WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _FIGURES = (
     "tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact", "depth",
-    "power", "cut", "delay", "growth", "excited", "open",
+    "power", "cut", "delay", "growth", "excited", "open", "half_step",
 )  # fmt: skip
 _FIGURE = Record(
     {"value": NUMBER, "at_s": NUMBER},
@@ -101,6 +101,7 @@ _FIGURE = Record(
         "limits": _VECTOR,
         "size": NUMBER,
         "until_s": NUMBER,
+        "step": NUMBER,
         "rest": FLAG,
     },
 )
@@ -111,7 +112,9 @@ _CHECK = Record(
 _VERDICT = Record({"state": STATES, "headline": TEXT, "results": TEXT, "checks": List(_CHECK)})
 _JUDGEMENT = Record(
     {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
-     "algorithm": TEXT, "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}))}
+     "algorithm": TEXT,
+     "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}, {"read": FLAG}))},
+    {"kind": TEXT},
 )  # fmt: skip
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
@@ -179,7 +182,7 @@ KEYS: Mapping[str, Any] = {
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
-    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' largest values
+    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' swings
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
     "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant
     "implausible": _LINES,  # likely mistakes of units or signs

@@ -246,7 +246,12 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             tuned.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
         if loops is not None:
             growth = loops.growth(loops.poses[0].time, loops.poses[-1].time)
-            tuned.notes += loop_sentences(Judged(loops, growth).figures)[1]
+            tuned.notes.extend(loop_sentences(Judged(loops, growth).figures)[1])
+        late = [] if loops is None else [pose.loop.later() for pose in loops.poses if pose.loop and pose.loop.sampled]
+        if late:
+            least, rate = min(loop.least for loop in late), max(loop.rate for loop in late)
+            result = f"the modulus margin is {least:.2g}" if least else f"a mode grows by {rate:.2g} 1/s"
+            tuned.notes.append(f"with one more sample of delay in all loops, as most importers have it, {result}.")
         with doing("picture"):
             _write(tuned, evaluations.scores)
     return tuned

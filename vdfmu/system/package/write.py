@@ -176,7 +176,7 @@ def build_parts(
         start_values = {unit_name(unit): dict(starts.get(name, {})) for name, unit in here.items()}
         built = build_fmus(
             robot, place, units=list(dict.fromkeys(here.values())), start_values=start_values, target=target,
-            step=scenario.step, **options,
+            step=scenario.step, folded=True, **options,  # as far as the robot says: the caller has chosen
         )  # fmt: skip
         fmus |= {name: built[unit_name(unit)] for name, unit in here.items()}
     return {name: fmus[name] for name in scenario.system.parts if name in fmus}

@@ -60,9 +60,9 @@ def remarks(
     if (end := motion_end(scenario, values)) > scenario.stop + 0.5 * scenario.step:
         facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
     tables = read_inputs(scenario.inputs, scenario.input_hold)
-    given = {name.partition("[")[0] for name in (*(settings or ()), *(n for table in tables for n in table.names))}
-    given |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
-    lacking = [name for name in (*scenario.system.unfed, *_unmeasured(scenario)) if name not in given]
+    fed_or_set = {name.partition("[")[0] for name in (*(settings or ()), *(n for table in tables for n in table.names))}
+    fed_or_set |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
+    lacking = [name for name in (*scenario.system.unfed, *_unmeasured(scenario)) if name not in fed_or_set]
     facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in dict.fromkeys(lacking)]
     facts["implausible"] = implausible(scenario, settings)
     return {key: value for key, value in facts.items() if value}
@@ -76,7 +76,7 @@ def motion_end(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> f
         if issubclass(unit, Played) and unit.rows is not None:
             ends.append(begin + unit.experiment_stop / values[name].get("speed", 1.0))
         elif issubclass(unit, find_unit("trajectory")):
-            ends.append(begin + values[name]["T"])
+            ends.append(begin + values[name].get("T", unit.declared["T"].start))
     return max(ends)
 
 

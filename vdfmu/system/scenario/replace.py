@@ -121,16 +121,18 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
 
 def _unfit(component: str, signals: Iterable[tuple[str, str]], connections: Mapping[str, Iterable[str]]) -> str:
     """Return why a unit does not fit into a system: what it has, and what the system connects there."""
-    own = {kind: ", ".join(sorted({name.partition("[")[0] for name, has in signals if has == kind})) or "none"
-           for kind in ("input", "output")}  # fmt: skip
+    names = {
+        kind: ", ".join(sorted({name.partition("[")[0] for name, has in signals if has == kind})) or "none"
+        for kind in ("input", "output")
+    }
     ends = [(source, target) for source, targets in connections.items() for target in targets]
     reads, gives = (
         ", ".join(dict.fromkeys(end.partition(".")[2] for end in part if end.partition(".")[0] == component))
         for part in ([target for _, target in ends], [source for source, _ in ends])
     )
     return (
-        f"none of its signals fits the system. Its inputs are {own['input']}, its outputs {own['output']}; the system "
-        f"connects the inputs {reads or 'none'} and the outputs {gives or 'none'}. Give its signals these names."
+        f"none of its signals fits the system. Its inputs are {names['input']}, its outputs {names['output']}; the "
+        f"system connects the inputs {reads or 'none'} and the outputs {gives or 'none'}. Give its signals these names."
     )
 
 

@@ -50,7 +50,7 @@ def robot_schema() -> Schema:
         "name": _TEXT,
         "description": _TEXT,
         "friction": _FRICTION,
-        **dict.fromkeys(("rotor_coupling", *ENDS, "folded"), _FLAG),
+        **dict.fromkeys(("rotor_coupling", *ENDS, "folded", "tool_on_last_axis"), _FLAG),
         "drive": _TEXT,
         "payload": payload,
         "joints": {"type": "array", "minItems": 1, "items": joint},
@@ -79,6 +79,7 @@ def scenario_schema(system: str = "system") -> Schema:
         "joints": {"type": "object", "required": ["drive"], "properties": {"drive": _TEXT}},
         "motion": _motion(),
         "plant_factors": _table(factors, []),
+        "limits": {"type": "object", "additionalProperties": _POSITIVE},
         "paper": _table(paper, []),
     }
     keys: Schema = {key: types[key] | ({"description": text} if text else {}) for key, text in KEYS.items()}

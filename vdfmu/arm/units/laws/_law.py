@@ -26,6 +26,7 @@ _TERMINALS = (
 class Law(Unit):
     """Base of control laws: each adds its variables and hands its torque to :meth:`command`."""
 
+    sampled = True
     q_d = Input(*DESIRED["q_d"])
     kappa_dot = Input(*MEASURED["kappa_dot"])
     tau: Any = Output(*TORQUE)

@@ -137,6 +137,7 @@ class Piece(Unit):
     """
 
     exchange: ClassVar[bool] = True
+    sampled: ClassVar[bool | None] = False
     joint_type: ClassVar[str] = "revolute"
 
     if TYPE_CHECKING:  # what `numbers` and others declare

@@ -1,0 +1,491 @@
+"""Random systems of :mod:`benchmarks.judge` with their true solutions, one function for each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import block_diag, expm
+
+import vdfmu
+from benchmarks.judge_units import (
+    BLOCK,
+    DELAY,
+    DICE,
+    HIDDEN,
+    NUMBERS,
+    PIECE,
+    RELAY,
+    Block,
+    Coulomb,
+    Drag,
+    Floor,
+    Lag,
+    Lags,
+    LorenzX,
+    LorenzYZ,
+    Mass,
+    Noise,
+    Pwm,
+    Quantiser,
+    Room,
+    SampledRelay,
+    Step,
+    Tone,
+    Well,
+)
+from tests.engine.reference.models import build
+
+PERIODS = 20
+"""Samples in a run."""
+
+
+class Case(NamedTuple):
+    """A random system."""
+
+    system: vdfmu.System
+    names: Sequence[str]
+    """All of its real outputs."""
+    stop: float
+    exact: Callable[[Any, Any], Any]
+    """The true signals, (times, signals), from times and the results with the shortest step."""
+    steps: tuple[int, int] = (60, 400)
+    """Communication steps of the two runs that are judged."""
+
+
+def by_events(rates: Any, guard: Any, after: Any, start: Any, mode: Any, times: Any) -> tuple[Any, Any]:
+    """Return states and modes at times; `guard` is positive in a mode, and `after` returns state and mode at its 0."""
+    x, t, states, modes = np.asarray(start, float), 0.0, np.empty((len(times), len(start))), np.empty(len(times))
+    while True:
+        event: Any = lambda t, x, mode=mode: guard(t, x, mode)  # noqa: E731
+        event.terminal, event.direction = True, -1.0
+        # relative errors of 1e-11 in steps of a 200th of the run: far below the smallest wanted error of 1e-3
+        solved: Any = solve_ivp(
+            lambda t, x, mode=mode: rates(t, x, mode), (t, times[-1] + 1e-9), x, "DOP853", rtol=1e-11, atol=1e-13,
+            dense_output=True, events=event, max_step=times[-1] / 200,
+        )  # fmt: skip
+        here = (times >= t) & (times <= solved.t[-1])
+        if here.any():
+            states[here], modes[here] = solved.sol(times[here]).T, mode
+        if solved.status == 0:
+            return states, modes
+        t = solved.t[-1]
+        x, mode = after(t, solved.y[:, -1], mode)
+
+
+def chain(rates: Any, closed: Any, start: Any) -> Callable[[Any], Any]:
+    """Return the states of ``x_dot = closed x + rates`` at times."""
+    big = np.zeros((len(start) + 1,) * 2)
+    big[:-1, :-1], big[:-1, -1] = closed, rates
+
+    def at(times: Any) -> Any:
+        return np.array([(expm(big * t) @ [*start, 1.0])[:-1] for t in times])
+
+    return at
+
+
+class House:
+    """Two random lags in a row, of gain 1."""
+
+    def __init__(self, rng: Any) -> None:
+        a, b = 10 ** rng.uniform(0.0, 1.0, 2)
+        self.A, self.b, self.stop = np.array([[-a, 0.0], [b, -b]]), np.array([a, 0.0]), 8.0 / a + 8.0 / b
+        self.values = {"room.a": a, "room.b": b}
+
+    def after(self, time: float, x: Any, u: float) -> Any:
+        """Return the state after a time with a constant input."""
+        return (expm(np.vstack([np.column_stack([self.A, self.b]), np.zeros(3)]) * time) @ [*x, u])[:2]
+
+    def held(self, law: Any, times: Any, period: float) -> Any:
+        """Return states and input at `times` with an input that changes at the begin of each period."""
+        x, u, last, rows, k = np.zeros(2), 0.0, 0.0, list[Any](), 0
+        for t in times:
+            while k * period < t - 1e-9:
+                x, last = self.after(k * period - last, x, u), k * period
+                u, k = law(x, u), k + 1
+            x, last = self.after(t - last, x, u), t
+            rows.append([*x, u])
+        return np.array(rows)
+
+
+def linear(rng: Any, folder: Path, unseen: bool = False) -> Case:
+    """Return two to four blocks with two to six signals between them: stiff, with feedthrough or unstable, by lot."""
+    while True:
+        n = int(rng.integers(2, 5))
+        blocks: list[Any] = []
+        stiff = rng.random() < 0.3 and not unseen
+        for i in range(n):
+            A = rng.normal(size=(3, 3))
+            rate = 10 ** rng.uniform(-0.3, 0.7) * (10 ** rng.uniform(1, 2) if stiff and i == 0 else 1.0)
+            A *= rate / np.abs(np.linalg.eigvals(A)).max()
+            A -= (max(np.linalg.eigvals(A).real.max(), 0.0) + 0.1 * rate) * np.eye(3)
+            gain = 10 ** rng.uniform(-0.5, 0.5) * rate**0.5
+            blocks.append([A, rng.normal(size=(3, 2)) * gain, rng.normal(size=(2, 3)), np.zeros((2, 2))])
+        free = [(i, k) for i in range(n) for k in range(1 if unseen else 2)]  # unseen: nothing reads the second outputs
+        wires: dict[tuple[int, int], tuple[int, int]] = {}
+        for j in range(int(rng.integers(2, 2 * n + 1))):
+            i, k = free[int(rng.integers(len(free)))]
+            to = (i + int(rng.integers(1, n))) % n if j != 1 else next(iter(wires.values()))[0]
+            wires.setdefault((to, int(rng.integers(2))), (i, k))
+        fed = {i for i, _ in wires.values()} | {i for i, _ in wires}
+        if unseen:
+            for i in range(n):
+                blocks[i][3][1] = rng.normal(size=2)
+        elif rng.random() < 0.4:  # an output depends on an input, without an algebraic loop
+            for to, source in wires.items():
+                if to[0] > source[0]:
+                    blocks[to[0]][3][1, to[1]] = 0.7 * rng.normal()
+        A, B, C, D = (block_diag(*(block[k] for block in blocks)) for k in range(4))
+        L = np.zeros((2 * n, 2 * n))
+        for (to, u), (source, y) in wires.items():
+            L[2 * to + u, 2 * source + y] = 1.0
+        loops = np.abs(np.linalg.eigvals(D @ L)).max()
+        outputs = np.linalg.solve(np.eye(2 * n) - D @ L, C)
+        closed, start = A + B @ L @ outputs, rng.normal(size=3 * n)
+        rates = np.sort(np.abs(np.linalg.eigvals(closed)))
+        if fed == {*range(n)} and loops < 1e-9 and np.linalg.eigvals(closed).real.max() < 1.0:
+            break
+    values = {f"c{i}.{name}": block[k] for i, block in enumerate(blocks) for k, name in enumerate("ABCD")}
+    values |= {f"c{i}.x_0": start[3 * i : 3 * i + 3] for i in range(n)}
+    pairs = [(f"c{a}.y[{b + 1}]", f"c{to}.u[{u + 1}]") for (to, u), (a, b) in wires.items()]
+    system = vdfmu.connect({f"c{i}": Block for i in range(n)}, pairs, values=values, algorithm="jacobi")
+    names = [f"c{i}.y[{k}]" for i in range(n) for k in (1, 2)] + [f"c{i}.x[{k}]" for i in range(n) for k in (1, 2, 3)]
+    at = chain(0.0, closed, start)
+
+    def exact(times: Any, results: Any) -> Any:
+        x = at(times)
+        return np.column_stack([x @ outputs.T, x])
+
+    rate = rates[len(rates) // 2] if stiff else rates[-1]
+    stop = min(5.0, 3.0 / max(float(rates[0]), 0.6))
+    return Case(system, names, stop, exact, tuple(int(max(16, stop * rate / share)) for share in (0.3, 0.02)))
+
+
+def unseen(rng: Any, folder: Path) -> Case:
+    """Return blocks with outputs that nothing reads, and that depend on their inputs directly."""
+    return linear(rng, folder, unseen=True)
+
+
+def offset(rng: Any, folder: Path) -> Case:
+    """Return two rooms in kelvin."""
+    a, b, p = 10 ** rng.uniform(-0.5, 0.7, 2), 10 ** rng.uniform(-1.5, 0.0, 2), rng.uniform(0.0, 5.0, 2)
+    start = 290.0 + rng.uniform(-3.0, 3.0, 2)
+    values = {f"{n}.{k}": v[i] for i, n in enumerate("ab") for k, v in (("a", a), ("b", b), ("p", p), ("T_0", start))}
+    system = vdfmu.connect({"a": Room, "b": Room}, {"a.T": "b.other", "b.T": "a.other"}, values=values)
+    at = chain(280.0 * b + p, [[-a[0] - b[0], a[0]], [a[1], -a[1] - b[1]]], start)
+    return Case(system, ["a.T", "b.T"], 4.0 / a.max(), lambda times, results: at(times), (20, 200))
+
+
+def tone(rng: Any, folder: Path) -> Case:
+    """Return a tone above the rate of the steps, or near it, and a lag: a multiple of it in half of the systems."""
+    a, stop, n = 10 ** rng.uniform(0.0, 1.0), 5.0, 400
+    f = n / stop * (rng.integers(1, 17) if rng.random() < 0.5 else rng.uniform(0.4, 16.0))
+    phi, w = rng.uniform(0.0, 6.28), 2.0 * np.pi * f
+    system = vdfmu.connect(
+        {"tone": Tone, "lag": Lag}, {"tone.y": "lag.u"}, values={"tone.f": f, "tone.phi": phi, "lag.a": a}
+    )
+
+    def exact(times: Any, results: Any) -> Any:
+        forced = (a / (a + 1j * w) * np.exp(1j * (w * times + phi))).imag
+        y = forced - forced[0] * np.exp(-a * times)
+        return np.column_stack([np.sin(w * times + phi), y])
+
+    return Case(system, ["tone.y", "lag.y"], stop, exact, (400, 800))
+
+
+def pwm(rng: Any, folder: Path) -> Case:
+    """Return pulses with a rate above that of the steps, or near it, and a lag."""
+    a, stop, n = 10 ** rng.uniform(0.0, 1.0), 5.0, 400
+    f = n / stop * (2.0 ** rng.integers(0, 5) if rng.random() < 0.5 else rng.uniform(0.4, 16.0))
+    duty = rng.uniform(0.1, 0.9)
+    system = vdfmu.connect(
+        {"pwm": Pwm, "lag": Lag}, {"pwm.y": "lag.u"}, values={"pwm.f": f, "pwm.duty": duty, "lag.a": a}
+    )
+
+    def exact(times: Any, results: Any) -> Any:
+        edges = np.unique(np.concatenate([times, (np.arange(f * stop + 1) / f), (np.arange(f * stop + 1) + duty) / f]))
+        edges = edges[edges <= times[-1]]
+        on = np.mod(f * 0.5 * (edges[1:] + edges[:-1]), 1.0) < duty
+        y, values = 0.0, [0.0]
+        for e, u in zip(np.exp(-a * np.diff(edges)), on, strict=True):
+            y = u + (y - u) * e
+            values.append(y)
+        share = f * times - np.floor(f * times + 1e-9)
+        return np.column_stack([share < duty, np.interp(times, edges, values)])
+
+    return Case(system, ["pwm.y", "lag.y"], stop, exact, (400, 800))
+
+
+def quantiser(rng: Any, folder: Path) -> Case:
+    """Return a slow tone, a quantiser and a lag."""
+    a, f, q, phi = (
+        10 ** rng.uniform(0.0, 1.0),
+        rng.uniform(0.1, 0.5),
+        10 ** rng.uniform(-2.5, -0.5),
+        rng.uniform(0.0, 6.0),
+    )
+    system = vdfmu.connect(
+        {"tone": Tone, "quantiser": Quantiser, "lag": Lag}, {"tone.y": "quantiser.u", "quantiser.y": "lag.u"},
+        values={"tone.f": f, "tone.phi": phi, "quantiser.q": q, "lag.a": a},
+    )  # fmt: skip
+
+    def exact(times: Any, results: Any) -> Any:
+        fine = np.linspace(0.0, times[-1], 100 * (len(times) - 1) + 1)
+        rounded = q * np.floor(np.sin(2.0 * np.pi * f * fine + phi) / q + 0.5)
+        e, y = np.exp(-a * fine[1]), [0.0]
+        for u in rounded[:-1]:
+            y.append(u + (y[-1] - u) * e)
+        return np.column_stack([np.sin(2.0 * np.pi * f * times + phi), rounded[::100], y[::100]])
+
+    return Case(system, ["tone.y", "quantiser.y", "lag.y"], 5.0, exact)
+
+
+def delay(rng: Any, folder: Path) -> Case:
+    """Return a slow tone, a delay of whole milliseconds, and a lag."""
+    a, f, late = 10 ** rng.uniform(0.0, 1.0), rng.uniform(0.1, 0.5), int(rng.integers(50, 900))
+    system = vdfmu.connect(
+        {"tone": Tone, "delay": build(DELAY, "3.0", folder), "lag": Lag}, {"tone.y": "delay.u", "delay.y": "lag.u"},
+        values={"tone.f": f, "delay.n": float(late), "lag.a": a},
+    )  # fmt: skip
+    w = 2.0 * np.pi * f
+
+    def exact(times: Any, results: Any) -> Any:
+        t = np.maximum(times - 1e-3 * late, 0.0)
+        forced: Any = (a / (a + 1j * w) * np.exp(1j * w * t)).imag
+        return np.column_stack([np.sin(w * times), np.sin(w * t), forced - (a / (a + 1j * w)).imag * np.exp(-a * t)])
+
+    return Case(system, ["tone.y", "delay.y", "lag.y"], 5.0, exact, (50, 250))
+
+
+def hidden(rng: Any, folder: Path) -> Case:
+    """Return a law that samples and does not say so, and two lags."""
+    room, K = House(rng), 10 ** rng.uniform(-0.5, 0.5)
+    period = 1e-3 * int(1e3 * room.stop / 10 ** rng.uniform(1.0, 2.5))
+    stop = period * int(room.stop / period)
+    system = vdfmu.connect(
+        {"law": build(HIDDEN, "3.0", folder), "room": Lags}, {"law.y": "room.u", "room.y": "law.u"},
+        values={"law.K": K, "law.period": period, **room.values},
+    )  # fmt: skip
+
+    def exact(times: Any, results: Any) -> Any:
+        rows = room.held(lambda x, u: K * (1.0 - x[1]), times, period)
+        rows[0, 2] = K
+        return np.column_stack([rows[:, :2], rows[:, 2]])
+
+    return Case(system, ["room.z", "room.y", "law.y"], stop, exact)
+
+
+def bounce(rng: Any, folder: Path) -> Case:
+    """Return a mass that bounces on a floor."""
+    m, k, c = rng.uniform(0.5, 2.0), 10 ** rng.uniform(2.0, 3.5), 10 ** rng.uniform(-0.5, 1.0)
+    system = vdfmu.connect(
+        {"mass": Mass, "floor": Floor}, {"mass.x": "floor.x", "mass.v": "floor.v", "floor.F": "mass.F"},
+        values={"mass.m": m, "mass.g": 9.81, "mass.x_0": 0.5, "floor.k": k, "floor.c": c},
+    )  # fmt: skip
+
+    def force(x: Any, mode: Any) -> Any:
+        return -mode * (k * x[0] + c * x[1])
+
+    def exact(times: Any, results: Any) -> Any:
+        x, mode = by_events(
+            lambda t, x, mode: [x[1], force(x, mode) / m - 9.81],
+            lambda t, x, mode: force(x, mode) if mode else x[0],
+            lambda t, x, mode: (x, 1 - mode), [0.5, 0.0], 0, times,
+        )  # fmt: skip
+        return np.column_stack([x, force(x.T, mode)])
+
+    return Case(system, ["mass.x", "mass.v", "floor.F"], 1.5, exact, (60, 600))
+
+
+def coulomb(rng: Any, folder: Path) -> Case:
+    """Return a mass on a spring with dry friction, until it sticks."""
+    w2, mu = 10 ** rng.uniform(0.5, 2.0), rng.uniform(0.05, 0.4)
+    mu *= w2
+    system = vdfmu.connect({"mass": Mass, "dry": Coulomb}, {"mass.v": "dry.v", "dry.F": "mass.F"},
+                           values={"mass.k": w2, "mass.x_0": 1.0, "dry.mu": mu})  # fmt: skip
+
+    def after(t: Any, x: Any, mode: Any) -> Any:
+        return [x[0], 0.0], 0.0 if w2 * abs(x[0]) <= mu else -np.sign(x[0])
+
+    def exact(times: Any, results: Any) -> Any:
+        x, mode = by_events(
+            lambda t, x, mode: [x[1], -w2 * x[0] - mode * mu] if mode else [0.0, 0.0],
+            lambda t, x, mode: mode * x[1] + 1e-12 if mode else 1.0, after, [1.0, 0.0], -1.0, times,
+        )  # fmt: skip
+        friction = np.where(mode == 0.0, w2 * x[:, 0], -mode * mu)
+        return np.column_stack([x, friction])
+
+    return Case(system, ["mass.x", "mass.v", "dry.F"], 12.0 / w2**0.5, exact)
+
+
+def bistable(rng: Any, folder: Path) -> Case:
+    """Return a mass between two wells."""
+    c, start = rng.uniform(0.1, 1.0), [rng.normal(), 2.0 * rng.normal()]
+    system = vdfmu.connect({"mass": Mass, "well": Well}, {"mass.x": "well.x", "well.F": "mass.F"},
+                           values={"mass.c": c, "mass.x_0": start[0], "mass.v_0": start[1]})  # fmt: skip
+
+    def exact(times: Any, results: Any) -> Any:
+        x = solved(lambda t, x: [x[1], x[0] - x[0] ** 3 - c * x[1]], start, times)
+        return np.column_stack([x, x[:, 0] - x[:, 0] ** 3])
+
+    return Case(system, ["mass.x", "mass.v", "well.F"], 20.0, exact, (200, 2000))
+
+
+def chaotic(rng: Any, folder: Path) -> Case:
+    """Return the equations of Lorenz in two components."""
+    start = rng.normal(size=3) + [1.0, 1.0, 20.0]
+    system = vdfmu.connect({"a": LorenzX, "b": LorenzYZ}, {"a.x": "b.u", "b.y": "a.u"},
+                           values={"a.x_0": start[0], "b.y_0": start[1], "b.z_0": start[2]})  # fmt: skip
+    return Case(system, ["a.x", "b.y", "b.z"], rng.uniform(5.0, 15.0), lambda times, results: solved(
+        lambda t, x: [10.0 * (x[1] - x[0]), x[0] * (28.0 - x[2]) - x[1], x[0] * x[1] - 8.0 / 3.0 * x[2]], start, times),
+        (1000, 5000))  # fmt: skip
+
+
+def solved(rates: Any, start: Any, times: Any) -> Any:
+    """Return a smooth solution at times, with relative errors of 1e-12 in a step."""
+    return solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-13).y.T
+
+
+def step(rng: Any, folder: Path) -> Case:
+    """Return a step between communication points, and two lags."""
+    room = House(rng)
+    at = rng.uniform(0.1, 0.5) * room.stop
+    system = vdfmu.connect({"step": Step, "room": Lags}, {"step.y": "room.u"}, values={"step.at": at, **room.values})
+
+    def exact(times: Any, results: Any) -> Any:
+        x = np.array([room.after(max(t - at, 0.0), [0.0, 0.0], 1.0) for t in times])
+        return np.column_stack([x, times > at])
+
+    return Case(system, ["room.z", "room.y", "step.y"], room.stop, exact)
+
+
+def thermostat(rng: Any, folder: Path) -> Case:
+    """Return a thermostat and a room."""
+    room, low = House(rng), rng.uniform(0.2, 0.5)
+    high = low + rng.uniform(0.05, 0.3)
+    system = vdfmu.connect(
+        {"relay": build(RELAY, "3.0", folder), "room": Lags}, {"relay.y": "room.u", "room.y": "relay.u"},
+        values={"relay.low": low, "relay.high": high, **room.values},
+    )  # fmt: skip
+
+    def exact(times: Any, results: Any) -> Any:
+        x, on = by_events(
+            lambda t, x, on: room.A @ x + room.b * on, lambda t, x, on: high - x[1] if on else x[1] - low,
+            lambda t, x, on: (x, 1 - on), [0.0, 0.0], 1, times,
+        )  # fmt: skip
+        return np.column_stack([x, on])
+
+    return Case(system, ["room.z", "room.y", "relay.y"], room.stop, exact)
+
+
+def sampled_thermostat(rng: Any, folder: Path) -> Case:
+    """Return a thermostat with a period, and a room."""
+    room, low = House(rng), rng.uniform(0.2, 0.5)
+    high, period = low + rng.uniform(0.05, 0.3), room.stop / PERIODS
+    system = vdfmu.connect(
+        {"relay": SampledRelay, "room": Lags}, {"relay.y": "room.u", "room.y": "relay.u"},
+        values={"relay.low": low, "relay.high": high, "relay.period": period, **room.values},
+        algorithm="gauss-seidel",
+    )  # fmt: skip
+
+    def exact(times: Any, results: Any) -> Any:
+        rows = room.held(lambda x, on: 1.0 if x[1] < low else 0.0 if x[1] > high else on, times, period)
+        return np.column_stack([rows[:, :2], rows[:, 2]])
+
+    return Case(system, ["room.z", "room.y", "relay.y"], room.stop, exact, (100, 400))
+
+
+def sampled_noise(rng: Any, folder: Path) -> Case:
+    """Return noise with a period, and two lags."""
+    room = House(rng)
+    values = {"noise.period": room.stop / PERIODS, "noise.seed": float(rng.integers(1, 1000)), **room.values}
+    system = vdfmu.connect({"noise": Noise, "room": Lags}, {"noise.y": "room.u"}, values=values,
+                           algorithm="gauss-seidel")  # fmt: skip
+    states = [f"noise.random[{k}]" for k in range(1, 7)]
+
+    def exact(times: Any, results: Any) -> Any:
+        middle = np.searchsorted(results.time, (np.arange(PERIODS) + 0.5) * room.stop / PERIODS)
+        drawn = iter([*results["noise.y"][middle], 0.0])
+        rows = room.held(lambda x, u: next(drawn), times, room.stop / PERIODS)
+        shown = np.column_stack([results[name] for name in states])[:: (len(results.time) - 1) // (len(times) - 1)]
+        return np.column_stack([rows[:, :2], rows[:, 2], shown])
+
+    return Case(system, ["room.z", "room.y", "noise.y", *states], room.stop, exact, (100, 400))
+
+
+def noise(rng: Any, folder: Path) -> Case:
+    """Return noise that each step draws anew, and two lags; the truth is without noise."""
+    room = House(rng)
+    system = vdfmu.connect({"dice": build(DICE, "3.0", folder), "room": Lags}, {"dice.y": "room.u"},
+                           values={"dice.state": rng.random(), "room.z_0": 1, "room.y_0": 1} | room.values)  # fmt: skip
+
+    def exact(times: Any, results: Any) -> Any:
+        x = np.array([room.after(t, [1.0, 1.0], 0.0) for t in times])
+        return np.column_stack([x, np.linspace(-1e-300, 1e-300, len(x))])
+
+    return Case(system, ["room.z", "room.y", "dice.y"], room.stop, exact)
+
+
+def stick(rng: Any, folder: Path) -> Case:
+    """Return a block that sticks and slips, for model exchange, and a spring that draws it at constant speed."""
+    m, k, c, speed = rng.uniform(0.5, 2.0), 10 ** rng.uniform(1.0, 2.0), rng.uniform(0.0, 1.0), rng.uniform(0.1, 0.5)
+    hold = rng.uniform(1.0, 3.0)
+    drag = hold * rng.uniform(0.4, 0.9)
+    system = vdfmu.connect(
+        {"block": build(BLOCK, "3.0", folder), "drag": Drag},
+        {"block.x": "drag.x", "block.v": "drag.v", "drag.F": "block.F"},
+        values={"block.m": m, "block.hold": hold, "block.drag": drag, "drag.k": k, "drag.c": c, "drag.speed": speed},
+    )  # fmt: skip
+
+    def force(t: Any, x: Any) -> Any:
+        return k * (speed * t - x[0]) + c * (speed - x[1])
+
+    def after(t: Any, x: Any, mode: Any) -> Any:
+        f, stays = force(t, x), np.array([x[0], 0.0])
+        return (x, np.sign(f)) if mode == 0 else (stays, np.sign(f) if abs(f) > hold else 0.0)
+
+    def exact(times: Any, results: Any) -> Any:
+        x, _ = by_events(
+            lambda t, x, mode: [x[1], (force(t, x) - mode * drag) / m] if mode else [0.0, 0.0],
+            lambda t, x, mode: mode * x[1] if mode else hold - abs(force(t, x)), after, [0.0, 0.0], 0.0, times,
+        )  # fmt: skip
+        return np.column_stack([x, force(times, x.T)])
+
+    stop = 3.0 * (hold / k / speed + 1.0 / np.sqrt(k / m))
+    return Case(system, ["block.x", "block.v", "drag.F"], stop, exact, (60, 200))
+
+
+def as_one(rng: Any, folder: Path) -> Case:
+    """Return a chain of three for model exchange, which pass on in both directions, and a lag for co-simulation."""
+    # inputs a.s a.f b.s b.f c.s c.f lag.u; outputs a.s_out a.r b.s_out b.r c.s_out c.r lag.y
+    wires, L = {0: 6, 2: 0, 4: 2, 3: 5, 1: 3, 6: 4}, np.zeros((7, 7))
+    L[[*wires], [*wires.values()]] = 1.0
+    while True:
+        a, b1, b2, c1, c2, d1, d2, d3 = pieces = rng.normal(size=(8, 3))
+        a[:], pieces[5:], rate = -(10 ** rng.uniform(-0.3, 0.7, 3)), pieces[5:] / 2, 10 ** rng.uniform(-0.3, 0.7)
+        A: Any = np.diag([*a, -rate])
+        B: Any = block_diag(*np.stack([b1, b2], 1)[:, None], [[rate]])
+        C: Any = block_diag(*np.stack([c1, c2], 1)[..., None], [[1.0]])
+        D: Any = block_diag(*([[p, 0.0], [r, q]] for p, q, r in zip(d1, d2, d3, strict=True)), [[0.0]])
+        outputs = np.linalg.solve(np.eye(7) - D @ L, C)
+        closed = A + B @ L @ outputs
+        if np.linalg.eigvals(closed).real.max() < 1.0:
+            break
+    piece = build(PIECE, "3.0", folder)
+    system = vdfmu.connect(
+        dict.fromkeys("abc", piece) | {"lag": Lag},
+        {"a.s_out": "b.s", "b.s_out": "c.s", "c.r": "b.f", "b.r": "a.f", "c.s_out": "lag.u", "lag.y": "a.s"},
+        values={f"{x}.{name}": pieces[i, k] for i, name in enumerate(NUMBERS) for k, x in enumerate("abc")}
+        | {"lag.a": rate},
+    )  # fmt: skip
+    at = chain(0.0, closed, [1.0, 1.0, 1.0, 0.0])
+
+    def exact(times: Any, results: Any) -> Any:
+        x = at(times)
+        return np.column_stack([x @ outputs.T, x[:, :3]])
+
+    names = [f"{x}.{name}" for x in "abc" for name in ("s_out", "r")] + ["lag.y", "a.x", "b.x", "c.x"]
+    return Case(system, names, 4.0 / np.abs(np.linalg.eigvals(closed)).max() ** 0.5, exact, (20, 200))

@@ -1,0 +1,56 @@
+"""Which components of a system are sampled, and whether their samples have declared times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from vdfmu.engine.package.system import FlatSystem
+from vdfmu.engine.plan.check import Checked
+
+
+def declared_samples(checked: Checked, system: FlatSystem) -> set[str]:
+    """Return the components whose samples have declared times: by a step, a period, or a clock."""
+    stepped = {component.name for component in system.components if component.step is not None}
+    described = checked.descriptions.items()
+    return stepped | {name for name, each in described if each.period or any(v.clock for v in each.variables.values())}
+
+
+def timed_samples(checked: Checked, system: FlatSystem) -> set[str]:
+    """Return the components whose samples act at declared times: with a step, or passed on within the step."""
+    stepped = {component.name for component in system.components if component.step is not None}
+    late = {link.start[0] for link in checked.links if link.stepped and link.end not in checked.schedule.fresh}
+    return stepped | declared_samples(checked, system) - late
+
+
+def ambiguous(checked: Checked) -> list[str]:
+    """Return the components that may sample: with discrete outputs, or with held inputs and without states.
+
+    Components for model exchange have no steps that could be samples.
+    """
+    declared, names = declared_samples(checked, checked.system), dict[str, None]()
+    fed = {link.end[0] for link in checked.links if link.stepped and checked.how.substeps}
+    for link in checked.links:
+        name, each = link.start[0], checked.descriptions.get(link.start[0])
+        if each is not None and name not in declared and link.stepped and link.source.type == "Real":
+            law = name in fed and not each.states and not each.exchange
+            names |= {name: None} if law or link.source.variability == "discrete" else {}
+    return list(names)
+
+
+def keeping_steps(system: FlatSystem, names: Sequence[str], step: float) -> FlatSystem:
+    """Return a system some of whose components keep a step."""
+    parts = tuple(replace(each, step=step) if each.name in names else each for each in system.components)
+    return replace(system, components=parts, inspected={})
+
+
+def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
+    """Whether each signal between two components passes at declared samples, which no communication step moves."""
+    kept = {component.name for component in system.components if component.step is not None}
+    timed = timed_samples(checked, system) if checked.how.substeps else kept
+    links = [link for link in checked.links if link.stepped and link.start[0] in checked.descriptions]
+    return all(
+        kept.intersection((link.start[0], link.end[0]))
+        or (link.start[0] in timed and link.source.variability == "discrete")
+        for link in links
+    )
