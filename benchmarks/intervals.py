@@ -83,8 +83,8 @@ def main(logs: int) -> int:
         fit = identify(simulated(exact[name], robot, seed, seed % 2 == 1), start_of(robot, seed))
         for kind, each in held(fit, robot).items():
             weak[kind] += [value is None for value in each]
-            if told := [value for value in each if value is not None]:
-                shares[kind].append(float(np.mean(told)))
+            if strong := [value for value in each if value is not None]:
+                shares[kind].append(float(np.mean(strong)))
     print(f"{'parameter':10} {'logs':>5} {'inside':>8} {'95 %':>16} {'weak':>7}")
     missed = False
     for kind, marks in weak.items():

@@ -74,7 +74,7 @@ SHORTEST_STEP = "the internal step reached its minimum"
 """Part of the message of a unit whose solver gives up, the only thing that FMI carries of it."""
 
 
-class Kind(StrEnum):
+class FailureKind(StrEnum):
     """Why a co-simulation failed."""
 
     COMPONENT = "component"
@@ -101,10 +101,10 @@ class CosimError(VdfmuError):
     """
 
     def __init__(
-        self, unit: str, call: str, time: float, reason: str, results: Any = None, kind: str = Kind.COMPONENT
+        self, unit: str, call: str, time: float, reason: str, results: Any = None, kind: str = FailureKind.COMPONENT
     ) -> None:
         self.unit, self.call, self.time, self.reason, self.results = unit, call, time, reason, results
-        self.kind = Kind(kind)
+        self.kind = FailureKind(kind)
         super().__init__(unit, call, time, reason, results, kind)
 
     @property

@@ -11,7 +11,7 @@ from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.sweeps import answer as answers
-from vdfmu.study.sweeps.candidates import Candidate, neighbours
+from vdfmu.study.sweeps.candidates import JudgedPoint, neighbours
 
 GRID = {"f.a": "lin(0, 4, 5)", "f.b": "*lin(1, 5, 5)"}
 
@@ -134,7 +134,7 @@ def test_the_best_point_is_the_best_good_one(tmp_path, monkeypatch, runs, headli
     def judge(study, point, value, without=()):
         judged.append(point)
         state, why = runs.get(point, (GOOD, ""))
-        return Candidate(point, value, state, why, 0.7 if state == GOOD else 0.32)
+        return JudgedPoint(point, value, state, why, 0.7 if state == GOOD else 0.32)
 
     monkeypatch.setattr("vdfmu.study.sweeps.candidates.judge_point", judge)
     monkeypatch.setattr(answers, "judge_point", judge)

@@ -14,13 +14,13 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import number, quantity
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, UNJUDGED, Check, verdict_of
 from vdfmu.study.sweeps.axes import read_axes
-from vdfmu.study.sweeps.candidates import MOST, Candidate, best_of, candidates, judge_point, neighbours
+from vdfmu.study.sweeps.candidates import MOST, JudgedPoint, best_of, candidates, judge_point, neighbours
 from vdfmu.study.sweeps.failures import failure_words, place_of
 from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import SearchPoints, Side, StudyTable, View, groups, view
 
 _TIE = 0.01
-"""Share by which the values of points that tie differ at most, and which a search must gain to be told."""
+"""Share by which the values of points that tie differ at most, and which a search must gain to be lines."""
 _SHUFFLES, _CHANCE = 199, 0.05
 """Shuffles of a measure, and the share of them from which an axis does no more than chance."""
 _SENSITIVITY = ("saltelli", "morris")
@@ -74,17 +74,17 @@ def answer_of(study: StudyTable) -> Answer:
     judged = candidates(study, values)
     best = best_of(judged)
     check, phrases = _chosen_of(study, judged)
-    told = [_best(study, values, best.point), *([_sentence(check.more)] if check.more else [])]
-    told += [*_edges(study, best.point), *_around(study, values, best)]
-    told += filter(None, [_ranking(study, values), _influence(study)])
-    return Answer(verdict_of([*checks, check], phrases), (*told, *sentences), best.point)
+    lines = [_best(study, values, best.point), *([_sentence(check.more)] if check.more else [])]
+    lines += [*_edges(study, best.point), *_around(study, values, best)]
+    lines += filter(None, [_ranking(study, values), _influence(study)])
+    return Answer(verdict_of([*checks, check], phrases), (*lines, *sentences), best.point)
 
 
 def _sentence(phrase: str) -> str:
     return f"{phrase[:1].upper()}{phrase[1:]}."
 
 
-def _chosen_of(study: StudyTable, judged: Sequence[Candidate]) -> tuple[Check, list[str]]:
+def _chosen_of(study: StudyTable, judged: Sequence[JudgedPoint]) -> tuple[Check, list[str]]:
     """Return the check of the best of the judged points, and what a good one came to."""
     (name, unit), best, first = _named(study), best_of(judged), judged[0]
     point = f"{best.point} ({name} {quantity(best.value, unit)})"
@@ -104,7 +104,7 @@ def _chosen_of(study: StudyTable, judged: Sequence[Candidate]) -> tuple[Check, l
     return Check("best", "Best point", state, sentence, more), []
 
 
-def _how(candidate: Candidate) -> str:
+def _how(candidate: JudgedPoint) -> str:
     """Return what is wrong with a point, as the rest of a sentence about it."""
     if candidate.why.startswith("unstable"):
         return f"is {candidate.why}"
@@ -112,14 +112,14 @@ def _how(candidate: Candidate) -> str:
     return f"fails{why}" if candidate.state == FAILED else f"is {candidate.state}{why}"
 
 
-def _around(study: StudyTable, values: Floats, best: Candidate) -> Iterator[str]:
+def _around(study: StudyTable, values: Floats, best: JudgedPoint) -> Iterator[str]:
     """Yield whether the neighbours of a good point in a grid are good as well."""
     beside = [*neighbours(study, best.point)]
     if best.state != GOOD or not 0 < len(beside) <= MOST:
         return
     of = dict(zip(study["point"].tolist(), values.tolist(), strict=True))
     judged = [
-        judge_point(study, point, of[point]) if math.isfinite(of[point]) else Candidate(point, of[point], FAILED)
+        judge_point(study, point, of[point]) if math.isfinite(of[point]) else JudgedPoint(point, of[point], FAILED)
         for point in beside
     ]
     bad = [candidate for candidate in judged if candidate.state != GOOD]
@@ -154,7 +154,7 @@ def _of_search(
         state = GOOD if holds else DOUBTFUL
         by = "the margin that was demanded"
         checks.append(Check("margin", "Modulus margin", state, words, "", after, min(demanded), by))
-    phrases, told = _chosen(study, search)
+    phrases, lines = _chosen(study, search)
     if feasible:
         chosen = judge_point(study, point, float(values[study["point"] == point][0]), ["margin"] if demanded else [])
         how = chosen.why if chosen.state == UNJUDGED else f"the chosen point {_how(chosen)}" if chosen.why else "good"
@@ -163,11 +163,11 @@ def _of_search(
         margin = chosen.margin
         phrases += [f"modulus margin {margin:.2g}"] if math.isfinite(margin) and not demanded else []
     ranked = [] if study.robots > 1 else [_ranking(study, values)]
-    told += [*_robots(study, search, values), *ranked, _influence(study)]
+    lines += [*_robots(study, search, values), *ranked, _influence(study)]
     if count := len(search.infeasible):
-        told.append(f"{count} of {len(study)} runs {'misses' if count == 1 else 'miss'} a limit or the margin.")
+        lines.append(f"{count} of {len(study)} runs {'misses' if count == 1 else 'miss'} a limit or the margin.")
     phrases += [check.sentence for check in checks if check.key == "margin" and check.state == GOOD]
-    return Answer(verdict_of(checks, phrases), tuple(filter(None, [*told, *failed])), point)
+    return Answer(verdict_of(checks, phrases), tuple(filter(None, [*lines, *failed])), point)
 
 
 def _less(value: float, other: float, unit: str) -> str:
@@ -190,7 +190,7 @@ def _named(study: StudyTable) -> tuple[str, str]:
 
 
 def _best(study: StudyTable, values: Floats, point: int) -> str:
-    """Return where a point is, and how its value compares with the others."""
+    """Return where a point is, and how its value compares with the rest."""
     (name, unit), worst = _named(study), study.row("worst")
     value = float(values[study["point"] == point][0])
     middle, high = (float(f(values)) for f in (np.nanmedian, np.nanmax))
@@ -271,21 +271,19 @@ def _matters(study: StudyTable) -> tuple[Check, list[str]]:
     """Return the check of the indices of a study of sensitivity, and the axes that matter most."""
     (name, unit), label = _named(study), "Indices"
     try:
-        found = indices(study, name)
+        sensitivity = indices(study, name)
     except UsageError as error:
         return Check("indices", label, DOUBTFUL, str(error).partition(": ")[2].partition(". ")[0]), []
-    key = "total" if found.kind == "sobol" else "mu_star"
-    first, *others = np.argsort(-found.values[key], kind="stable")[:2].tolist()
+    key = "total" if sensitivity.kind == "sobol" else "mu_star"
+    first, *rest = np.argsort(-sensitivity.values[key], kind="stable")[:2].tolist()
     if key == "total":
         begin, by, factor, unit, more = "", "", 100.0, "%", f" of the variance of {name}"
     else:
         begin, by, factor, more = f"over its range it changes {name} ", "by ", 1.0, ""
-    effects = [
-        f"{by}{quantity(factor * found.values[key][k], unit)} ± {quantity(factor * found.widths[key][k], unit)}"
-        for k in (first, *others)
-    ]
-    phrases = [f"{found.axes[first]} matters most: {begin}{effects[0]}{more}"]
-    phrases += [f"{found.axes[k]} {effect}" for k, effect in zip(others, effects[1:], strict=True)]
+    values, widths = (factor * each[key] for each in (sensitivity.values, sensitivity.widths))
+    effects = [f"{by}{quantity(values[k], unit)} ± {quantity(widths[k], unit)}" for k in (first, *rest)]
+    phrases = [f"{sensitivity.axes[first]} matters most: {begin}{effects[0]}{more}"]
+    phrases += [f"{sensitivity.axes[k]} {effect}" for k, effect in zip(rest, effects[1:], strict=True)]
     return Check("indices", label, GOOD, phrases[0]), phrases
 
 
@@ -316,7 +314,7 @@ def _influence(study: StudyTable) -> str:
 def _chance(shown: View) -> float:
     """Return in which share of shuffles of the points' ranks the means over any axis differ as much as over the first.
 
-    Ranks, since a few large values would hide the order of the others.
+    Ranks, since a few large values would hide the order of the rest.
     """
     good, rng = np.isfinite(shown.value.values), np.random.default_rng(0)
     over = [replace(side, values=side.values[good]) for side in shown.sides]

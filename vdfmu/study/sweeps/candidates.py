@@ -18,7 +18,7 @@ MOST = 8
 """Most points that run again to find the best good one, and most of its neighbours."""
 
 
-class Candidate(NamedTuple):
+class JudgedPoint(NamedTuple):
     """A point, judged."""
 
     point: int
@@ -32,9 +32,9 @@ class Candidate(NamedTuple):
     """Smallest modulus margin of its loops; NaN if unknown."""
 
 
-def candidates(study: StudyTable, values: Floats) -> list[Candidate]:
+def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
     """Judge points in the order of their values (n,) until one is good, or not judged, or `MOST` are judged."""
-    points, judged = study["point"], list[Candidate]()
+    points, judged = study["point"], list[JudgedPoint]()
     for place in np.argsort(values, kind="stable")[: min(MOST, int(np.isfinite(values).sum()))]:
         judged.append(judge_point(study, int(points[place]), float(values[place])))
         if judged[-1].state in (GOOD, UNJUDGED):
@@ -42,7 +42,7 @@ def candidates(study: StudyTable, values: Floats) -> list[Candidate]:
     return judged
 
 
-def judge_point(study: StudyTable, point: int, value: float, without: Sequence[str] = ()) -> Candidate:
+def judge_point(study: StudyTable, point: int, value: float, without: Sequence[str] = ()) -> JudgedPoint:
     """Run a point and judge it as `vdfmu.run` does, without a reference and without some checks."""
     from vdfmu.study.runs import run
     from vdfmu.study.verdict import loop_checks
@@ -50,23 +50,23 @@ def judge_point(study: StudyTable, point: int, value: float, without: Sequence[s
     try:
         options: dict[str, Any] = study.options(point)
     except VdfmuError as error:
-        return Candidate(point, value, UNJUDGED, str(error).partition(". ")[0])
+        return JudgedPoint(point, value, UNJUDGED, str(error).partition(". ")[0])
     try:
         summary = run(**options, out=False, reference=False).summary
     except CosimError as error:
         figures = getattr(error.results, "summary", {}).get("key_figures", {})
         unstable = [check.sentence for check in loop_checks({"key_figures": figures}) if check.state == FAILED]
-        return Candidate(point, value, FAILED, (unstable or [f"{error.unit} fails at {error.time:.3g} s"])[0])
+        return JudgedPoint(point, value, FAILED, (unstable or [f"{error.unit} fails at {error.time:.3g} s"])[0])
     except VdfmuError as error:
-        return Candidate(point, value, FAILED, str(error).partition(". ")[0])
+        return JudgedPoint(point, value, FAILED, str(error).partition(". ")[0])
     checks = [check for check in checks_of(summary) if check.key not in without]
     state = verdict_of(checks)["state"]
     why = "" if state == GOOD else next(check.sentence for check in checks if check.state == state)
     margin = summary["key_figures"].get("margin", {}).get("value", math.nan)
-    return Candidate(point, value, state, why, margin)
+    return JudgedPoint(point, value, state, why, margin)
 
 
-def best_of(judged: Sequence[Candidate]) -> Candidate:
+def best_of(judged: Sequence[JudgedPoint]) -> JudgedPoint:
     """Return the first of the best state."""
     order = (*STATES, UNJUDGED)
     return min(judged, key=lambda candidate: order.index(candidate.state))

@@ -10,20 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.errors import Kind
+from vdfmu.base.errors import FailureKind
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.table import StudyTable
 
 _NAMED = 3
 """Causes of failures that are named."""
 _CAUSES: Mapping[str, str] = {
-    Kind.UNSTABLE: "unstable loop",
-    Kind.SOLVER: "solver of {}: its step reached the minimum, as of an unstable loop",
-    Kind.NOT_FINITE: "values of {} are not finite",
-    Kind.COUPLING: "coupling of {} does not converge",
-    Kind.TIME_LIMIT: "took longer than the time limit",
+    FailureKind.UNSTABLE: "unstable loop",
+    FailureKind.SOLVER: "solver of {}: its step reached the minimum, as of an unstable loop",
+    FailureKind.NOT_FINITE: "values of {} are not finite",
+    FailureKind.COUPLING: "coupling of {} does not converge",
+    FailureKind.TIME_LIMIT: "took longer than the time limit",
 }
-"""Kind of a failure to its cause in words; {} is the component. Those of other kinds are in their messages."""
+"""FailureKind of a failure to its cause in words; {} is the component. Those of other kinds are in their messages."""
 
 
 class FailedGroup(NamedTuple):

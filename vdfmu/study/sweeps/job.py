@@ -26,7 +26,7 @@ from vdfmu.study.sweeps.measures import Measure, measured
 
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``failed_in`` (the component), ``kind`` of the failure, see
-:class:`vdfmu.base.errors.Kind`, ``wall_s``, measures and signals, by column; for some points of the batch engine
+:class:`vdfmu.base.errors.FailureKind`, ``wall_s``, measures and signals, by column; for some points of the batch engine
 ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
 """
 _ALIVE = 8

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.errors import Kind, VdfmuError
+from vdfmu.base.errors import FailureKind, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.process import SIZE, Child
 from vdfmu.base.text import elided, shown
@@ -143,7 +143,7 @@ class Worker:
                 if most > 1:
                     apart, killed = len(group), 0
                     continue
-                kind = str(Kind.TIME_LIMIT if self._late else Kind.LOST)
+                kind = str(FailureKind.TIME_LIMIT if self._late else FailureKind.LOST)
                 seconds = perf_counter() - begin
                 head = dict.fromkeys(_HEAD) | {"point": group[0][0], "failed": rows, "kind": kind, "wall_s": seconds}
                 rows = [head]
