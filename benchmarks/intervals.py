@@ -74,12 +74,13 @@ def held(fit: Identified, robot: Robot) -> dict[str, list[bool | None]]:
 
 def main(logs: int) -> int:
     """Print the table; return the exit code."""
-    exact = {name: exact_log(robot := vdfmu.load_robot(name), motion_of(robot), STEP) for name in ARMS}
+    arms = {name: vdfmu.load_robot(name) for name in ARMS}
+    exact = {name: exact_log(robot, motion_of(robot), STEP) for name, robot in arms.items()}
     shares: dict[str, list[float]] = defaultdict(list)
     weak: dict[str, list[bool]] = defaultdict(list)
     for seed in range(logs):
         name = ARMS[seed % len(ARMS)]
-        robot = vdfmu.load_robot(name)
+        robot = arms[name]
         fit = identify(simulated(exact[name], robot, seed, seed % 2 == 1), start_of(robot, seed))
         for kind, each in held(fit, robot).items():
             weak[kind] += [value is None for value in each]
