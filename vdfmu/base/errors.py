@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 from collections.abc import Sequence
+from enum import StrEnum
 from typing import Any
 
 LOG = logging.getLogger("vdfmu")
@@ -69,16 +70,47 @@ class UsageError(VdfmuError):
     """A wrong option, an unknown name or an unknown parameter."""
 
 
+SHORTEST_STEP = "the internal step reached its minimum"
+"""Part of the message of a unit whose solver gives up, the only thing that FMI carries of it."""
+
+
+class FailureKind(StrEnum):
+    """Why a co-simulation failed."""
+
+    COMPONENT = "component"
+    """A call of a component failed, for a reason of its own."""
+    SOLVER = "solver"
+    """The internal step of a component's solver reached its minimum."""
+    NOT_FINITE = "not finite"
+    """An output is infinite or NaN."""
+    UNSTABLE = "unstable"
+    """A loop is unstable."""
+    COUPLING = "coupling"
+    """The values of coupled components do not agree, or need a shorter step than there is."""
+    TIME_LIMIT = "time limit"
+    """A component, or a point of a study, took longer than it may."""
+    LOST = "lost process"
+    """A component ended its process."""
+
+
 class CosimError(VdfmuError):
     """A co-simulation that a unit ended.
 
     Attributes: the component `unit`, the failed FMI `call` such as ``doStep``, its simulated `time` [s], the `reason`
-    (a message of the unit), and `results` recorded before the failure.
+    (a message of the unit), `results` recorded before the failure, and the `kind` of failure.
     """
 
-    def __init__(self, unit: str, call: str, time: float, reason: str, results: Any = None) -> None:
+    def __init__(
+        self, unit: str, call: str, time: float, reason: str, results: Any = None, kind: str = FailureKind.COMPONENT
+    ) -> None:
         self.unit, self.call, self.time, self.reason, self.results = unit, call, time, reason, results
-        super().__init__(unit, call, time, reason, results)
+        self.kind = FailureKind(kind)
+        super().__init__(unit, call, time, reason, results, kind)
+
+    @property
+    def facts(self) -> tuple[str, str, float, str, None, str]:
+        """The arguments of the same error in another process, without results."""
+        return self.unit, self.call, self.time, self.reason, None, str(self.kind)
 
     def __str__(self) -> str:
         return f"{self.unit} failed at t = {self.time:.9g} s in {self.call}: {self.reason}"

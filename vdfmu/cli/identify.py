@@ -64,13 +64,18 @@ def identify(
 ) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
-    These are drives, friction, springs and base parameters.
+    These are drives, friction, springs and base parameters. The exit code is 1 if the verdict is failed; then no robot
+    file is written.
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.errors import UsageError
     from vdfmu.base.files import read_regular, write_whole
+    from vdfmu.engine.results.verdict import FAILED, state_of
     from vdfmu.study.identify.fit import identify as estimate
+    from vdfmu.study.identify.fit import score
     from vdfmu.study.identify.log import read_log
+    from vdfmu.study.identify.verdict import verdict
+    from vdfmu.study.report.sheets import verdict_table, verdict_text
 
     of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
               "--residuals": residuals}  # fmt: skip
@@ -108,12 +113,13 @@ def identify(
         second = read_log(other, arm, columns, time=time)
         say_notes([f"{other.name}: {note}" for note in second.notes])
     fit = estimate(rows, arm, band=band, prior=prior)
+    scored = score(fit, arm, rows, rows if second is None else second)
+    judged = {"verdict": verdict(fit, (*rows.checks, *(() if second is None else second.checks)), arm, scored)}
+    console.print(verdict_text(judged), soft_wrap=True)
+    console.print(verdict_table(judged))
     _print(fit, arm.joint_labels, None if true is None else fit.of(true))
-    scored, units = None, tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
-    if other is not None and second is not None:
-        from vdfmu.study.identify.fit import score
-
-        scored = score(fit, arm, rows, second)
+    units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
+    if other is not None:
         _print_score(other.name, scored, arm.joint_labels, units)
     written: list[Path] = []
     if plot is not None:
@@ -124,14 +130,15 @@ def identify(
         written.append(plot)
     if residuals is not None:
         from vdfmu.base.style import save
-        from vdfmu.study.identify.fit import score
         from vdfmu.study.report.drawings import draw_residuals
 
-        left = scored or score(fit, arm, rows, rows)
         title = f"What {arm.name}, identified from {log.name}, leaves of {(other or log).name}"
-        save(draw_residuals(title, left, arm), targets[residuals])
+        save(draw_residuals(title, scored, arm), targets[residuals])
         written.append(residuals)
-    if out is not None:
+    failed = state_of(judged) == FAILED
+    if out is not None and failed:
+        say_notes([f"{out} was not written, because the verdict is failed"])
+    elif out is not None:
         from vdfmu.study.identify.fit import identified_robot, robot_text
 
         made, notes = identified_robot(fit, arm, log.name)
@@ -142,6 +149,8 @@ def identify(
             written.append(path)
     if written:
         say_written(*written)
+    if failed:
+        raise SystemExit(1)
 
 
 def _design(
@@ -239,20 +248,23 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     unit = " or ".join(dict.fromkeys(units))
     angle = " or ".join(dict.fromkeys("m" if each == "N" else "rad" for each in units))
     shown = table(
-        "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "5 terms\n%",
+        "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "links held\n%", "5 terms\n%",
         f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
-        title=f"\n{name}, link-side: root mean squares and largest residuals; % left by five terms of a rigid model",
+        title=f"\n{name}, link-side: root mean squares and largest residuals; in % also with "
+        "the robot file's links, and of five terms of a rigid model",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:
         return ["" if np.isnan(each[i]) else f"{each[i]:.4g}" if each[i] > 1.0 else f"{each[i]:.3g}" for each in values]
 
     for i, label in enumerate(labels):
-        share, rigid = (100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.rigid_left))
+        share, held, rigid = (
+            100.0 * each[i] / score.torque[i] for each in (score.torque_left, score.held_left, score.rigid_left)
+        )
         bent = 100.0 * score.deformation_left[i] / score.deformation[i]
         shown.add_row(
             label, *cells([score.torque, score.torque_left], i), f"{share:.1f}", *cells([score.torque_most], i),
-            f"{rigid:.1f}", *cells([score.deformation, score.deformation_left], i),
+            f"{held:.1f}", f"{rigid:.1f}", *cells([score.deformation, score.deformation_left], i),
             "" if np.isnan(bent) else f"{bent:.0f}", *cells([score.deformation_most], i),
         )  # fmt: skip
     console.print(shown)

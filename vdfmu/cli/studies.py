@@ -121,12 +121,11 @@ def report(
 
 
 def _say_answer(study: Any) -> None:
-    """Print the answer of a study: its first sentence as a verdict, then the others."""
-    from vdfmu.study.report.sheets import state_text
+    """Print the verdict on a study, then the sentences of its answer."""
+    from vdfmu.study.report.sheets import verdict_text
 
-    first, *rest = study.answer.sentences
-    console.print(state_text(study.answer.state, first), soft_wrap=True)
-    tell(*rest)
+    console.print(verdict_text({"verdict": study.answer.verdict}), soft_wrap=True)
+    tell(*study.answer.sentences)
 
 
 @meets_code(RUNS)

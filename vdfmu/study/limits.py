@@ -106,6 +106,24 @@ ROWS = (
         "energy", "Coupling energy", 0.1, FAILED, "%", "coupling energy error {error}, {value} of {place} exchanged",
         "4 % where friction excites itself, 31 % in a limit cycle, below 0.2 % in all other shipped scenarios",
     ),
+    Limit(
+        "speed", "Speed in the log", 60.0, FAILED, "rad/s", "{place} moves at {value}: check the unit of the times",
+        "wrists of SCARA robots reach 45 rad/s, linear motors 15 m/s, with a limit of 20 m/s",
+    ),
+    Limit(
+        "ratio", "Gear ratio", 0.05, DOUBTFUL, "%",
+        "{place}: the link moves {factor} times as far as the rotor, so its ratio is {ratio}, not {ell}",
+        "springs and encoders make a difference of a few per mille", failed=0.1,
+    ),
+    Limit(
+        "torque", "Size of the torques", 10.0, FAILED, "1",
+        "torques are {factor} times those of the robot file: {cause}",
+        "friction makes torques two to three times as large as the links do, and a mass is not off by ten",
+    ),
+    Limit(
+        "residual", "Residual torque", 0.3, DOUBTFUL, "%", "{place} has a residual of {value} of its torque's RMS",
+        "on a measured arm, a KUKA KR 300, 4 to 29 % remain", failed=0.5,
+    ),
 )  # fmt: skip
 LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 """Limits by name."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, FailureKind
 from vdfmu.base.measure import number, quantity
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, STATES, UNJUDGED, Check, verdict_of
@@ -86,6 +86,7 @@ def explain(error: CosimError | Interrupted, poses: Poses) -> dict[str, Any]:
     figures = judged(poses, 0.0, error.time, failed=True).figures
     if "unstable" not in figures:
         return {}
+    error.kind = FailureKind.UNSTABLE
     error.add_note(f"Stability: {[*loop_checks({'key_figures': figures})][-1].text}")
     return figures
 

@@ -15,8 +15,10 @@ from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.cli.identify import _difference
+from vdfmu.engine.results.verdict import FAILED
 from vdfmu.study.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.study.identify.log import Log, read_log
+from vdfmu.study.identify.verdict import verdict
 from vdfmu.study.report.drawings import draw_torques
 
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
@@ -228,8 +230,10 @@ def test_a_score_needs_the_encoders_of_the_fit_and_torques_that_do_not_fit_are_s
     # the log that was fitted leaves what the fit left: sums in another order
     np.testing.assert_allclose(rated.torque_error, exact.torque_error, rtol=1e-9, atol=1e-12)
     assert np.all(rated.torque_left < 0.01 * rated.torque) and np.all(rated.rigid_left > rated.torque_left)
-    reversed_fit = identify(thinned(clean._replace(tau=-clean.tau), 2), robot)
-    assert any("joint 2: the model leaves more than 30 % of the torque; check" in note for note in reversed_fit.advice)
+    reversed_log = thinned(clean._replace(tau=-clean.tau), 2)
+    backward = identify(reversed_log, robot)
+    judged = verdict(backward, (), robot, score(backward, robot, reversed_log, reversed_log))
+    assert judged["state"] == FAILED and "has a residual of" in judged["headline"]
     assert exact.advice == []
 
 

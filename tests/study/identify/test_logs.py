@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 import vdfmu
 from tests.study.identify.recorded import STEP, M, T, motion
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.verdict import FAILED
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.identify.log import read_log
 
@@ -208,7 +209,8 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
         with pytest.raises(UsageError, match=message):
             read_log(write(path, table(data, **other), t), robot)
     same(read_log(write(path, table(data), 1e3 * T), robot, time="time [ms]"), data)
-    assert any("q[1] moves 0.9" in note for note in read_log(write(path, table(data, q=0.9 * q)), robot).notes)
+    (check, *_) = read_log(write(path, table(data, q=0.9 * q)), robot).checks
+    assert check.key == "ratio" and "joint 1: the link moves 0.901 times as far as the rotor" in check.sentence
 
 
 def test_the_way_out_is_one(robot, data, tmp_path):
@@ -248,17 +250,18 @@ def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
         read_log(path, arm)
 
 
-def test_torques_that_fit_otherwise_are_noted(robot, data, tmp_path):
+def test_torques_that_fit_otherwise_are_failed_checks(robot, data, tmp_path):
     _, _, tau = data
-    sign = "tau[1]: its friction would drive the joint: check the sign, --column 'tau[1]=NAME [-1 N.m]'"
-    for other, notes in (
-        (tau[:, ::-1], ["tau[1] fits joint 2, whose motion leaves", "tau[2] fits joint 1, whose motion leaves"]),
+    sign = "tau[1] has another sign: its friction would drive the joint"
+    for other, sentences in (
+        (tau[:, ::-1], ["tau[1] fits joint 2 better than its own", "tau[2] fits joint 1 better than its own"]),
         (tau * [-1, 1], [sign]),
         (tau * robot.ell, ["torques are "]),
     ):
-        written = read_log(write(tmp_path / "log.csv", table(data, tau=other)), robot).notes
-        assert len(written) == len(notes)
-        assert all(each.startswith(start) for each, start in zip(written, notes, strict=True)), written
+        checks = read_log(write(tmp_path / "log.csv", table(data, tau=other)), robot).checks
+        assert len(checks) == len(sentences)
+        assert all(c.sentence.startswith(start) for c, start in zip(checks, sentences, strict=True)), checks
+        assert all(check.state == FAILED for check in checks)
 
 
 def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):

@@ -1,6 +1,7 @@
 """The answer of a study: best point, ranking, the axis that matters, failures, roles of the points of a search."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,9 @@ import pytest
 import vdfmu
 from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
+from vdfmu.study.sweeps import answer as answers
+from vdfmu.study.sweeps.candidates import JudgedPoint, neighbours
 
 GRID = {"f.a": "lin(0, 4, 5)", "f.b": "*lin(1, 5, 5)"}
 
@@ -18,11 +22,13 @@ def bowl(a, b):
 
 def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(tmp_path):
     answer = study_of(tmp_path / "s", GRID, bowl, fail=[0, 24]).answer
-    assert answer.state == "good"
+    # a study of a function has no scenario to run, so its best point is not judged
+    assert answer.headline == "Good: best point 12 (y 1 rad); not judged: verdict on the best point"
+    assert answer.best == 12
     first, *rest = answer.sentences
     # bowl: 1 at (2, 3); the corners left have 5.4; of 23 values the twelfth is 2.4, as at (1, 1)
     assert first == (
-        "Best: y 1 rad at f.a 2, f.b × 3 (point 12). It is 2.4 times less than the median, and 5.4 times less than the "
+        "Point 12: f.a 2, f.b × 3. Its y is 2.4 times less than the median, and 5.4 times less than the "
         "largest, 5.4 rad at f.a 0, f.b × 5 (point 4)."
     )
     # means over b: 1.2 at a = 2, and of 4 values 1 + 4 + 0.1 * (1 + 0 + 1 + 4) / 4 at the ends; over a: 1 + 1.5 + 0.4,
@@ -49,22 +55,24 @@ def test_what_is_known_of_the_ranking_and_of_axes_is_said(tmp_path, over, functi
 
 def test_a_drawn_study_has_a_spread_and_no_best(tmp_path):
     over = {"f.a": "normal(0, 1)", "f.b": "lognormal(1, 0.1)"}
-    sentences = study_of(tmp_path / "s", over, lambda a, b: 10 + a, "lhs", 40).answer.sentences
+    answer = study_of(tmp_path / "s", over, lambda a, b: 10 + a, "lhs", 40).answer
+    sentences = answer.sentences
+    assert answer.headline.startswith("Good: y is 10 rad in the median") and answer.best is None
     assert sentences[0].startswith("y is 10 rad in the median, at most 11.") and "in 95 % of the points" in sentences[0]
     assert not any("Best" in each or "ranking" in each for each in sentences)
 
 
 def test_a_study_without_a_value_says_why(tmp_path):
     failed = study_of(tmp_path / "t", {"f.a": "lin(0, 1, 4)"}, lambda a: a, fail=range(4))
-    assert failed.answer == ("failed", ("4 of 4 points failed: it broke (4).",))
+    assert failed.answer.headline == "Failed: 4 of 4 points failed: it broke (4)"
     text = failed.report().read_text("utf-8")
-    assert '<p class="verdict failed">4 of 4 points failed: it broke (4).</p>' in text
+    assert '<p class="verdict failed">Failed: 4 of 4 points failed: it broke (4) <small>' in text
 
 
-def searched(folder, **roles):
-    """Write a study as the search of a tuning, whose points have these roles."""
+def searched(folder, after=3.0, **roles):
+    """Write a study as the search of a tuning, whose points have these roles, and which lowers the cost from 9."""
     study_of(folder, {"f.a": "lin(0, 4, 5)"}, lambda a: 9.0 - 2.0 * a)
-    rows = [{"name": "cost", "before": 9.0, "after": 3.0}, {"name": "modulus[1]", "before": 0.8, "after": 0.51}]
+    rows = [{"name": "cost", "before": 9.0, "after": after}, {"name": "modulus[1]", "before": 0.8, "after": 0.51}]
     points = {"start": [0], "chosen": [3], "infeasible": [4], **roles}
     (folder / "tune.json").write_text(json.dumps({"points": points, "comparison": rows}))
     return opened(folder)
@@ -78,11 +86,11 @@ def opened(folder):
 
 def test_a_search_says_its_chosen_point_and_margin_and_its_best_point_is_feasible(tmp_path):
     search = searched(tmp_path / "s")
-    assert search.answer.state == "good"
-    assert search.answer.sentences[:2] == (
-        "Chosen: cost 3 at f.a 3 (point 3). It is 3 times less than the cost at the start, 9.",
-        "It holds the margin: the modulus margin is 0.51, 0.5 demanded, 0.8 at the start.",
+    assert search.answer.headline == "Good: cost 3, 3 times less than the cost at the start, 9"
+    assert search.answer.verdict["results"] == (
+        "modulus margin 0.51, 0.5 demanded, 0.8 at the start; not judged: verdict on the chosen point"
     )
+    assert search.answer.sentences[0] == "Chosen: f.a 3 (point 3)."
     assert "1 of 5 runs misses a limit or the margin." in search.answer.sentences
     assert "The ranking is clear: the next, point 2, has 67 % more." in search.answer.sentences
     assert (search.row("best")["point"], search.row("worst")["point"]) == (3, 0)
@@ -93,8 +101,89 @@ def test_a_search_says_its_chosen_point_and_margin_and_its_best_point_is_feasibl
 
 def test_a_search_without_a_feasible_point_is_doubtful_and_a_damaged_file_is_an_error(tmp_path):
     search = searched(tmp_path / "s", infeasible=[0, 1, 2, 3, 4])
-    assert search.answer.state == "doubtful"
-    assert search.answer.sentences[0].startswith("The search found no values within the limits and the margin.")
+    assert search.answer.headline == "Doubtful: the search found no values within the limits and the margin"
+    assert search.answer.sentences[0] == "The nearest is f.a 3 (point 3)."
     (tmp_path / "s" / "tune.json").write_text('{"points": 1}')
     with pytest.raises(UsageError, match="expected the results of a search"):
         _ = opened(tmp_path / "s").search
+
+
+@pytest.mark.parametrize(("after", "begin"), [
+    (8.95, "nothing better found than the start, cost 9"),  # 0.6 % less
+    (8.9, "cost 8.9, 1.1 % less than the cost at the start, 9"),
+])  # fmt: skip
+def test_a_search_that_gains_less_than_a_per_cent_has_found_nothing_better(tmp_path, after, begin):
+    assert searched(tmp_path / "s", after).answer.headline.startswith(f"Good: {begin}")
+
+
+UNSTABLE, NEAR = "unstable from 1.31 s on, joint 1", "modulus margin 0.32 at joint 1, 0.98 s (limit 0.5)"
+
+
+@pytest.mark.parametrize(("runs", "headline", "best"), [
+    ({}, "Good: best point 12 (y 1 rad); modulus margin 0.7", 12),
+    ({12: (FAILED, UNSTABLE)}, "Good: best good point 11 (y 1.1 rad)", 11),
+    ({12: (FAILED, UNSTABLE), 11: (DOUBTFUL, NEAR)}, "Good: best good point 13 (y 1.1 rad)", 13),
+    (dict.fromkeys(range(25), (DOUBTFUL, NEAR)), "Doubtful: best y 1 rad (point 12): modulus margin 0.32", 12),
+    ({12: (FAILED, UNSTABLE)} | dict.fromkeys([*range(12), *range(13, 25)], (DOUBTFUL, NEAR)),
+     "Doubtful: best y 1.1 rad (point 11): modulus margin 0.32 at joint 1, 0.98 s", 11),
+    (dict.fromkeys(range(25), (FAILED, UNSTABLE)), "Doubtful: best y 1 rad (point 12) unstable from 1.31 s on", 12),
+])  # fmt: skip
+def test_the_best_point_is_the_best_good_one(tmp_path, monkeypatch, runs, headline, best):
+    judged = []
+
+    def judge(study, point, value, without=()):
+        judged.append(point)
+        state, why = runs.get(point, (GOOD, ""))
+        return JudgedPoint(point, value, state, why, 0.7 if state == GOOD else 0.32)
+
+    monkeypatch.setattr("vdfmu.study.sweeps.candidates.judge_point", judge)
+    monkeypatch.setattr(answers, "judge_point", judge)
+    answer = study_of(tmp_path / "s", GRID, bowl).answer
+    text = " ".join([answer.headline, answer.verdict["results"], *answer.sentences])
+    assert answer.headline.startswith(headline)
+    assert answer.best == best and answer.sentences[0].startswith(f"Point {best}: ")
+    assert ("point 12 has 1 rad but is unstable from 1.31 s on" in text) == (best != 12)
+    # none of the first eight is good, or the search ends at the first that is; then come four neighbours
+    assert ("None of the 8 best points is good; no more than 8 were judged" in text) == (answer.state != GOOD)
+    assert len(judged) == (8 if answer.state != GOOD else judged.index(best) + 1 + 4)
+    if answer.state == GOOD:
+        wrong = sum(point in runs for point in judged[judged.index(best) + 1 :])
+        said = "Its 4 neighbours in the grid are good too, with a modulus margin of 0.7 or more."
+        assert (said if not wrong else f"{wrong} of its 4 neighbours in the grid") in text
+
+
+def test_neighbours_in_a_grid_are_a_step_of_one_axis_away(tmp_path):
+    grid = study_of(tmp_path / "s", {"f.a": "3, 1, 2", "f.m": "one, two"}, lambda a, m: a)
+    # a = 3, 1, 2 with each m: points 0, 1 have a = 3, whose neighbour is a = 2 with the same word
+    assert [*neighbours(grid, 0)] == [4] and [*neighbours(grid, 5)] == [1, 3]
+    drawn = study_of(tmp_path / "t", {"f.a": "lin(0, 1)"}, lambda a: a, "lhs", 5)
+    assert not [*neighbours(drawn, 0)]
+
+
+@pytest.mark.parametrize(("sample", "n", "words"), [
+    ("saltelli", 64, r"f\.a matters most: 93\.6 % ± [\d.]+ % of the variance of y; f\.b"),
+    # slopes 8 and 2 over ranges of 1, without bends
+    ("morris", 8, r"f\.a matters most: over its range it changes y by 8 rad"),
+])  # fmt: skip
+def test_a_study_of_sensitivity_begins_with_what_matters_most(tmp_path, sample, n, words):
+    over = {"f.a": "lin(0, 1)", "f.b": "lin(0, 1)"}
+    answer = study_of(tmp_path / "s", over, lambda a, b: 8 * a + 2 * b, sample, n).answer
+    assert re.match(f"Good: {words}", answer.headline), answer.headline
+    assert not re.search("[Bb]est", " ".join([answer.headline, answer.verdict["results"], *answer.sentences]))
+    broken = study_of(tmp_path / "t", over, lambda a, b: 8 * a + 2 * b, sample, n, fail=[3]).answer
+    assert broken.state == DOUBTFUL and "indices need all points, 1 of" in broken.headline
+
+
+@pytest.mark.heavy
+def test_the_best_number_of_a_grid_of_gains_belongs_to_a_loop_that_is_not_good(tmp_path):
+    """The smallest error of 8 x 7 gains of the planar arm is near the border of stability."""
+    over = {"controller.K_p": "*lin(1, 8, 8)", "controller.K_v": "*lin(0.5, 3.5, 7)"}
+    study = vdfmu.sweep(
+        "planar_tracking", over, measure=["error=rms(trajectory.q_d - plant.q)"], out=tmp_path / "s", workers=2
+    )
+    smallest = int(study.row("best")["point"])
+    judged = vdfmu.run(**study.options(smallest), out=False, reference=False).summary["verdict"]
+    assert judged["state"] != GOOD
+    answer = study.answer
+    assert answer.state != GOOD or answer.best != smallest
+    assert "point" in answer.headline

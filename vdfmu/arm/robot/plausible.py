@@ -20,7 +20,7 @@ from vdfmu.base.measure import WIDE_ANGLE
 
 FAR = 20.0
 """Length [m]: the longest arms in space have 17 m, millimetres of a link are more than 20."""
-_FAST = {"revolute": (60.0, "rad/s"), "prismatic": (20.0, "m/s")}
+FASTEST = {"revolute": (60.0, "rad/s"), "prismatic": (20.0, "m/s")}
 """Speed of a joint. The wrists of SCARA robots reach 45 rad/s, linear motors 15 m/s. Limits in public robot files go up
 to 1e4 rad/s and are not asked."""
 _NONE = 1e6
@@ -179,7 +179,7 @@ def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
 
 def speed_notes(name: str, value: float, kind: str) -> Iterator[str]:
     """Yield a note if the speed of a revolute or prismatic joint is above all arms."""
-    most, unit = _FAST[kind]
+    most, unit = FASTEST[kind]
     if abs(value) > most:
         yield (
             f"{name} = {value:.4g} {unit} is faster than arms, whose joints reach {0.75 * most:g} {unit}. "

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from vdfmu.base.arrays import Floats, odeint
-from vdfmu.base.errors import KernelError
+from vdfmu.base.errors import SHORTEST_STEP, KernelError
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation, holds
 
@@ -169,7 +169,7 @@ class Integrator(Solver):
                 self.h = h * (min(0.9, max(factor, _SHRINK)) if math.isfinite(error) else _SHRINK)
                 if self.h < MINIMUM_STEP:
                     failure = (
-                        f"at t = {t + done:.9g} s {self._problem(error)}, and the internal step reached its minimum "
+                        f"at t = {t + done:.9g} s {self._problem(error)}, and {SHORTEST_STEP} "
                         f"{MINIMUM_STEP:g} s. {_ADVICE}"
                     )
             if not failure and tried == MAXIMUM_STEPS and done < duration:

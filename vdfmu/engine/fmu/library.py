@@ -19,7 +19,7 @@ from typing import Any, get_args
 import fmpy
 from fmpy.fmi1 import _FMU  # pyright: ignore[reportPrivateUsage]
 
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import SHORTEST_STEP, CosimError, FailureKind
 from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description, library_name
 from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox, taken_error
@@ -135,7 +135,9 @@ class Library:
         if status == 4:
             self._corrupt.add(self.description.source)
         reason = "asynchronous steps are not supported" if status == 5 else self._reason()
-        raise CosimError(self.name, call[0].lower() + call[1:], self.box.time, f"{reason} (status {label})")
+        kind = FailureKind.SOLVER if SHORTEST_STEP in reason else FailureKind.COMPONENT
+        call = call[0].lower() + call[1:]
+        raise CosimError(self.name, call, self.box.time, f"{reason} (status {label})", kind=kind)
 
     def _reason(self) -> str:
         error = taken_error() if self.python else None

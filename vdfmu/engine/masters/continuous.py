@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, FailureKind
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit, interface_inverse
@@ -210,7 +210,7 @@ class ContinuousStepper(Stepper):
             why = "a shorter step does not lower it: the signal jumps repeatedly, or the units' solvers have this error"
             way = "Allow a larger error, lower their tolerance, or use a master without error control"
         text = f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}"
-        return CosimError(unit, "doStep", time, f"{text}; {why}. {way}")
+        return CosimError(unit, "doStep", time, f"{text}; {why}. {way}", kind=FailureKind.COUPLING)
 
     def _accept(self, h: float, longest: float, changed: NDArray[np.bool_], jump: bool) -> None:
         """Accept a step; discard predictions after a jump."""
@@ -274,7 +274,9 @@ class ContinuousStepper(Stepper):
         unit, variable = self._variables[torn[i]]
         way = "choose a shorter step" + ("" if self.error is not None else ", or error control (adaptive)")
         why = f"{variable.name} {not_solved(sizes[i], count, self.convergence)}"
-        raise CosimError(unit, "doStep", time, f"the coupling does not converge: {why}; {way}")
+        raise CosimError(
+            unit, "doStep", time, f"the coupling does not converge: {why}; {way}", kind=FailureKind.COUPLING
+        )
 
     def _sweep(self, block: Block, time: float, h: float) -> None:
         """Step each unit of a block once, with the latest outputs at the end of the step."""

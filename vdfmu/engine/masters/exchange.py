@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats, distinct
-from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.errors import CosimError, FailureKind, UsageError
 from vdfmu.base.text import matching
 from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, held
 from vdfmu.engine.fmu.instance import Instance
@@ -236,6 +236,7 @@ class Exchange:
                 link.start[0], "initialization", time,
                 f"the values do not agree: {link} {not_solved(sizes[worst], count, convergence)}. Algebraic loop: "
                 f"{initial.loops[initial.torn.index(link)]}. Give start values nearer to the solution, or break it",
+                kind=FailureKind.COUPLING,
             )  # fmt: skip
 
     def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
@@ -354,6 +355,7 @@ class Exchange:
         raise CosimError(
             unit, call, self.box.time,
             f"{variable.name} is {bank.outputs[first]} at t = {time:.9g} s, expected a finite number{also}{way}",
+            kind=FailureKind.NOT_FINITE,
         )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from typing import Any, Self
 import numpy as np
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.errors import CosimError, FailureKind, UsageError, VdfmuError
 from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
@@ -205,7 +205,8 @@ class Isolated(Stepper):
             with suppress(ValueError):
                 code = signal.Signals(-code).name
         if not unit:
-            return LostProcessError("components", "start of their process", time, f"it ended with code {code}")
+            why = f"it ended with code {code}"
+            return LostProcessError("components", "start of their process", time, why, kind=FailureKind.LOST)
         if self.exchange.running.value < 0:
             ending = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
             why = f"the process {ending} after this call had returned: it left damage, or vdfmu has a fault"
@@ -217,7 +218,8 @@ class Isolated(Stepper):
             why = f"the component ended the process (exit code {code})"
         if peak > 0.5 * self.limits.memory:
             why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
-        return LostProcessError(unit, call, time, why)
+        kind = FailureKind.TIME_LIMIT if self._late else FailureKind.LOST
+        return LostProcessError(unit, call, time, why, kind=kind)
 
     def _stop(self) -> bool:
         """Pass Ctrl-C on; return whether to cut off a long step."""

@@ -94,7 +94,7 @@ class Server:
         """See `Components.close`; `time` is the last row's."""
         self._box.time = time
         failure = self._components.close()
-        return None if failure is None else list(failure.args[:4])
+        return None if failure is None else list(failure.facts)
 
     def method(self, name: str) -> Callable[..., Any]:
         """Return a method of this object, of the stepper for facts and notes, else of the components."""
@@ -111,7 +111,7 @@ class Server:
                 name, arguments = pickle.loads(request)
                 reply["result"] = self.method(name)(*arguments)
         except CosimError as error:
-            reply["failure"] = error.args[:4]
+            reply["failure"] = error.facts
         except VdfmuError as error:
             reply["fault"] = str(error)
         except KeyboardInterrupt:

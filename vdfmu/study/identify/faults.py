@@ -1,6 +1,7 @@
 """Faults of logs: clocks, gaps, turns that were cut off, columns in another order, other signs and units.
 
-Certain faults are problems. Faults with one correction are corrected and noted. Likely faults of torques are noted.
+Certain faults are problems. Faults with one correction are corrected and noted. Likely faults of ratios, time and
+torques are checks of the verdict.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ from scipy.optimize import linear_sum_assignment
 
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
+from vdfmu.arm.robot.plausible import FASTEST
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import LARGEST_NUMBER
+from vdfmu.engine.results.verdict import FAILED, GOOD, Check
 from vdfmu.study.identify.problem import regressor
+from vdfmu.study.limits import LIMITS
 
 _UNEVEN = 0.01
 """Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""
@@ -36,6 +40,8 @@ _DEVIATIONS = 10.0
 """Standard deviations of white noise within which work is not certain: five, where four rows in a row are alike."""
 _ROWS = 1000
 """Rows, at most, at which torques are compared with the motion."""
+_ALMOST = float(np.log(4.0))
+"""Largest logarithm of a ratio of torques over one that has a known cause."""
 _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
 
@@ -194,8 +200,14 @@ def _roughness(t: Floats, x: Floats) -> float:
     return float(np.sqrt(np.mean(left**2)) / max(np.ptp(x), 1e-300))
 
 
-def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
-    """Compare links with rotors, and both with the limits of the robot; joints without encoder become NaN."""
+def check_motion(
+    t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: list[str], problems: list[str]
+) -> list[Check]:
+    """Compare links with rotors, and both with the limits of the robot; joints without encoder become NaN.
+
+    Return checks of speeds and ratios that are off.
+    """
+    checks = [] if problems else _too_fast(t, arrays["kappa"], robot)
     kappa, q, tau = arrays["kappa"], arrays.get("q"), arrays["tau"]
     moved = np.ptp(kappa, axis=0) != 0.0
     problems += [
@@ -212,7 +224,7 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
             if name in arrays
         ]
     if q is None:
-        return
+        return checks
     if (still := np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0))).size:
         named = ", ".join(f"q[{i + 1}]" for i in still)
         notes.append(f"{named}: the same in all rows, while the rotors move: taken as without encoder behind the gear")
@@ -244,11 +256,24 @@ def check_motion(arrays: Mapping[str, Floats], robot: Robot, notes: list[str], p
         if fitting and follows > _FOLLOWS:
             problems.append(f"q[{i + 1}] moves {slope:.4g} times as far as kappa[{i + 1}], expected 1: {fitting[0]}")
         elif abs(slope - 1.0) > _OFF:
-            notes.append(f"q[{i + 1}] moves {slope:.3f} times as far as kappa[{i + 1}]: check the ratio")
+            places = {"place": f"joint {i + 1}", "factor": f"{slope:.3g}", "ratio": f"{ell / slope:.3g}"}
+            checks.append(LIMITS["ratio"].check(abs(slope - 1.0), ell=f"{ell:.3g}", **places))
+    return checks
 
 
-def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: list[str]) -> None:
-    """Note torques that fit another joint, do the work of a friction that drives, or look like the other side's.
+def _too_fast(t: Floats, kappa: Floats, robot: Robot) -> list[Check]:
+    """Return the check of the joint that moves faster than those of arms, if there is one."""
+    speed = np.abs(np.gradient(kappa, t, axis=0)).max(axis=0)
+    most = np.array([FASTEST[kind][0] for kind in robot.joint_types])
+    i = int(np.argmax(speed / most))
+    unit = FASTEST[robot.joint_types[i]][1]
+    row = LIMITS["speed"]._replace(value=float(most[i]), unit=unit)
+    check = row.check(float(speed[i]), "such as seconds that were read as milliseconds", place=f"joint {i + 1}")
+    return [] if check.state == GOOD else [check]
+
+
+def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot) -> list[Check]:
+    """Return checks of torques that fit another joint, whose friction would drive, or of another size.
 
     By five terms for each joint: constant, acceleration, velocity, its sign, and the torque of the robot file's links.
     """
@@ -264,7 +289,7 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
     kappa, tau, v, a = (each[:: -(-m // _ROWS)] for each in (kappa, tau, v, a))
     links = regressor(robot, kappa, v, a, v, a).links @ body_parameters(robot)
     model = links + robot.I_m * robot.ell * a
-    left, drives = np.ones((n, n)), np.zeros(n, bool)
+    left, drives, checks = np.ones((n, n)), np.zeros(n, bool), list[Check]()
     for j in moved:
         X = np.column_stack([np.ones(len(a)), a[:, j], v[:, j], np.tanh(v[:, j] / (0.05 * v[:, j].std())), links[:, j]])
         X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
@@ -277,24 +302,27 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, notes: 
     best = linear_sum_assignment(np.log(left[np.ix_(moved, moved)] + 1e-9))[1] if len(moved) else []
     for i, j in zip(moved, moved[best], strict=True):
         if left[i, j] < _FEWER * left[i, i]:
-            notes.append(
-                f"tau[{i + 1}] fits joint {j + 1}, whose motion leaves {100 * left[i, j] ** 0.5:.0f} % of it, better "
-                f"than its own, {100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
+            more = (
+                f"its motion leaves {100 * left[i, j] ** 0.5:.0f} % of it, that of joint {i + 1} itself "
+                f"{100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
             )
+            text = f"tau[{i + 1}] fits joint {j + 1} better than its own"
+            checks.append(Check("order", "Order of the columns", FAILED, text, more))
         elif drives[i]:
-            notes.append(
-                f"tau[{i + 1}]: its friction would drive the joint: check the sign, "
-                f"--column 'tau[{i + 1}]=NAME [-1 N.m]'"
-            )
-    if not len(moved) or robot.ell[moved].min() <= 10.0:
-        return
-    ratio = np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum((model[:, moved] ** 2).mean(axis=0), 1e-300))
-    for sides, way in (
-        (ratio / robot.ell[moved], "tau_link=NAME{} if"),
-        (ratio * robot.ell[moved], "tau=NAME{} unless"),
-    ):
-        if 1.0 / 3.0 < np.median(sides) < 3.0:
-            notes.append(
-                f"torques are {np.median(ratio):.3g} times those of the robot file's model: check its masses, or say "
-                f"--column {way} they are link-side"
-            )
+            text = f"tau[{i + 1}] has another sign: its friction would drive the joint"
+            checks.append(Check("sign", "Sign", FAILED, text, f"say --column 'tau[{i + 1}]=NAME [-1 N.m]'"))
+    if not len(moved):
+        return checks
+    whole = (model[:, moved] ** 2).mean(axis=0)
+    ratio = float(np.median(np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum(whole, 1e-300))))
+    ell = float(np.median(robot.ell[moved]))
+    causes = {
+        1e3: ("mN.m were read as N.m", "say --column 'tau=NAME{} [mN.m]'"),
+        1e-3: ("kN.m were read as N.m", "say --column 'tau=NAME{} [kN.m]'"),
+        ell: ("they are link-side", "say --column tau_link=NAME{}"),
+        1.0 / ell: ("they are motor-side", "say --column tau=NAME{}"),
+    }
+    nearest = min(causes, key=lambda factor: abs(np.log(max(ratio, 1e-300) / factor)))
+    cause, way = causes[nearest] if _ALMOST > abs(np.log(max(ratio, 1e-300) / nearest)) else ("check the unit", "")
+    check = LIMITS["torque"].check(max(ratio, 1.0 / max(ratio, 1e-300)), way, factor=f"{ratio:.2g}", cause=cause)
+    return checks if check.state == GOOD else [check, *checks]

@@ -30,20 +30,28 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.toml_file import toml_text
 from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import DRIVES, SPRINGS, BaseParameters, link_covariance, link_errors, regressor
+from vdfmu.study.identify.problem import (
+    DRIVES,
+    SPRINGS,
+    BaseParameters,
+    IdentificationProblem,
+    link_covariance,
+    link_errors,
+    regressor,
+)
 from vdfmu.study.identify.rows import Rows, file_torques, rows_of
-from vdfmu.study.identify.search import Weak, solve
+from vdfmu.study.identify.search import Weak, solve, with_links
 
 PRIOR = 0.2
 """Errors of masses, moments of inertia and, over radii of gyration, centres of mass of a robot file, as a share."""
 NORMAL_95 = 1.96
 """Deviations of a normal error within which 95 % of all errors are."""
+_HELD = 1e-3
+"""Errors of the links of a robot file, as a share, that hold them."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
 """Range of kappa - q, as a share of kappa's, beyond which one of them is wrong."""
-_LEFT = 0.3
-"""Share of the root mean square of a torque that the model leaves, beyond which a note says so."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,8 @@ class Identified:
     """(n,) [N.m/rad or N/m]: Springs, link-side: torque by deformation at that torque."""
     x: Floats
     """(p,): All parameters in SI units, also the constants between encoders."""
+    x_held: Floats
+    """The same with the links of the robot file."""
     lag: Floats
     """(n,): Corrected delays of encoders of links [s]."""
     band: float
@@ -110,13 +120,8 @@ class Identified:
 
     @property
     def advice(self) -> list[str]:
-        """Data that the log lacks altogether, or that do not fit."""
-        left, whole = ((each**2).mean(axis=0) for each in (self.torque_error, self.torque))
-        notes = [
-            f"joint {i + 1}: the model leaves more than {100 * _LEFT:.0f} % of the torque; check units, signs and "
-            "order of the columns"
-            for i in np.flatnonzero(left > _LEFT**2 * whole)
-        ]
+        """Data that the log lacks altogether."""
+        notes: list[str] = []
         if unseen := _numbers(~self.seen):
             notes.append(
                 f"the log lacks positions of links of joint {unseen}, so stiffnesses are the robot file's, and their "
@@ -148,13 +153,16 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
     narrower = rows_of(log, robot, band, lag, share=0.5).problem
     estimate = solve(problem, link_covariance(robot, problem.base, prior), narrower)
     x, shown = estimate.x, problem.shown
+    near = link_covariance(robot, problem.base, min(prior, _HELD))
+    assert near is not None
+    held = x if prior <= _HELD else with_links(problem, near)
     errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
     return Identified(
         tuple(problem.names[k] for k in shown), tuple(problem.units[k] for k in shown), x[shown], deviation[shown],
         problem.start[shown], estimate.held, estimate.weak, level, stiffness,
-        np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, lag, band, t, problem.tau, errors[0],
-        errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
+        np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, held, lag, band, t, problem.tau,
+        errors[0], errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
     )  # fmt: skip
 
 
@@ -237,6 +245,8 @@ class LogScore(NamedTuple):
     torque_left: Floats
     torque_most: Floats
     """Root mean square and largest size of their residuals in the model."""
+    held_left: Floats
+    """The same of torques with the links of the robot file and all else fitted."""
     rigid_left: Floats
     """Root mean square of their residuals in five terms, fitted to the same log as the model: a constant,
     acceleration, speed, its sign, and the robot file's gravity."""
@@ -249,6 +259,10 @@ class LogScore(NamedTuple):
     torque_error: Floats
     deformation_error: Floats
     """(k, n): Residuals in the rows."""
+    held_error: Floats
+    """(k, n): Those of torques with the links of the robot file and all else fitted."""
+    rigid_deformation: Floats
+    """(k, n): Deformations about their mean, after the delay of encoders that suits rigid joints."""
     load: Floats
     """(k, n): Spring torques of the model [N.m or N]."""
 
@@ -265,7 +279,7 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
             "them."
         )
     rows = rows_of(log, robot, fit.band, fit.lag, _FEWEST)
-    errors = rows.problem.errors(fit.x)
+    errors, held = rows.problem.errors(fit.x), rows.problem.errors(fit.x_held)[0]
     left, tau = errors[0], rows.problem.tau
     before = rows if fitted is log else rows_of(fitted, robot, fit.band, fit.lag, _FEWEST)
     terms, fitted_terms = _terms(rows, robot), _terms(before, robot)
@@ -273,17 +287,27 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
         _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(fitted_terms[i], before.problem.tau[:, i], rcond=None)[0])
         for i in range(robot.n)
     ])  # fmt: skip
-    bent, error = np.full((2, *tau.shape), np.nan)
+    bent, error, stiff = np.full((3, *tau.shape), np.nan)
     if rows.problem.stretch is not None:
         seen = rows.problem.seen
         bent[:, seen] = (rows.problem.stretch - fit.x[rows.problem.places["delay_q"]] * rows.problem.speed)[:, seen]
         error[:, seen] = errors[1][:, seen]
+        for i in np.flatnonzero(seen):
+            stiff[:, i] = _about(rows.problem.stretch[:, i], rows.problem.speed[:, i], before.problem, i)
     bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
     return LogScore(
-        _rms(tau), _rms(left), np.abs(left).max(axis=0), rigid,
-        _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error,
+        _rms(tau), _rms(left), np.abs(left).max(axis=0), _rms(held), rigid,
+        _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error, held, stiff,
         rows.problem.spring_torques(fit.x),
     )  # fmt: skip
+
+
+def _about(stretch: Floats, speed: Floats, fitted: IdentificationProblem, i: int) -> Floats:
+    """Return deformations (k,) about their mean, without the delay of encoders that explains those of another log."""
+    assert fitted.stretch is not None
+    delay = np.polyfit(fitted.speed[:, i], fitted.stretch[:, i], 1)[0]
+    left = stretch - delay * speed
+    return left - left.mean()
 
 
 def _rms(values: Floats) -> Any:

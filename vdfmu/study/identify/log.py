@@ -21,6 +21,7 @@ from vdfmu.engine.results.csv_file import csv_results
 from vdfmu.engine.results.mat_file import mat_results
 from vdfmu.engine.results.parquet import parquet_results
 from vdfmu.engine.results.results import Recorded
+from vdfmu.engine.results.verdict import Check
 from vdfmu.study.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
 
 _TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
@@ -161,6 +162,8 @@ class Log(NamedTuple):
     """Link positions [rad or m], if any are measured; NaN in all rows of a joint without an encoder behind its gear."""
     notes: tuple[str, ...] = ()
     """Assumptions and corrections."""
+    checks: tuple[Check, ...] = ()
+    """Faults of ratios, units, signs and the order of columns, which the log may have."""
 
     @property
     def step(self) -> float:
@@ -205,6 +208,7 @@ def read_log(
         raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
     notes: list[str] = []
     problems: list[str] = []
+    checks: list[Check] = []
     table = read_columns(path, time, notes)
     form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
     record = form is _KUKA[0]
@@ -223,12 +227,12 @@ def read_log(
         if record and arrays:
             _shift(path, arrays, robot, notes, problems)
         if len(t) > 1:
-            check_motion(arrays, robot, notes, problems)
+            checks = check_motion(t, arrays, robot, notes, problems)
         if not problems:
-            check_torques(t, arrays, robot, notes)
+            checks += check_torques(t, arrays, robot)
             q = arrays.get("q")
             none = q is None or not np.isfinite(q).any()
-            return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes))
+            return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes), tuple(checks))
     raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
 
 

@@ -233,6 +233,8 @@ class IdentificationProblem:
     steps: Callable[[], list[Floats]]
     """Return errors (k, n) of the deformation by the steps of encoders behind the gears, each for other zeros
     [rad or m]."""
+    resolution: Floats
+    """(n,): Steps of the encoders behind the gears [rad or m]; 0 if unknown."""
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured, and that have the second equation."""
     position: Floats

@@ -92,11 +92,12 @@ def rows_of(
     q_dot = slope(q, h)
     parts = regressor(robot, q, q_dot, slope(q_dot, h), kappa_dot, kappa_ddot)
     base = base_parameters(robot)
+    step = _step_sizes(measured)
     torques = TorqueParts(parts.links[:, :, base.columns], parts.rotors, counterbalance_hold(robot, q))
     problem = IdentificationProblem(
         robot, base, h, torques, TorqueParts(*map(filtered, torques)), filtered(kappa_ddot + parts.carried),
         filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
-        lambda: [filtered(error) for error in _steps(measured, q)], seen, filtered(q), speed,
+        lambda: [filtered(error) for error in _steps(step, q)], step, seen, filtered(q), speed,
         kappa_dot, filtered,
     )  # fmt: skip
     return Rows(problem, log.t[rows], band, lag)
@@ -115,13 +116,19 @@ def file_torques(robot: Robot, q: Floats, parts: Regressor) -> Floats:
     return links + counterbalance_hold(robot, q) * robot.F_cb
 
 
-def _steps(measured: Floats, q: Floats) -> list[Floats]:
-    """Errors (m, n) that encoders with the steps of the measured positions have along smooth ones, for other zeros."""
-    random, step = np.random.default_rng(0), np.zeros(q.shape[1])
+def _step_sizes(measured: Floats) -> Floats:
+    """Return steps (n,) of the encoders of positions (m, n) [rad or m]; 0 if values are not multiples of one."""
+    step = np.zeros(measured.shape[1])
     for i, column in enumerate(measured.T):
         apart = np.diff(np.unique(column))
         if len(apart) and np.abs(apart / apart.min() - np.rint(apart / apart.min())).max() < _EVEN:
             step[i] = apart.min()
+    return step
+
+
+def _steps(step: Floats, q: Floats) -> list[Floats]:
+    """Errors (m, n) that encoders with these steps (n,) have along smooth positions, for other zeros."""
+    random = np.random.default_rng(0)
     zeros = random.uniform(size=(_ZEROS, 1, q.shape[1])) * step
     safe = np.where(step > 0.0, step, 1.0)
     return [np.where(step > 0.0, np.rint((q + zero) / safe) * safe - zero - q, 0.0) for zero in zeros]

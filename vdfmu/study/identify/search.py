@@ -17,6 +17,8 @@ from vdfmu.study.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.7
 """Standard deviation, over the prior's, above which a parameter is the robot file's."""
+_RESOLVED = 10.0
+"""Steps of an encoder below which the deviation of a deformation is not resolved."""
 _SHARES = {
     "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
     "F_cb": 0.2, "delay_tau": 1.0, "delay_q": 1.0,
@@ -61,15 +63,24 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
     `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them. `narrower` are
     the same rows with half the band of the first filter: the change of parameters is part of their deviations.
     """
+    search = _searched(problem, prior)
+    covariance = search.covariance(narrower)
+    return Estimate(search.x, covariance, search.held, search.weak(covariance))
+
+
+def with_links(problem: IdentificationProblem, prior: Floats) -> Floats:
+    """Return all parameters, of which those of the links have this covariance about the robot file's."""
+    return _searched(problem, prior).x
+
+
+def _searched(problem: IdentificationProblem, prior: Floats | None) -> _Search:
     search = _Search(problem, prior)
     while True:
         for _ in range(_ROUNDS):
             if search.fit() < _SETTLED:
                 break
         if not search.flatten():
-            break
-    covariance = search.covariance(narrower)
-    return Estimate(search.x, covariance, search.held, search.weak(covariance))
+            return search
 
 
 def expected_deviations(problem: IdentificationProblem, prior: Floats | None, noise: list[Floats]) -> Floats:
@@ -232,14 +243,28 @@ class _Search:
         if self.prior is not None:
             before[places["links"]] = np.sqrt(np.diag(self.prior))
         deviation, notes = np.sqrt(np.diag(covariance)), dict[str, Weak]()
+        coarse = self._coarse()
         for k in shown:
-            if self.free[k] and deviation[k] > _UNKNOWN * before[k]:
+            if self.free[k] and (names[k] in coarse or deviation[k] > _UNKNOWN * before[k]):
                 correlation = covariance[k, shown] / (np.maximum(deviation[shown], 1e-300) * deviation[k])
                 correlation[shown.index(k)] = 0.0
                 partner = int(np.argmax(np.abs(correlation)))
                 share = float(deviation[k] / before[k])
-                notes[names[k]] = Weak(share, names[shown[partner]], float(correlation[partner]), _way_out(names[k]))
+                way = "log by encoders with finer steps" if names[k] in coarse else _way_out(names[k])
+                notes[names[k]] = Weak(share, names[shown[partner]], float(correlation[partner]), way)
         return notes
+
+    def _coarse(self) -> set[str]:
+        """Return the parameters of springs that bend by no more than some steps of their encoder.
+
+        Errors of so few steps follow the motion, so they are no noise, and intervals do not hold the truth.
+        """
+        problem, n = self.problem, self.problem.robot.n
+        if problem.stretch is None:
+            return set()
+        bend = np.std(problem.stretch - self.x[problem.places["delay_q"]] * problem.speed, axis=0)
+        few = [i for i in range(n) if bend[i] < _RESOLVED * problem.resolution[i]]
+        return {f"{name}[{i + 1}]" for name in SPRINGS for i in few}
 
 
 def _level(error: Floats, period: float) -> Floats:

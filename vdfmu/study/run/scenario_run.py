@@ -194,9 +194,9 @@ class ScenarioRun:
             if isinstance(error, CosimError) and error.results:
                 for note in numbers.start_notes(error.results, self.scenario, numbers.FAR):
                     error.add_note(f"A likely cause: {note.removesuffix('.')}")
+            if error.results is not None and figures:
+                error.results.summary["key_figures"] = figures
             if written:
-                if error.results is not None and figures:
-                    error.results.summary["key_figures"] = figures
                 keep(error, self.folder, loop_checks({"key_figures": figures}))
             raise
         self._measure(results, compared)

@@ -1,80 +1,173 @@
-"""The answer of a study in sentences, the same on its page and in the terminal; its failures by cause."""
+"""The answer of a study: its verdict, and the sentences that begin its page and the output of its command."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import number, quantity
-from vdfmu.base.option import pick
-from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
-from vdfmu.study.options import LoopOptions
+from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, UNJUDGED, Check, verdict_of
 from vdfmu.study.sweeps.axes import read_axes
+from vdfmu.study.sweeps.candidates import MOST, JudgedPoint, best_of, candidates, judge_point, neighbours
+from vdfmu.study.sweeps.failures import failure_words, place_of
 from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import SearchPoints, Side, StudyTable, View, groups, view
 
 _TIE = 0.01
-"""Share by which the values of points that tie differ at most."""
+"""Share by which the values of points that tie differ at most, and which a search must gain to be lines."""
 _SHUFFLES, _CHANCE = 199, 0.05
 """Shuffles of a measure, and the share of them from which an axis does no more than chance."""
-_NAMED = 3
-"""Causes of failures that are named."""
+_SENSITIVITY = ("saltelli", "morris")
+"""Samples of studies that ask which axis matters, not which point is best."""
 
 
 class Answer(NamedTuple):
     """The result of a study."""
 
-    state: str
-    """``good``; ``doubtful`` if the best point is; ``failed`` if no point has a value."""
+    verdict: dict[str, Any]
+    """As of a run, see :func:`vdfmu.engine.results.verdict.verdict_of`."""
     sentences: tuple[str, ...]
-    """Best point, its loops, how sure the ranking is, the axis that matters most, failures."""
+    """Where the best point is, how robust it is, how sure the ranking is, the axis that matters most, failures."""
+    best: int | None = None
+    """Number of the best point, a good one if there is one; None for a study that does not look for one."""
+
+    @property
+    def state(self) -> str:
+        """``good``; ``doubtful`` if no judged point is good; ``failed`` if no point has a value."""
+        return self.verdict["state"]
+
+    @property
+    def headline(self) -> str:
+        """The state and what decided it, in at most 90 characters."""
+        return self.verdict["headline"]
 
 
 def answer_of(study: StudyTable) -> Answer:
-    """Return the answer of a study. The best point of a scenario of the user runs again, for its margin."""
+    """Return the answer of a study. The best points of a scenario of the user run again, for their verdicts."""
     try:
         values = study.values()
     except UsageError:
         values = np.array([np.nan])
-    failed = " ".join(_failures(study))
-    if not np.isfinite(values).any():
-        return Answer(FAILED, (failed or "No point has a value.",))
-    search, axes = study.search, read_axes(study.facts["axes"])
-    drawn = search is None and all(axis.form in ("normal", "lognormal") for axis in axes)
-    state, loops = _loops(study, search)
-    if search is not None and search.chosen & search.infeasible:
-        state = DOUBTFUL
-    if search is not None:
-        first = [_chosen(study, search), *_robots(study, search, values)]
-    else:
-        first = [_spread(study, values)] if drawn else [_best(study, values), *_edges(study)]
-    ranked = [] if drawn or study.robots > 1 else [_ranking(study, values)]
-    missed = ""
-    if search is not None and (count := len(search.infeasible)):
-        missed = f"{count} of {len(study)} runs {'misses' if count == 1 else 'miss'} a limit or the margin."
-    return Answer(state, tuple(filter(None, [*first, loops, *ranked, _influence(study), missed, failed])))
+    failed = [*failure_words(study)]
+    finite = int(np.isfinite(values).sum())
+    state = GOOD if finite else FAILED
+    some = f"{finite} of {len(study)} points have a value" if finite else "".join(failed) or "no point has a value"
+    checks, sentences = [Check("points", "Points", state, some)], [_sentence(each) for each in failed]
+    if not finite:
+        return Answer(verdict_of(checks), tuple(sentences))
+    if study.search is not None:
+        return _of_search(study, study.search, values, checks, sentences)
+    axes = read_axes(study.facts["axes"])
+    if study.facts["sample"] in _SENSITIVITY:
+        check, influence = _matters(study)
+        return Answer(verdict_of([*checks, check], influence), (_spread(study, values), *sentences))
+    if all(axis.form in ("normal", "lognormal") for axis in axes):
+        spread, influence = _spread(study, values), _influence(study)
+        phrase = spread.partition(", and ")[0]
+        return Answer(verdict_of(checks, [phrase]), tuple(filter(None, [spread, influence, *sentences])))
+    judged = candidates(study, values)
+    best = best_of(judged)
+    check, phrases = _chosen_of(study, judged)
+    lines = [_best(study, values, best.point), *([_sentence(check.more)] if check.more else [])]
+    lines += [*_edges(study, best.point), *_around(study, values, best)]
+    lines += filter(None, [_ranking(study, values), _influence(study)])
+    return Answer(verdict_of([*checks, check], phrases), (*lines, *sentences), best.point)
 
 
-def place_of(study: StudyTable, row: Mapping[str, Any]) -> str:
-    """Return the values of the axes at a point in words."""
-    return ", ".join(f"{words} {_value(row[name])}" for name, words in _axes(study).items())
+def _sentence(phrase: str) -> str:
+    return f"{phrase[:1].upper()}{phrase[1:]}."
 
 
-def _axes(study: StudyTable) -> dict[str, str]:
-    """Return the axes and their words: factors have a cross behind the name."""
-    return {axis.target: f"{axis.target} ×" if axis.factor else axis.target for axis in read_axes(study.facts["axes"])}
+def _chosen_of(study: StudyTable, judged: Sequence[JudgedPoint]) -> tuple[Check, list[str]]:
+    """Return the check of the best of the judged points, and what a good one came to."""
+    (name, unit), best, first = _named(study), best_of(judged), judged[0]
+    point = f"{best.point} ({name} {quantity(best.value, unit)})"
+    margin = [f"modulus margin {best.margin:.2g}"] if math.isfinite(best.margin) else []
+    better = f"point {first.point} has {quantity(first.value, unit)} but {_how(first)}"
+    if best.state == UNJUDGED:
+        return Check("best", "verdict on the best point", UNJUDGED, best.why), [f"best point {point}"]
+    if best.state == GOOD:
+        phrases = [f"best point {point}"] if best is first else [f"best good point {point}", better]
+        return Check("best", "Best point", GOOD, phrases[0]), [*phrases, *margin]
+    bound = len(judged) == MOST
+    tried = f"none of the {len(judged)} best points is good" + (f"; no more than {MOST} were judged" if bound else "")
+    state = FAILED if best.state == FAILED and not bound else DOUBTFUL
+    link = " " if best.why.startswith("unstable") else ": "
+    sentence = f"best {name} {quantity(best.value, unit)} (point {best.point}){link}{best.why.partition(' (limit')[0]}"
+    more = "; ".join([tried, *([better] if best is not first else [])])
+    return Check("best", "Best point", state, sentence, more), []
 
 
-def _value(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else Path(str(value)).name
+def _how(candidate: JudgedPoint) -> str:
+    """Return what is wrong with a point, as the rest of a sentence about it."""
+    if candidate.why.startswith("unstable"):
+        return f"is {candidate.why}"
+    why = f": {candidate.why}" if candidate.why else ""
+    return f"fails{why}" if candidate.state == FAILED else f"is {candidate.state}{why}"
+
+
+def _around(study: StudyTable, values: Floats, best: JudgedPoint) -> Iterator[str]:
+    """Yield whether the neighbours of a good point in a grid are good as well."""
+    beside = [*neighbours(study, best.point)]
+    if best.state != GOOD or not 0 < len(beside) <= MOST:
+        return
+    of = dict(zip(study["point"].tolist(), values.tolist(), strict=True))
+    judged = [
+        judge_point(study, point, of[point]) if math.isfinite(of[point]) else JudgedPoint(point, of[point], FAILED)
+        for point in beside
+    ]
+    bad = [candidate for candidate in judged if candidate.state != GOOD]
+    smallest = min((c.margin for c in judged if math.isfinite(c.margin)), default=math.nan)
+    margins = f", with a modulus margin of {smallest:.2g} or more" if math.isfinite(smallest) else ""
+    if not bad:
+        yield f"Its {len(beside)} neighbours in the grid are good too{margins}."
+        return
+    worst = next((c for c in bad if c.state == FAILED), bad[0])
+    count = "1 of" if len(bad) == 1 else f"{len(bad)} of"
+    yield (
+        f"{count} its {len(beside)} neighbours in the grid {'is' if len(bad) == 1 else 'are'} not good: "
+        f"point {worst.point} {_how(worst)}."
+    )
+
+
+def _of_search(
+    study: StudyTable, search: SearchPoints, values: Floats, checks: list[Check], failed: list[str]
+) -> Answer:
+    """Return the answer of a search: its chosen values, their margin, and the verdict on their run."""
+    point, demanded = min(search.chosen), study.facts.get("tune", {}).get("margin")
+    feasible = not search.chosen & search.infeasible
+    if not feasible:
+        missed = "the search found no values within the limits and the margin"
+        checks.append(Check("feasible", "Limits of the search", DOUBTFUL, missed))
+    if demanded:
+        pairs = [pair for name, pair in search.compared.items() if name.startswith("modulus[")]
+        before, after = (min(pair[k] for pair in pairs) for k in (0, 1))
+        # COBYQA ends at a border from either side: the tenth digit is rounding
+        holds = all(pair[1] > needed - 1e-9 for pair, needed in zip(pairs, demanded, strict=True))
+        words = f"modulus margin {after:.2g}, {min(demanded):.2g} demanded, {before:.2g} at the start"
+        state = GOOD if holds else DOUBTFUL
+        by = "the margin that was demanded"
+        checks.append(Check("margin", "Modulus margin", state, words, "", after, min(demanded), by))
+    phrases, lines = _chosen(study, search)
+    if feasible:
+        chosen = judge_point(study, point, float(values[study["point"] == point][0]), ["margin"] if demanded else [])
+        how = chosen.why if chosen.state == UNJUDGED else f"the chosen point {_how(chosen)}" if chosen.why else "good"
+        name = "Chosen point" if chosen.state != UNJUDGED else "verdict on the chosen point"
+        checks.append(Check("best", name, chosen.state, how))
+        margin = chosen.margin
+        phrases += [f"modulus margin {margin:.2g}"] if math.isfinite(margin) and not demanded else []
+    ranked = [] if study.robots > 1 else [_ranking(study, values)]
+    lines += [*_robots(study, search, values), *ranked, _influence(study)]
+    if count := len(search.infeasible):
+        lines.append(f"{count} of {len(study)} runs {'misses' if count == 1 else 'miss'} a limit or the margin.")
+    phrases += [check.sentence for check in checks if check.key == "margin" and check.state == GOOD]
+    return Answer(verdict_of(checks, phrases), tuple(filter(None, [*lines, *failed])), point)
 
 
 def _less(value: float, other: float, unit: str) -> str:
@@ -96,14 +189,17 @@ def _named(study: StudyTable) -> tuple[str, str]:
     return name, study.facts["units"].get(name, "")
 
 
-def _best(study: StudyTable, values: Floats) -> str:
-    (name, unit), (best, worst) = _named(study), (study.row(which) for which in ("best", "worst"))
-    low, middle, high = (float(f(values)) for f in (np.nanmin, np.nanmedian, np.nanmax))
-    if low == high:
-        return f"{name} is {quantity(low, unit)} at each point."
+def _best(study: StudyTable, values: Floats, point: int) -> str:
+    """Return where a point is, and how its value compares with the rest."""
+    (name, unit), worst = _named(study), study.row("worst")
+    value = float(values[study["point"] == point][0])
+    middle, high = (float(f(values)) for f in (np.nanmedian, np.nanmax))
+    place = f"Point {point}: {place_of(study, study.row(point))}"
+    if float(np.nanmin(values)) == high:
+        return f"{place}; {name} is {quantity(high, unit)} at each point."
+    than_median = f"{_less(value, middle, unit)} the median, and " if value < middle else ""
     return (
-        f"Best: {name} {quantity(low, unit)} at {place_of(study, best)} (point {best['point']}). "
-        f"It is {_less(low, middle, unit)} the median, and {_less(low, high, unit)} the largest, "
+        f"{place}. Its {name} is {than_median}{_less(value, high, unit)} the largest, "
         f"{quantity(high, unit)} at {place_of(study, worst)} (point {worst['point']})."
     )
 
@@ -117,9 +213,9 @@ def _spread(study: StudyTable, values: Floats) -> str:
     )
 
 
-def _edges(study: StudyTable) -> Iterator[str]:
+def _edges(study: StudyTable, point: int) -> Iterator[str]:
     """Yield whether the best point is at an end of an axis."""
-    best = study.row("best")
+    best = study.row(point)
     for axis in read_axes(study.facts["axes"]):
         column = study[axis.target]
         if column.dtype.kind in "iuf" and len(np.unique(column)) > 2:
@@ -128,23 +224,25 @@ def _edges(study: StudyTable) -> Iterator[str]:
                     yield f"It is at the {words} end of {axis.target}: a better point may be beyond."
 
 
-def _chosen(study: StudyTable, search: SearchPoints) -> str:
+def _chosen(study: StudyTable, search: SearchPoints) -> tuple[list[str], list[str]]:
+    """Return what a search came to: phrases for the headline, and sentences."""
     point = min(search.chosen)
     place = f"{place_of(study, study.row(point))} (point {point})"
     pairs = [pair for name, pair in search.compared.items() if name.partition("[")[0] == "cost"]
-    unit = study.facts["units"].get("cost", "")
+    unit, ratio = study.facts["units"].get("cost", ""), float(np.mean([after / before for before, after in pairs]))
     if search.chosen & search.infeasible:
-        return f"The search found no values within the limits and the margin. The nearest is {place}."
-    if search.chosen == search.start:
-        return f"The search found nothing better than the start, cost {quantity(pairs[0][0], unit)}."
+        return [], [f"The nearest is {place}."]
+    if ratio > 1.0 - _TIE:
+        start = f"cost {quantity(pairs[0][0], unit)}" if len(pairs) == 1 else f"{len(pairs)} costs"
+        same = search.chosen == search.start
+        more = [] if same else [f"Chosen: {place}, less than {100.0 * _TIE:.0f} % below the start."]
+        return [f"nothing better found than the start, {start}"], more
     if len(pairs) > 1:
-        ratio = float(np.mean([after / before for before, after in pairs]))
-        return f"Chosen: {place}. Its {len(pairs)} costs are {number(ratio)} times those at the start in the mean."
+        phrase = f"chosen point {point}, its {len(pairs)} costs {number(ratio)} times those at the start"
+        return [phrase], [f"Chosen: {place}."]
     ((before, after),) = pairs
-    return (
-        f"Chosen: cost {quantity(after, unit)} at {place}. It is "
-        f"{_less(after, before, unit)} the cost at the start, {quantity(before, unit)}."
-    )
+    less = f"{_less(after, before, unit)} the cost at the start, {quantity(before, unit)}"
+    return [f"cost {quantity(after, unit)}, {less}"], [f"Chosen: {place}."]
 
 
 def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator[str]:
@@ -153,37 +251,6 @@ def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator
         of = dict(zip(study["point"].tolist(), values.tolist(), strict=True))
         better = sum(of[b] < of[a] for a, b in zip(sorted(search.start), sorted(search.chosen), strict=False))
         yield f"The chosen values are better for {better} of {study.robots} robots."
-
-
-def _loops(study: StudyTable, search: SearchPoints | None) -> tuple[str, str]:
-    """Return the state of the best point by its loops, and its margin in words."""
-    demanded = study.facts.get("tune", {}).get("margin") if search else None
-    if search is not None and demanded:
-        pairs = [pair for name, pair in search.compared.items() if name.startswith("modulus[")]
-        before, after = (min(pair[k] for pair in pairs) for k in (0, 1))
-        # COBYQA ends at a border from either side: the tenth digit is rounding
-        holds = all(pair[1] > needed - 1e-9 for pair, needed in zip(pairs, demanded, strict=True))
-        words = f"It {'holds' if holds else 'misses'} the margin: the modulus margin is {after:.2g}"
-        return GOOD if holds else DOUBTFUL, f"{words}, {min(demanded):.2g} demanded, {before:.2g} at the start."
-    from vdfmu.study.analysis.loops import judged, run_along
-    from vdfmu.study.verdict import loop_sentences
-    from vdfmu.system.scenario import load_scenario
-
-    try:
-        options = study.options(min(search.chosen) if search else "best")
-        if options.pop("units", None):
-            return GOOD, ""  # the loops of other units need a run of the whole system
-        scenario = load_scenario(options["scenario"], options.get("robot"))
-        kept = pick(LoopOptions, options)
-        with run_along(scenario, **kept) as (poses, grid, failed):
-            figures = judged(poses, grid.begin, grid.end, failed=bool(failed)).figures
-    except VdfmuError:
-        return GOOD, ""
-    state, sentences = loop_sentences(figures)
-    if state != GOOD:
-        return DOUBTFUL, f"The best point: {sentences[0]}."
-    margin = figures.get("margin")
-    return GOOD, f"The best point has a modulus margin of {margin['value']:.2g}." if margin else ""
 
 
 def _ranking(study: StudyTable, values: Floats) -> str:
@@ -200,6 +267,26 @@ def _ranking(study: StudyTable, values: Floats) -> str:
     return f"The ranking is clear: the next, point {second}, has {_per_cent(gap)} more." if gap < np.inf else ""
 
 
+def _matters(study: StudyTable) -> tuple[Check, list[str]]:
+    """Return the check of the indices of a study of sensitivity, and the axes that matter most."""
+    (name, unit), label = _named(study), "Indices"
+    try:
+        sensitivity = indices(study, name)
+    except UsageError as error:
+        return Check("indices", label, DOUBTFUL, str(error).partition(": ")[2].partition(". ")[0]), []
+    key = "total" if sensitivity.kind == "sobol" else "mu_star"
+    first, *rest = np.argsort(-sensitivity.values[key], kind="stable")[:2].tolist()
+    if key == "total":
+        begin, by, factor, unit, more = "", "", 100.0, "%", f" of the variance of {name}"
+    else:
+        begin, by, factor, more = f"over its range it changes {name} ", "by ", 1.0, ""
+    values, widths = (factor * each[key] for each in (sensitivity.values, sensitivity.widths))
+    effects = [f"{by}{quantity(values[k], unit)} ± {quantity(widths[k], unit)}" for k in (first, *rest)]
+    phrases = [f"{sensitivity.axes[first]} matters most: {begin}{effects[0]}{more}"]
+    phrases += [f"{sensitivity.axes[k]} {effect}" for k, effect in zip(rest, effects[1:], strict=True)]
+    return Check("indices", label, GOOD, phrases[0]), phrases
+
+
 def _influence(study: StudyTable) -> str:
     """Return the axis that matters most, and whether chance does as much."""
     try:
@@ -207,14 +294,6 @@ def _influence(study: StudyTable) -> str:
     except UsageError:
         return ""
     sides, (name, unit) = shown.sides, _named(study)
-    if study.facts["sample"] == "saltelli" and not shown.failed.any():
-        try:
-            total = indices(study, name)
-        except UsageError:
-            return ""
-        k = int(np.argmax(total.values["total"]))
-        share, width = 100.0 * total.values["total"][k], 100.0 * total.widths["total"][k]
-        return f"{total.axes[k]} matters most: {share:.2g} ± {width:.1g} % of the variance of {name}."
     names = [side.name.removesuffix(" (factor)") for side in sides]
     means = [[mean for _, mean in groups(side, shown.value)] for side in sides]
     if len(sides) == 1:
@@ -235,7 +314,7 @@ def _influence(study: StudyTable) -> str:
 def _chance(shown: View) -> float:
     """Return in which share of shuffles of the points' ranks the means over any axis differ as much as over the first.
 
-    Ranks, since a few large values would hide the order of the others.
+    Ranks, since a few large values would hide the order of the rest.
     """
     good, rng = np.isfinite(shown.value.values), np.random.default_rng(0)
     over = [replace(side, values=side.values[good]) for side in shown.sides]
@@ -247,70 +326,3 @@ def _chance(shown: View) -> float:
 
     least = (1.0 - 1e-12) * spread(ranks, over[:1])  # a shuffle sums equal values in another order
     return (1 + sum(spread(rng.permutation(ranks), over) >= least for _ in range(_SHUFFLES))) / (1 + _SHUFFLES)
-
-
-_CAUSES = {
-    r"unstable": "unstable loop",
-    r"internal step reached its minimum": "solver of {}: its step reached the minimum, as of an unstable loop",
-    r"not finite": "values of {} are not finite",
-    r"time.?limit|took longer": "took longer than the time limit",
-}
-"""Pattern of the message of a failed run to the cause in words; {} is the component."""
-
-
-class FailedGroup(NamedTuple):
-    """Points that failed for one cause."""
-
-    cause: str
-    points: Sequence[int]
-    where: str
-    """Ranges of the axes, if they are narrower than over all points."""
-    message: str
-    """Message of the first point."""
-
-
-def _failures(study: StudyTable) -> Iterator[str]:
-    """Yield how many points failed, and the most frequent causes."""
-    if not (each := failed_groups(study)):
-        return
-    causes = [f"{g.cause} ({', '.join(filter(None, (str(len(g.points)), g.where)))})" for g in each[:_NAMED]]
-    causes += [f"{len(each) - _NAMED} other causes"] if len(each) > _NAMED else []
-    yield f"{len(study.failed)} of {len(study)} points failed: {'; '.join(causes)}."
-
-
-def cause_of(message: str) -> str:
-    """Return the cause that a message shares with other points: its text without numbers and elements."""
-    component = re.split(": | failed at ", message, maxsplit=1)[0]
-    for pattern, words in _CAUSES.items():
-        if re.search(pattern, message):
-            return words.format(component)
-    return re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "…", message.splitlines()[0])[:160]
-
-
-def failed_groups(study: StudyTable) -> list[FailedGroup]:
-    """Return the failed points by cause, the most frequent first."""
-    causes: dict[str, list[int]] = {}
-    failed = study.failed
-    for point, message in failed.items():
-        causes.setdefault(cause_of(message), []).append(point)
-    if not failed:
-        return []
-    points = study["point"]
-    columns = {words: study[axis] for axis, words in _axes(study).items()}
-    failures: list[FailedGroup] = []
-    for cause, members in sorted(causes.items(), key=lambda item: -len(item[1])):
-        chosen = np.isin(points, members)
-        ranges = [words for axis, values in columns.items() if (words := _range(axis, values, values[chosen]))]
-        failures.append(FailedGroup(cause, members, ", ".join(ranges), failed[members[0]]))
-    return failures
-
-
-def _range(axis: str, values: NDArray[Any], chosen: NDArray[Any]) -> str:
-    """Return the range of an axis in words; empty if all points have the same range."""
-    if values.dtype.kind not in "iuf":
-        words = sorted(set(map(str, chosen)))
-        return f"{axis} {', '.join(words)}" if len(words) < len(set(map(str, values))) else ""
-    low, high = chosen.min(), chosen.max()
-    if low == values.min() and high == values.max():
-        return ""
-    return f"{axis} {low:.3g}" + (f" to {high:.3g}" if high > low else "")

@@ -25,8 +25,9 @@ from vdfmu.study.batch.engine import LANES, BatchProgram, Engine
 from vdfmu.study.sweeps.measures import Measure, measured
 
 Row = dict[str, Any]
-"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``wall_s``, measures and signals, by column; for some points
-of the batch engine ``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
+"""``point``, ``failed`` (why, or None), ``failed_at`` [s], ``failed_in`` (the component), ``kind`` of the failure, see
+:class:`vdfmu.base.errors.FailureKind`, ``wall_s``, measures and signals, by column; for some points of the batch engine
+``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
 """
 _ALIVE = 8
 """Systems that a worker keeps loaded."""
@@ -152,7 +153,7 @@ class Bench:
         return rows
 
     def _row(self, task: Task, run: Callable[[Task], Results]) -> Row:
-        row: Row = {"point": task[0], "failed": None, "failed_at": None}
+        row: Row = {"point": task[0], **dict.fromkeys(("failed", "failed_at", "failed_in", "kind"))}
         begin = perf_counter()
         try:
             results = run(task)
@@ -161,7 +162,7 @@ class Bench:
                 row["time"] = results.time
                 row |= {name: results[name] for name in matching(results.names, self._job.keep)}
         except CosimError as error:
-            row |= {"failed": _words(error), "failed_at": error.time}
+            row |= {"failed": _words(error), "failed_at": error.time, "failed_in": error.unit, "kind": str(error.kind)}
         except (VdfmuError, ArithmeticError, ValueError, TypeError, LookupError, OSError) as error:
             words = _words(error)
             row["failed"] = words if isinstance(error, VdfmuError) else f"{type(error).__name__}: {words}"

@@ -189,8 +189,9 @@ class Ledger:
         columns: dict[str, Any] = {"point": pa.array(index, pa.int64())}
         for target, values in self._points.items():
             columns[target] = pa.array(values[index])
-        for name, kind in (("failed", pa.string()), ("failed_at", pa.float64()), ("wall_s", pa.float64())):
-            columns[name] = pa.array([row[name] for row in rows], kind)
+        texts, numbers = ("failed", "failed_in", "kind"), ("failed_at", "wall_s")
+        for name, kind in (dict.fromkeys(texts, pa.string()) | dict.fromkeys(numbers, pa.float64())).items():
+            columns[name] = pa.array([row.get(name) for row in rows], kind)
         for name in dict.fromkeys(name for row in rows for name in row):
             if name not in columns:
                 values = [row.get(name) for row in rows]

@@ -81,7 +81,7 @@ _FUNCTIONS = REDUCTIONS | {
     **{name: MeasureFunction(getattr(np, name), "") for name in ("sqrt", "exp", "log", "sin", "cos")},
 }
 """All functions. Another one is a row here, or in `REDUCTIONS`."""
-_TAKEN = ("point", "failed", "failed_at", "wall_s", "time", *OPTIONS)
+_TAKEN = ("point", "failed", "failed_at", "failed_in", "kind", "wall_s", "time", *OPTIONS)
 """Columns of a study that are not measures."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,

@@ -19,8 +19,9 @@ from vdfmu.base.page import table
 from vdfmu.study.report.page import NAME, StudyPart, report_page, study_page
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun, read_run
-from vdfmu.study.sweeps.answer import Answer, failed_groups, place_of
+from vdfmu.study.sweeps.answer import Answer
 from vdfmu.study.sweeps.axes import is_option
+from vdfmu.study.sweeps.failures import failed_groups, place_of
 from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import Side, StudyTable, view
 
@@ -48,7 +49,7 @@ def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool, trust
     run = None
     try:
         study.values()
-        points = study_content(study)
+        points = study_content(study, answer)
         changes, reason = None, ""
         if simulate:
             try:
@@ -74,9 +75,10 @@ def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool, trust
         _card("The study", _table(("", ""), _facts(study), "facts")),
         *(["<h2>The scenario as it is, and a chosen point</h2>"] if run is not None else []),
     ]
-    lead = f'<p class="verdict {answer.state}">{escape(answer.sentences[0])}</p>\n'
-    if len(answer.sentences) > 1:
-        lead += f'<p class="answer">{escape(" ".join(answer.sentences[1:]))}</p>\n'
+    more = escape(answer.verdict["results"])
+    lead = f'<p class="verdict {answer.state}">{escape(answer.headline)} <small>{more}</small></p>\n'
+    if answer.sentences:
+        lead += f'<p class="answer">{escape(" ".join(answer.sentences))}</p>\n'
     title = f"{'Tuning' if tuning else 'Study'} of {facts['scenario']}"
     return StudyPart(title, about, "\n".join(sections), content, lead), run
 
@@ -200,7 +202,7 @@ def _column(side: Side, axis: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def study_content(study: StudyTable) -> dict[str, Any]:
+def study_content(study: StudyTable, answer: Answer) -> dict[str, Any]:
     """Return the data of the points in the page, without ``changes``, see `base_run`, and their ``reason``."""
     package = str(study.facts["source"]).endswith(".ssp")
     failed, points = study.failed, study["point"].tolist()
@@ -210,15 +212,15 @@ def study_content(study: StudyTable) -> dict[str, Any]:
         "failed": [failed.get(point) for point in points],
         "command": "" if package else f"vdfmu run --from {shlex.quote(str(study.path))} --row",
         "kept": _kept(study),
-        "roles": _roles(study),
+        "roles": _roles(study, answer),
     }
 
 
-def _roles(study: StudyTable) -> dict[str, list[int]]:
+def _roles(study: StudyTable, answer: Answer) -> dict[str, list[int]]:
     """Return the rows of points by their roles: start, chosen and infeasible of a search, the best of a sweep."""
-    if study.search is None:
-        return {"best": [int(np.nanargmin(study.values()))]}
     points = study["point"]
+    if study.search is None:
+        return {} if answer.best is None else {"best": np.flatnonzero(points == answer.best).tolist()}
     return {
         role: np.flatnonzero(np.isin(points, [*getattr(study.search, role)])).tolist()
         for role in ("start", "chosen", "infeasible")

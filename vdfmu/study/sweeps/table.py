@@ -258,12 +258,16 @@ class StudyTable:
             raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {source}' runs it, with {values}.")
         system, options = self.system(row)
         if digest(system.content) not in [each["package"] for each in was]:
-            self.notes.append(f"{source}: its values, units or robot have changed since the study.")
+            self._note(f"{source}: its values, units or robot have changed since the study.")
         if [table.digest for table in system.inputs] not in [each["inputs"] for each in was]:
-            self.notes.append(f"{source}: its inputs have changed since the study.")
+            self._note(f"{source}: its inputs have changed since the study.")
         for target, binding in system.bindings.items():
             options["settings"] |= binding.values(row[target])
         return {"scenario": source, **options}
+
+    def _note(self, note: str) -> None:
+        if note not in self.notes:
+            self.notes.append(note)
 
     def system(self, row: Mapping[str, Any]) -> tuple[WiredSystem, dict[str, Any]]:
         """Return the system of a point, and the options of its run, without the parameters that vary."""

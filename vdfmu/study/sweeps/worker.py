@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.errors import VdfmuError
+from vdfmu.base.errors import FailureKind, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.process import SIZE, Child
 from vdfmu.base.text import elided, shown
@@ -28,7 +28,10 @@ _TRIES = 3
 KILLED = "the process was killed (SIGKILL)"
 """Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
-_HEAD = {"point": int, "failed": (str, type(None)), "failed_at": (float, int, type(None)), "wall_s": (float, int)}
+_HEAD = {
+    "point": int, "failed": (str, type(None)), "failed_at": (float, int, type(None)), "wall_s": (float, int),
+    "failed_in": (str, type(None)), "kind": (str, type(None)),
+}  # fmt: skip
 """Keys that each row has, and their types; the others are measures."""
 
 
@@ -92,6 +95,7 @@ class Worker:
         self._stopped = threading.Event()
         self._together: list[int] = []
         self._folders = ExitStack()
+        self._late = False
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
         """Yield a row for each point, in order; nothing more after `stop`. VdfmuError if no process can be started.
@@ -139,7 +143,10 @@ class Worker:
                 if most > 1:
                     apart, killed = len(group), 0
                     continue
-                rows = [{"point": group[0][0], "failed": rows, "failed_at": None, "wall_s": perf_counter() - begin}]
+                kind = str(FailureKind.TIME_LIMIT if self._late else FailureKind.LOST)
+                seconds = perf_counter() - begin
+                head = dict.fromkeys(_HEAD) | {"point": group[0][0], "failed": rows, "kind": kind, "wall_s": seconds}
+                rows = [head]
             killed = failures = 0
             del left[: len(group)]
             apart = max(apart - 1, 0)
@@ -173,6 +180,7 @@ class Worker:
         with suppress(EOFError):
             return child.take()
         code, said = self._end(child)
+        self._late = child.late
         if child.late:
             return f"no result within {child.limit:g} s, the time limit of a point"
         if code < 0:

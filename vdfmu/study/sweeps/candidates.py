@@ -1,0 +1,87 @@
+"""The points of a study that may be its best, each judged by the verdict on a run of its own, and their neighbours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import CosimError, VdfmuError
+from vdfmu.engine.results.verdict import FAILED, GOOD, STATES, UNJUDGED, checks_of, verdict_of
+from vdfmu.study.sweeps.axes import read_axes
+from vdfmu.study.sweeps.table import StudyTable
+
+MOST = 8
+"""Most points that run again to find the best good one, and most of its neighbours."""
+
+
+class JudgedPoint(NamedTuple):
+    """A point, judged."""
+
+    point: int
+    value: float
+    """Of the measure that ranks the points."""
+    state: str
+    """Of its run; not judged if the study does not say how to run it, such as one of a package."""
+    why: str = ""
+    """The worst check of a run that is not good, or why it was not judged."""
+    margin: float = math.nan
+    """Smallest modulus margin of its loops; NaN if unknown."""
+
+
+def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
+    """Judge points in the order of their values (n,) until one is good, or not judged, or `MOST` are judged."""
+    points, judged = study["point"], list[JudgedPoint]()
+    for place in np.argsort(values, kind="stable")[: min(MOST, int(np.isfinite(values).sum()))]:
+        judged.append(judge_point(study, int(points[place]), float(values[place])))
+        if judged[-1].state in (GOOD, UNJUDGED):
+            break
+    return judged
+
+
+def judge_point(study: StudyTable, point: int, value: float, without: Sequence[str] = ()) -> JudgedPoint:
+    """Run a point and judge it as `vdfmu.run` does, without a reference and without some checks."""
+    from vdfmu.study.runs import run
+    from vdfmu.study.verdict import loop_checks
+
+    try:
+        options: dict[str, Any] = study.options(point)
+    except VdfmuError as error:
+        return JudgedPoint(point, value, UNJUDGED, str(error).partition(". ")[0])
+    try:
+        summary = run(**options, out=False, reference=False).summary
+    except CosimError as error:
+        figures = getattr(error.results, "summary", {}).get("key_figures", {})
+        unstable = [check.sentence for check in loop_checks({"key_figures": figures}) if check.state == FAILED]
+        return JudgedPoint(point, value, FAILED, (unstable or [f"{error.unit} fails at {error.time:.3g} s"])[0])
+    except VdfmuError as error:
+        return JudgedPoint(point, value, FAILED, str(error).partition(". ")[0])
+    checks = [check for check in checks_of(summary) if check.key not in without]
+    state = verdict_of(checks)["state"]
+    why = "" if state == GOOD else next(check.sentence for check in checks if check.state == state)
+    margin = summary["key_figures"].get("margin", {}).get("value", math.nan)
+    return JudgedPoint(point, value, state, why, margin)
+
+
+def best_of(judged: Sequence[JudgedPoint]) -> JudgedPoint:
+    """Return the first of the best state."""
+    order = (*STATES, UNJUDGED)
+    return min(judged, key=lambda candidate: order.index(candidate.state))
+
+
+def neighbours(study: StudyTable, point: int) -> Iterator[int]:
+    """Yield the points of a grid that differ from a point by one step of one axis with numbers."""
+    if study.facts["sample"] != "grid" or study.search is not None:
+        return
+    axes = [axis.target for axis in read_axes(study.facts["axes"])]
+    columns = [study[axis] for axis in axes]
+    points = study["point"]
+    here = int(np.flatnonzero(points == point)[0])
+    places = [np.unique(column, return_inverse=True)[1] for column in columns]
+    apart = np.abs(np.array([place - place[here] for place in places]))
+    numbers = np.array([column.dtype.kind in "iuf" for column in columns])
+    beside = (apart.sum(axis=0) == 1) & (apart[~numbers].sum(axis=0) == 0)
+    yield from points[beside].tolist()
