@@ -87,7 +87,7 @@ def test_build_does_what_its_words_say(tmp_path, words, files, starts):
 @pytest.mark.heavy
 @pytest.mark.parametrize(("words", "said"), [
     (("linear", "--at", "0"), "Stable with a modulus margin"),
-    (("judge", "--stop", "0.3", "--wanted", "60", "--master", "extrapolated"), "Right to 21 %"),
+    (("judge", "--stop", "0.3", "--wanted", "80", "--master", "extrapolated"), "Unread output controller.tau_e[2]: 43"),
     (("sweep", "--vary", "plant.payload_mass=0,1", "--stop", "0.01", "--measure", "m=peak(plant.q)"), "2 points"),
     (("ssp",), "Written to planar_2dof_reach.ssp"),
     (("scenario", "motion"), "2.5 s at 1001 times"),
