@@ -110,7 +110,7 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     table, arm = words_of(browser, "#found table"), pixels(browser, ".canvas")
     slide(browser, "Proportional", -50)  # 0.1 to the power of one half, in three digits
     assert words_of(browser, ".knob output") == "× 0.316"
-    factor = {"controller.K_p": [0.316 * k for k in (2000.0, 2000.0, 2000.0, 1000.0, 1000.0, 500.0)]}
+    factor = {"controller.K_p": [0.316 * k for k in (2000.0, 2000.0, 4000.0, 2500.0, 2000.0, 2500.0)]}
     other = vdfmu.run(
         "tracking", stop=1.0, out=run / "other", settings={"trajectory.T": 1.0, **factor}, reference=False
     )
