@@ -41,12 +41,12 @@ K_P, K_V, MASS, T = "controller.K_p", "controller.K_v", "plant.mass", "trajector
 PLACES: Mapping[str, Sequence[Mapping[str, float]]] = {
     "planar": [
         {K_P: 5, K_V: 0.1}, {K_P: 5.5, K_V: 0.15}, {K_P: 3, K_V: 0.1}, {K_P: 0.1}, {K_P: 0.5}, {K_P: 2}, {K_P: 3},
-        {K_P: 8}, {K_V: 0.2}, {K_V: 0.5}, {K_V: 2}, {K_V: 4}, {K_V: 10}, {MASS: 2}, {T: 2}, {T: 0.5}, {T: 0.5, MASS: 2},
+        {K_P: 8}, {K_V: 0.7}, {K_V: 0.5}, {K_V: 2}, {K_V: 4}, {K_V: 10}, {MASS: 2}, {T: 2}, {T: 0.5}, {T: 0.5, MASS: 2},
     ],
-    "six": [{K_V: 0.5}, {K_V: 1.5}, {K_P: 6}, {K_P: 0.2}, {MASS: 2}, {T: 0.5}, {K_V: 6}],
+    "six": [{K_V: 1.3}, {K_V: 1.5}, {K_P: 6}, {K_P: 0.2}, {MASS: 2}, {T: 0.5}, {K_V: 6}],
     "wall": [{K_P: 10}, {K_P: 0.3}, {K_V: 1.5}, {K_V: 3}, {MASS: 0.5}, {K_P: 0.1, K_V: 0.5}, {T: 0.6}],
     "fast": [{T: 0.5}, {K_P: 0.5}, {K_P: 2}, {K_V: 0.9}, {K_V: 3}, {T: 0.7, K_P: 0.3}, {MASS: 2}],
-    "weak": [{T: 0.5}, {K_P: 0.5}, {K_P: 5}, {MASS: 2}, {T: 0.7}, {T: 0.8}],
+    "weak": [{T: 0.5}, {K_P: 0.5}, {K_P: 5}, {MASS: 0.6}, {T: 0.7}, {T: 0.8}],
     "slider": [{K_P: 10}, {K_V: 0.2}, {K_V: 3}, {K_V: 8}, {MASS: 2}, {T: 2}],
 }  # fmt: skip
 """Factors of sliders, by their keys."""

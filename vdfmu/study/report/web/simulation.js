@@ -245,7 +245,7 @@ class Simulation {
       const { limit, above } = moved[0] ?? {};
       if (unstable && limit)
         said += `, stable ${above ? "up" : "down"} to about × ${text(limit, 2)}`;
-      said += ".";
+      said += end === null ? `: ${failure}` : ".";
     }
     this.failure.textContent = said;
     this.failure.hidden = !said;
