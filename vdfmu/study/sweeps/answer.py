@@ -281,7 +281,7 @@ def _matters(study: StudyTable) -> tuple[Check, list[str]]:
     else:
         begin, by, factor, more = f"over its range it changes {name} ", "by ", 1.0, ""
     values, widths = (factor * each[key] for each in (sensitivity.values, sensitivity.widths))
-    effects = [f"{by}{quantity(values[k], unit)} ± {quantity(widths[k], unit)}" for k in (first, *rest)]
+    effects = [f"{by}{quantity(float(values[k]), unit)} ± {quantity(float(widths[k]), unit)}" for k in (first, *rest)]
     phrases = [f"{sensitivity.axes[first]} matters most: {begin}{effects[0]}{more}"]
     phrases += [f"{sensitivity.axes[k]} {effect}" for k, effect in zip(rest, effects[1:], strict=True)]
     return Check("indices", label, GOOD, phrases[0]), phrases
