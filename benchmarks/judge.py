@@ -67,7 +67,8 @@ def evaluate(kind: str, case: Case, number: int, rng: Any, count: Counter[str]) 
         try:
             judged = case.system.judge(wanted, stop=n * h, step=h, **options)
         except vdfmu.VdfmuError:  # not for this master
-            judged = case.system.judge(wanted, stop=n * h, step=h, **{**options, "algorithm": "jacobi"})
+            options["algorithm"] = "jacobi"
+            judged = case.system.judge(wanted, stop=n * h, step=h, **options)
         options["algorithm"] = judged.algorithm
         count["cases"] += 1
         count[judged.verdict] += 1

@@ -244,7 +244,7 @@ def judge(
     sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
     as_json: JsonOption = False,
 ) -> None:  # fmt: skip
-    """Estimate how far the communication step makes a system of FMUs wrong.
+    """Estimate how far the communication step makes a system wrong.
 
     Runs with the step, its half and its quarter give the error of each real output, as a share of its swing.
     The exit code is 0 if the system is right, 1 if it is not, 3 if this is not decided. It is 2 for wrong usage.

@@ -57,10 +57,10 @@ def show_robot(
     robot = _looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
     if page:
         from vdfmu.base.toml_file import locate
-        from vdfmu.cli.analysis import read_pose
+        from vdfmu.cli.analysis import read_numbers
         from vdfmu.study.report.robot_page import write_robot_page
 
-        target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_pose("--pose", pose)
+        target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_numbers("--pose", pose)
         with replacing_foreign(overwrite):
             say_notes(write_robot_page(robot, target, pose=start, folder=locate(name, "robots").parent))
         say_written(target)

@@ -281,8 +281,8 @@ class _Case(NamedTuple):
         if verdict == RIGHT:
             return f"Right to {about} ({self._asked}). Errors inside FMUs are not judged."
         if verdict == WRONG:
-            nothing = "" if worst.read else ", an output that no component reads"
-            return f"Not right: about {about}{nothing} ({self._asked}). {self._way(worst)}"
+            unread = "" if worst.read else ", an output that no component reads"
+            return f"Not right: about {about}{unread} ({self._asked}). {self._way(worst)}"
         if kind == "near":
             return f"Not decided: about {about} is too near the wanted error ({self._asked}). {self._way(worst)}"
         cause = self._cause(flat, met.time) if kind in _LINEARISED else ""

@@ -95,7 +95,7 @@ class JudgeOptions(TypedDict, total=False):
     """How the error by communication is judged."""
 
     judge: Annotated[float | None, Option(
-        "Estimate the coupling error; limit in % of a signal's range.", "float",
+        "Coupling error: limit in % of a signal's swing.", "float",
         "In Python a share, 0.01. The shorter steps take 9 times the run, or 17 times where a component does not "
         "declare whether it is sampled.",
         metavar="PERCENT", typed=str, read=read_percent)]

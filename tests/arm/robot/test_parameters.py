@@ -146,11 +146,12 @@ def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name):
     row = PARAMETERS[name]
     table = f"arm/drive/{row.section}.py" if row.section in JOINT_OPTIONS else "arm/robot/parameters.py"
     assert table in files
+    # gains of a first motion follow from falling friction
     # what is estimated from a log is named where it is estimated, what laws are not told of there; letters of devices
     # are their own; files of other tools and plain words have other names
     named = (
         "arm/equations/", "arm/drive/", "arm/world/", "arm/units/devices/", "arm/robot/plausible.py", "study/identify/",
-        "study/run/accuracy.py", "arm/export.py", "arm/robot/plain.py",
+        "study/run/accuracy.py", "study/analysis/reach.py", "arm/export.py", "arm/robot/plain.py",
     )  # fmt: skip
     elsewhere = {path for path in files if not path.startswith(named)}
     if row.section in JOINT_OPTIONS and name in {**NOT_INVERTED, **NOT_BALANCED}:

@@ -182,7 +182,7 @@ def test_a_limit_of_the_user_replaces_that_of_the_table_and_says_whose_it_is():
 
 @pytest.mark.parametrize("key", LIMITS)
 def test_each_limit_judges_just_inside_and_just_outside(key):
-    row, places = LIMITS[key], dict.fromkeys(("place", "time", "until", "error"), "x")
+    row, places = LIMITS[key], dict.fromkeys(set(re.findall(r"{(\w+)}", LIMITS[key].sentence)) - {"value"}, "x")
     inside, outside = (1.0 + (1e-9 if row.at_least == above else -1e-9) for above in (True, False))
     assert [row.check(row.value * factor, **places).state for factor in (inside, outside)] == ["good", row.beyond]
     assert row.check(math.nan, **places).state != "good" and row.by
@@ -269,7 +269,7 @@ def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_aga
     bad = verdict_of([CHECK["failed"]])
     page = report_page([ShownRun("bad", results, results.summary | {"verdict": bad}, folder / "system.ssp")]).decode()
     assert '<p class="verdict failed" data-run="0">Failed: coupling energy error 31 % <small></small></p>' in page
-    assert '<details class="checks failed" open>' in page
+    assert '<details class="checks failed" data-run="0" open>' in page
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
     summary = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
     # a scenario that no file has any more: all its options

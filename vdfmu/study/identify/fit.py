@@ -293,7 +293,7 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
         bent[:, seen] = (rows.problem.stretch - fit.x[rows.problem.places["delay_q"]] * rows.problem.speed)[:, seen]
         error[:, seen] = errors[1][:, seen]
         for i in np.flatnonzero(seen):
-            stiff[:, i] = _about(rows.problem.stretch[:, i], rows.problem.speed[:, i], before.problem, i)
+            stiff[:, i] = _about(rows.problem.stretch[:, i], rows.problem.speed[:, i], before.problem, int(i))
     bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
     return LogScore(
         _rms(tau), _rms(left), np.abs(left).max(axis=0), _rms(held), rigid,

@@ -157,7 +157,7 @@ class _MovedLoops:
         """Return the loop at a row with a factor on gains; inputs that have no feedback there keep none."""
         loop = self.loop_at(row)
         more = (by - 1.0) * slopes[loop.K.shape]
-        return replace(loop, K=loop.K + np.where(loop.K.any(axis=1)[:, None], more, 0.0))
+        return replace(loop, K=loop.K + np.where(np.any(loop.K, axis=1, keepdims=True), more, 0.0))
 
     def worst(self, knob: Mapping[str, Any], slopes: Slopes) -> tuple[list[float], list[float]]:
         """Return the rows at which a slider is tried: for its modulus margins, and more rows for its delay margins."""

@@ -59,7 +59,7 @@ def failed_groups(study: StudyTable) -> list[FailedGroup]:
 
 def cause_of(failed: str, kind: str | None = None, failed_in: str | None = None, point: int = 0) -> str:
     """Return the cause that a failed point shares with others: that of its kind, else its message without numbers."""
-    if kind in _CAUSES:
+    if kind is not None and kind in _CAUSES:
         return _CAUSES[kind].format(failed_in)
     return re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "…", failed.splitlines()[0])[:160]
 

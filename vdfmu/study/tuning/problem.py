@@ -156,7 +156,7 @@ def _poses(scenario: Scenario, settings: Mapping[str, Any], varied: Sequence[str
     try:
         poses, *_ = stack.enter_context(run_along(scenario, again=True, settings=settings))
         assert poses.components is not None
-        if fixed := [name for name in dict.fromkeys(varied) if not can_change(poses.components.checked, name)]:
+        if fixed := [name for name in dict.fromkeys(varied) if not can_change(poses.components.exchange.checked, name)]:
             raise UsageError(
                 f"margin: {', '.join(fixed)}: expected native FMUs without sampled states, whose loops are known with "
                 "other values. Tune without a margin; the verdict of a run has it."
