@@ -256,8 +256,8 @@ class _Case(NamedTuple):
         elif verdict == OPEN and exact:
             kind = "solver"
         elif verdict == OPEN:
-            own = np.isin([name.partition(".")[0] for name in names], [*declared_samples(self.checked, flat)])
-            kind, at = kind_of(runs, seen, deciding, own)
+            timed = np.isin([name.partition(".")[0] for name in names], [*declared_samples(self.checked, flat)])
+            kind, at = kind_of(runs, seen, deciding, timed)
         text = self._text(flat, verdict, kind, signals[worst], signals[at], bool(seen.constant[worst]), seen.late)
         unread = max((each for each in signals if not each.read), key=lambda each: each.error, default=signals[worst])
         if signals[worst].read and unread.error > signals[worst].error:

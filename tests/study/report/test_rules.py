@@ -27,8 +27,8 @@ def test_the_documentation_has_the_table_of_limits():
 
 
 def test_a_page_has_every_limit_and_says_whose_it_is():
-    own = {"margin": {"value": 0.3, "by": "--limit"}}
-    rows = rules_of({"own_limits": own}, "vdfmu run tracking --stop 2 --limit margin=0.3")
+    changed = {"margin": {"value": 0.3, "by": "--limit"}}
+    rows = rules_of({"own_limits": changed}, "vdfmu run tracking --stop 2 --limit margin=0.3")
     assert rows["asked"] and rows["rows"].keys() == LIMITS.keys()
     assert rows["rows"]["margin"] == row_of(read_limits({"margin": 0.3}, "--limit")["margin"])
     assert [key for key, row in rows["rows"].items() if row["own"]] == ["margin"]

@@ -97,7 +97,7 @@ def test_statistics_are_compared_where_solutions_separate_and_the_energy_residua
     )
     assert said["Energy residual"].endswith("; net 0.002 J")
     sheet = reference_sheet(TRACKING)
-    assert sheet.rows == [("sampled-delayed", "1.23e-08", "5.68e-05"), ("continuous", "3.2e-06", "0.023")]
+    assert sheet.rows == [("sampled-delayed", "1.23e-8", "5.68e-5"), ("continuous", "3.2e-6", "0.023")]
     text = shown(sheet_table(sheet))
     assert "[rad]" in text and "[N.m]" in text and "sampled-delayed" in text
     for summary in ({**TRACKING, "reference": {}}, {k: v for k, v in TRACKING.items() if k != "reference"}):

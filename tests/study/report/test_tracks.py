@@ -86,9 +86,9 @@ def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
     of = {knob["key"]: each for knob, each in zip(chosen, tracks_of(planar, chosen), strict=True)}
     gains = {"controller.K_p", "controller.K_v"}
     assert all(len(each) == 3 and None not in each if key in gains else each == [None] for key, each in of.items())
-    own = margin_at(of["controller.K_v"][0], 0.0)
+    recorded = margin_at(of["controller.K_v"][0], 0.0)
     for track in (track for key in gains for track in of[key]):
-        assert margin_at(track, 0.0) == own > 0.0
+        assert margin_at(track, 0.0) == recorded > 0.0
         assert len(track["figures"]) == len(track["places"]) and track["places"] == sorted(track["places"])
         margins = [figures.get("margin", {"value": 0.0})["value"] for figures in track["figures"]]
         assert all(0.0 <= margin <= 1.0 for margin in margins)

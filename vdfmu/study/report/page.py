@@ -227,7 +227,8 @@ def run_command(summary: Mapping[str, Any]) -> str:
             words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
     words += ["--backend", "python"] if summary.get("backend") == "python" else []
     words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []
-    limits = {key: own["value"] for key, own in (summary.get("own_limits") or {}).items() if own["by"] == "--limit"}
+    entries = (summary.get("own_limits") or {}).items()
+    limits = {key: entry["value"] for key, entry in entries if entry["by"] == "--limit"}
     words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value!r}")]
     words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
     words += [word for each in (summary.get("settings") or {}).items() for word in ("--set", "=".join(map(str, each)))]

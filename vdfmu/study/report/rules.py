@@ -68,8 +68,8 @@ def rules_of(summary: Mapping[str, Any], command: str) -> dict[str, Any]:
     `command` makes the run. It says whether the user chose the run's end.
     """
     limits = LIMITS
-    for key, own in (summary.get("own_limits") or {}).items():
-        limits = read_limits({key: own["value"]}, own["by"], limits)
+    for key, entry in (summary.get("own_limits") or {}).items():
+        limits = read_limits({key: entry["value"]}, entry["by"], limits)
     kept = [*remark_checks(summary), *(loop_checks(summary) if "stability" in summary else ())]
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     return {

@@ -152,7 +152,7 @@ class ScenarioRun:
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
-            **({"own_limits": own} if (own := own_limits(self.limits)) else {}),
+            **({"own_limits": limits} if (limits := own_limits(self.limits)) else {}),
             **remarks(scenario, options["settings"], self.system.values, options["stop"] is not None),
             **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
             "scene": scene_of(self.system),
