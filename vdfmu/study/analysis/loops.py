@@ -113,11 +113,6 @@ def half_step(loops: Along) -> dict[str, Any]:
     return {"half_step": {"value": nearest.modulus, "at_s": nearest.time, "step": half.step * system.how.substeps}}
 
 
-def since(time: float) -> str:
-    """Return the words for a begin [s]."""
-    return f"since {time:.3g} s" if time else "from the start"
-
-
 def place_of(name: str, loops: Along) -> str:
     """Return the joint of a state or input of a plant, or of a value waiting at a controller; other names unchanged."""
     component, _, variable = name.removeprefix("at ").partition(".")
