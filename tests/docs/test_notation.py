@@ -128,7 +128,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
     monkeypatch.syspath_prepend(DOCS)
     pages = importlib.import_module("reference_pages")
     commands, keys = pages.command_line_page(), pages.scenario_file_page()
-    for name in ("run", "sweep", "sweep plot", "robot import", "doctor", "unit new"):
+    for name in ("run", "sweep", "sweep indices", "robot import", "doctor", "unit new"):
         assert f"# vdfmu {name}\n" in commands
     for option in (
         "`--set` `NAME=VALUE`",
