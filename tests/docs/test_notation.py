@@ -162,3 +162,13 @@ def test_a_kept_page_of_the_reference_is_as_the_code_makes_it(page, monkeypatch)
     assert (DOCS / "reference" / f"{page}.md").read_text(encoding="utf-8") == made, (
         "run python docs/make.py --reference"
     )
+
+
+def test_the_ssp_of_tracking_is_as_the_writer_makes_it(monkeypatch):
+    """Without its FMUs, so that a difference of the text shows what changes for other tools."""
+    monkeypatch.syspath_prepend(DOCS)
+    folder, made = DOCS.parent / "ssp" / "tracking", importlib.import_module("make").ssp_texts()
+    kept = {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*.ss*")}
+    assert {*kept} == {*made} and len(made) == 9
+    for name, text in made.items():
+        assert kept[name] == text, f"{name}: run python docs/make.py --reference"
