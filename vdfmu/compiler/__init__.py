@@ -2,7 +2,8 @@
 
 DOORS = (
     "c.functions", "c.loaded", "c.text", "fmu.build", "fmu.content", "fmu.description", "fmu.python.slave",
-    "fmu.python.wrapper", "functions.sources", "functions.traced", "scalar", "unit", "unit.declaration", "unit.evaluate", "unit.interface", "unit.load",
+    "fmu.python.wrapper", "functions.sources", "functions.traced", "scalar", "unit", "unit.declaration",
+    "unit.evaluate", "unit.interface", "unit.load",
     "unit.new", "unit.solver", "wasm",
 )  # fmt: skip
 """Modules that other rooms import."""
