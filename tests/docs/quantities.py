@@ -3,7 +3,6 @@
 import numpy as np
 
 import vdfmu
-from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot.catalogue import catalogue, fit_spring
@@ -18,6 +17,7 @@ from vdfmu.engine.inspect import reference as reference
 from vdfmu.engine.inspect import trial as trial
 from vdfmu.engine.package import limits as limits
 from vdfmu.study import coupling_error as coupling_error
+from vdfmu.study.analysis.reach import steepest_fall as steepest_fall
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 
@@ -65,12 +65,6 @@ def friction_rate():
     """Return the largest rate [1/s] that friction near standstill adds to the paper's arm."""
     arm = vdfmu.load_robot("manipulator_6dof")
     return (arm.f_s / (arm.eps * arm.ell * arm.I_m)).max()
-
-
-def steepest_fall():
-    """Return the steepest slope [N.m.s/rad] of the friction (54) of the paper's arm."""
-    arm, velocities = vdfmu.load_robot("manipulator_6dof"), np.linspace(0.01, 0.4, 4000)
-    return np.gradient([stribeck_friction(arm, np.full(N, v)) for v in velocities], velocities, axis=0).min()
 
 
 def growth(source, share=1.0):
