@@ -10,6 +10,8 @@ from vdfmu.arm.units.devices.encoder import PAST as PAST
 from vdfmu.compiler.functions.rodas import ALPHA as ALPHA
 from vdfmu.compiler.functions.rodas import GAMMA_I as GAMMA_I
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.reach import steepest_fall as steepest_fall
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 
@@ -57,3 +59,11 @@ def friction_rate():
     """Return the largest rate [1/s] that friction near standstill adds to the paper's arm."""
     arm = vdfmu.load_robot("manipulator_6dof")
     return (arm.f_s / (arm.eps * arm.ell * arm.I_m)).max()
+
+
+def gains_and_margins():
+    """Return K_p, K_v, modulus margin and delay margin [ms] of each joint of `tracking`, the smallest along the run."""
+    margins = margins_along("tracking").margins
+    modulus, delay = (np.min([getattr(each, name) for each in margins], axis=0) for name in ("modulus", "delay"))
+    K_p, K_v = (group_value(load_scenario("tracking"), f"controller.{name}") for name in ("K_p", "K_v"))
+    return np.stack([K_p, K_v, modulus, 1e3 * delay], axis=1)
