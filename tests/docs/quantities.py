@@ -17,6 +17,7 @@ from vdfmu.engine.inspect import reference as reference
 from vdfmu.engine.inspect import trial as trial
 from vdfmu.engine.package import limits as limits
 from vdfmu.study import coupling_error as coupling_error
+from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import steepest_fall as steepest_fall
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
@@ -109,3 +110,11 @@ def contact_dampings():
     across, along = (2.0 / scenario.step / (lever @ np.linalg.solve(M, lever)) for lever in levers)
     sliding = wall["mu"] * normal / find_unit("wall").declared["v_eps"].start
     return 0.5 * wall["k"] * scenario.step, wall["c"] * normal, across, sliding, along
+
+
+def gains_and_margins():
+    """Return K_p, K_v, modulus margin and delay margin [ms] of each joint of `tracking`, the smallest along the run."""
+    margins = margins_along("tracking").margins
+    modulus, delay = (np.min([getattr(each, name) for each in margins], axis=0) for name in ("modulus", "delay"))
+    K_p, K_v = (group_value(load_scenario("tracking"), f"controller.{name}") for name in ("K_p", "K_v"))
+    return np.stack([K_p, K_v, modulus, 1e3 * delay], axis=1)
