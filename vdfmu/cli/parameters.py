@@ -86,7 +86,7 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         return [word for word in choices if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
-        "required": required, "callback": read, "shell_complete": complete, "help": option.text,
+        "required": required, "callback": read, "shell_complete": complete,
         "metavar": option.metavar or "|".join(option.choices) or None,
     }  # fmt: skip
     if not required and not many:
@@ -99,7 +99,7 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         both = f"{flag}/--no-{name}" if kind is bool and default is True and not option.flag else flag
         letters = ["-o"] if name == "out" else [letter] if letter else []
         made = click.Option([name, *letters, both], multiple=many, **settings)
-    made.more, made.group = option.more, option.group  # type: ignore[attr-defined]
+    made.help, made.more, made.group = option.text, option.more, option.group  # type: ignore[attr-defined]
     return made
 
 

@@ -251,7 +251,7 @@ class CompiledSteps:
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
         """Add an action, a call of the FMI function if it has a name."""
-        function = cast(instance.function(name), c_void_p).value if name else None
+        function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value if name else None
         every = self._exchange.checked.multiples.get(instance.name, 1)
         self._actions.append(_Action(function=function, component=instance.fmu.component, every=every, **fields))
         self._judges.append((instance, judge))
