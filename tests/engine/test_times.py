@@ -75,7 +75,7 @@ def test_a_time_within_the_rounding_of_the_step_is_its_end(package, reported):
     results = simulate(package(False), stop=1.0, step=0.25, parameters=parameters, isolate=False)
     assert results["unit.y"].tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert results["unit.b"].tolist() == [1] * 5
-    assert results.summary["stepper"] == "C"
+    assert results.summary["stepper"] == "c"
 
 
 @pytest.mark.parametrize(
