@@ -13,7 +13,8 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "fmpy_master.py"
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLE = ROOT / "examples" / "fmpy_master.py"
 STOP, STEP = 0.3, 1e-3
 
 
@@ -32,10 +33,11 @@ def signals(run):
     return example.simulate(run / "system.ssp", STOP, STEP)
 
 
-def test_it_has_at_most_100_lines_of_fmpy_and_numpy_and_40_of_them_are_the_master():
+def test_it_has_at_most_100_lines_of_fmpy_and_numpy_of_which_40_are_the_master_and_its_page_shows_it():
     text = EXAMPLE.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 100
     assert "vdfmu" not in [line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line]
+    assert text in (ROOT / "docs" / "tutorials" / "fmpy-master.md").read_text(encoding="utf-8")
     loop = text[text.index("    def pass_on") : text.index("\n\nif __name__")]
     assert len(loop.splitlines()) <= 40
 
