@@ -1,4 +1,4 @@
-"""The master in 40 lines of fmpy: the FMUs of an SSP, stepped in a loop, with the bits of ``vdfmu run``.
+"""The master in forty lines of fmpy: the FMUs of an SSP, stepped in a loop, with the bits of ``vdfmu run``.
 
     vdfmu run planar_tracking --stop 1 --out run
     python fmpy_master.py run
@@ -89,4 +89,4 @@ if __name__ == "__main__":
         equal = [name for name, column in columns if name in signals and np.array_equal(column, signals[name])]
     print(f"{len(equal)} of {len(signals)} outputs equal those of vdfmu run to the bit.")
     difference = summary["reference"]["sampled"]["max_position_difference_rad"]
-    print(f"Largest difference of a joint angle from scipy's solution of the same equations: {difference:.2g} rad.")
+    print(f"Largest difference of a joint angle from scipy's solution of the same equations: {difference:.1g} rad.")

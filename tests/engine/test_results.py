@@ -61,7 +61,11 @@ def test_numbers_in_csv_have_the_digits_of_python_which_are_the_fewest_that_read
 
     finite = np.isfinite(numbers)
     assert [parts(text) for text in np.array(written)[finite]] == [parts(repr(x)) for x in numbers[finite].tolist()]
-    assert {text for text, known in zip(written, finite, strict=True) if not known} == {"NaN", "Infinity", "-Infinity"}
+    assert {text for text, number in zip(written, numbers, strict=True) if not np.isfinite(number)} == {
+        "NaN",
+        "Infinity",
+        "-Infinity",
+    }
 
 
 @pytest.mark.parametrize("name", [
