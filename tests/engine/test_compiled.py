@@ -94,7 +94,7 @@ def both():
                 results = outcome = simulate(package, stepper=stepper, isolate=False, log=said.append, **options)
             except CosimError as error:
                 outcome, results = error, error.results
-            assert results.summary["stepper"] == stepper
+            assert results.summary["stepper"] == {"c": "c", "fmpy": "fmpy: chosen"}[stepper]
             outcomes.append((outcome, results, said))
         (in_c, results_c, first), (by_fmpy, results_fmpy, second) = outcomes
         assert_same_bits(results_c, results_fmpy)
@@ -226,7 +226,7 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
     assert stepper(package) == "c"
     assert stepper(package, isolate=True) == "fmpy: components in other processes"
     assert stepper(package, algorithm="extrapolated") == "fmpy: the algorithm extrapolated"
-    assert stepper(package, stepper="fmpy") == "fmpy"
+    assert stepper(package, stepper="fmpy") == "fmpy: chosen"
     said = r"stepper: must be fmpy or auto here, got c\. The steps cannot be made in C: components in other processes\."
     with pytest.raises(UsageError, match=said):
         stepper(package, stepper="c", isolate=True)

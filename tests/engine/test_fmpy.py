@@ -104,10 +104,10 @@ def test_fmpy_still_stays_in_the_folder_of_a_library_that_it_cannot_load(tmp_pat
 
 
 def test_types_of_values_are_ctypes_of_the_sizes_in_the_engine():
-    """`types` and `dtypes` of the classes in vdfmu/engine/fmu/versions.py describe the same memory."""
+    """`module` and `dtypes` of the classes in vdfmu/engine/fmu/versions.py describe the same memory."""
     for kind in (Instance1, Instance2, Instance3):
         for name, dtype in kind.dtypes.items():
-            assert ctypes.sizeof(kind.types[name]) == np.dtype(dtype).itemsize, (kind, name)
+            assert ctypes.sizeof(getattr(kind.module, kind.prefix + name)) == np.dtype(dtype).itemsize, (kind, name)
     assert fmi3.fmi3Float64 is ctypes.c_double
 
 

@@ -45,8 +45,8 @@ class Instance(Library):
     function that makes a state of bytes."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
     """NumPy types by the types in the names of the functions."""
-    types: dict[str, Any] = {}  # noqa: RUF012
-    """Types of ctypes by the same."""
+    module: Any
+    """Module of fmpy with the types of the version."""
 
     tolerance: float | None = None
     integrator: ModelExchangeIntegrator | None = None
@@ -64,6 +64,10 @@ class Instance(Library):
 
     def line(self, time: float) -> None:
         """Set the inputs that follow lines to their values at a time."""
+
+    def kind_of(self, name: str) -> Any:
+        """Return a type of FMI in ctypes by its name, such as ``Boolean``."""
+        return getattr(self.module, self.prefix + name)
 
     # ------------------------------------------------------------------ for each version of FMI
 
@@ -159,7 +163,7 @@ class Instance(Library):
 
     def completed_step(self) -> bool:
         """Report a solver step to a model-exchange component; return whether an event follows."""
-        event, end = (self.types["Boolean"]() for _ in range(2))
+        event, end = (self.kind_of("Boolean")() for _ in range(2))
         self.call("CompletedIntegratorStep", True, byref(event), byref(end))
         if end:
             self.box.ended[self.name] = self.box.time
@@ -199,7 +203,7 @@ class Instance(Library):
         """Return a copy of a saved state, made from its bytes; free the state."""
         size, copy = c_size_t(), c_void_p()
         self.call(f"Serialized{self.state_name}Size", state, byref(size))
-        content = (self.types["Byte"] * size.value)()
+        content = (self.kind_of("Byte") * size.value)()
         self.call(f"Serialize{self.state_name}", state, content, size)
         self.free_state(state)
         self.call(self.deserialize, content, size, byref(copy))

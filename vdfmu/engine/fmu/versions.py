@@ -43,7 +43,7 @@ class Instance2(Instance):
     prefix, sized, derivatives_name = "fmi2", False, "GetDerivatives"
     state_name, deserialize = "FMUstate", "DeSerializeFMUstate"
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
-    types = {name: getattr(fmi2, f"fmi2{name}") for name in (*dtypes, "Byte")}  # noqa: RUF012
+    module = fmi2
 
     def _make(self) -> None:
         default = fmi2.defaultCallbacks
@@ -63,7 +63,10 @@ class Instance2(Instance):
 
     def _value_call(self, moved: Transfer) -> Call:
         count, _ = moved.counts
-        function, values = moved.around(self.function(moved.verb + moved.native)), moved.array(self.types[moved.native])
+        function, values = (
+            moved.around(self.function(moved.verb + moved.native)),
+            moved.array(self.kind_of(moved.native)),
+        )
         return function, (self.fmu.component, moved.references, count, values), moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
@@ -119,7 +122,7 @@ class Instance1(Instance2):
     kinds = fmi1.FMU1Slave, fmi1.FMU1Model
     prefix, end_name = "fmi1", "TerminateSlave"
     dtypes = Instance2.dtypes | {"Boolean": np.int8}
-    types = Instance2.types | {"Boolean": fmi1.fmi1Boolean}
+    module = fmi1
     has_ended = Library.has_ended
 
     def symbol(self, name: str) -> str:
@@ -193,7 +196,7 @@ class Instance3(Instance):
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{name: np.dtype(name.lower()) for name in INTEGERS},
     }  # fmt: skip
-    types = {name: getattr(fmi3, f"fmi3{name}") for name in (*dtypes, "Byte")}  # noqa: RUF012
+    module = fmi3
 
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
     """Begin and end of a step, its last update, and the time on the line at which the inputs are held [s]."""
@@ -233,7 +236,7 @@ class Instance3(Instance):
     def _value_call(self, moved: Transfer) -> Call:
         count, n = moved.counts
         sizes = [shared(c_size_t, moved.sizes)] if moved.native == "Binary" else []
-        arguments = self.fmu.component, moved.references, count, *sizes, moved.array(self.types[moved.native]), n
+        arguments = self.fmu.component, moved.references, count, *sizes, moved.array(self.kind_of(moved.native)), n
         return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:

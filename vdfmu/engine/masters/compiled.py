@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import FmuError
 from vdfmu.engine.fmu.access import TEXTS, Ends, Transfer
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.versions import Instance3
@@ -64,14 +63,11 @@ class _Master(Structure):
 @lru_cache
 def _library() -> CDLL | None:
     """Return the compiled loop; None without a compiler or room."""
-    from vdfmu.base.compile import SHOWN, loaded
+    from vdfmu.base.compile import own_library
 
-    source = Path(__file__).with_suffix(".c").read_bytes()
-    try:
-        library = loaded({"compiled.c": SHOWN.encode() + source}, "compiled")
-    except FmuError:
-        return None
-    library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
+    library = own_library(Path(__file__).with_suffix(".c"))
+    if library is not None:
+        library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
     return library
 
 

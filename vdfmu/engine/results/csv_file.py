@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import MOST_FAULTS, CsvFile, open_csv, repeated
-from vdfmu.base.errors import FmuError, UsageError
+from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json, write_whole
 from vdfmu.engine.results.arrays import joined
 from vdfmu.engine.results.formats import Format, Stream
@@ -25,6 +25,8 @@ from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 _BLOCK = 512
 _LONGEST = 25
 """Most characters of a number and its separator: -1.2345678901234567E-308."""
+_TYPES = c_void_p, c_size_t, c_size_t, c_void_p, c_void_p
+"""Types of the arguments of ``write_lines``."""
 
 
 def write_csv(results: Recorded, path: Path) -> None:
@@ -133,15 +135,11 @@ def _lines_of_scipy(table: Floats) -> str:
 @cache
 def _library() -> CDLL | None:
     """Return the compiled ``shortest.c``; None without a compiler or room."""
-    from vdfmu.base.compile import SHOWN, loaded
+    from vdfmu.base.compile import own_library
 
-    source = Path(__file__).with_name("shortest.c").read_bytes()
-    try:
-        library = loaded({"shortest.c": SHOWN.encode() + source}, "shortest")
-    except FmuError:
-        return None
-    library.write_lines.argtypes = [c_void_p, c_size_t, c_size_t, c_void_p, c_void_p]
-    library.write_lines.restype = c_size_t
+    library = own_library(Path(__file__).with_name("shortest.c"))
+    if library is not None:
+        library.write_lines.argtypes, library.write_lines.restype = _TYPES, c_size_t
     return library
 
 

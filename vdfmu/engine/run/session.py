@@ -168,8 +168,11 @@ class RunPlan:
             names, memory, places = exchange.reals(tap.wanted)
             tap.begin(grid, names)
             self.blocks += [Blocks(tap, grid, names, memory, places)] if names else []
-        self.how = _how(session.stepper, lambda: obstacle(self.stepper, exchange))
-        self.compiled = CompiledSteps(exchange, grid, [self.rows, *self.blocks]) if self.how == C else None
+        why = "chosen" if session.stepper == FMPY else obstacle(self.stepper, exchange)
+        if why and session.stepper == C:
+            raise UsageError(f"stepper: must be {FMPY} or {AUTO} here, got {C}. The steps cannot be made in C: {why}.")
+        self.how = f"{FMPY}: {why}" if why else C
+        self.compiled = None if why else CompiledSteps(exchange, grid, [self.rows, *self.blocks])
         self.lasts = self.compiled is not None and self.compiled.lasting and grid.n <= ROWS
         box, advance = session.box, self.stepper.advance
         begin, end, step, n = grid
@@ -180,14 +183,6 @@ class RunPlan:
             advance(time, step if k < last else rest, begin + (k + 1) * step if k < last else end)
 
         self.do_step = do_step
-
-
-def _how(stepper: str, obstacle: Callable[[], str]) -> str:
-    """Return the loop over the steps, with the reason if it is Python for want of C; UsageError if it cannot be C."""
-    why = "" if stepper == FMPY else obstacle()
-    if why and stepper == C:
-        raise UsageError(f"stepper: must be {FMPY} or {AUTO} here, got {C}. The steps cannot be made in C: {why}.")
-    return f"{FMPY}: {why}" if why else FMPY if stepper == FMPY else C
 
 
 def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
