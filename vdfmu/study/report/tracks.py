@@ -35,12 +35,14 @@ from vdfmu.study.analysis.loops import TIED, place_of
 
 NOTCHES = 100.0
 """Places of a slider to either side of 0. Its factor at 0 is 1."""
-_COARSE, _NEAR, _LIMIT = 50.0, 6.25, 1.5625
-"""Largest distance of two places with figures; the least where the margin is not a straight line between two, and where
+_COARSE, _NEAR, _LIMIT = 12.5, 6.25, 1.5625
+"""Largest distance of two places with figures; the least where these are not on a straight line between two, and where
 stability ends: 4 % of a factor of up to 10."""
-_STRAIGHT = 2e-3
-"""Largest difference of the margin from a straight line."""
-_PROBES = (-NOTCHES, -NOTCHES / 2.0, -NOTCHES / 4.0, NOTCHES / 4.0, NOTCHES / 2.0)
+_STRAIGHT = np.array([2e-3, 2e-2])
+"""Largest differences of margin and delay margin [samples] from a straight line."""
+_LATE = 1.5
+"""Delay margin [samples] above which no verdict depends on its value."""
+_PROBES = (-100.0, -50.0, -25.0, -12.5, 12.5, 25.0, 50.0)
 """Places of a slider at which all rows are tried; others at the rows that are the worst there, and in the run."""
 _ROUNDING = 1e-9
 """Rounding of derivatives that are in proportion, relative."""
@@ -199,13 +201,13 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any]) -> Track | None:
     def halve(near: float, far: float) -> None:
         """Add places between two: where stability ends, and where the margin is not a straight line."""
         pair, distance = (figures(near, rows), figures(far, rows)), abs(far - near)
-        margins = [_margin(each) for each in pair]
-        ends = len({(margin > 0.0, "unstable" in each) for margin, each in zip(margins, pair, strict=True)}) > 1
-        if distance <= (_LIMIT if ends else _NEAR) or not any(margins) and not ends:
+        margins = np.array([_margins(each) for each in pair])
+        ends = len({(margin > 0.0, "unstable" in each) for (margin, _), each in zip(margins, pair, strict=True)}) > 1
+        if distance <= (_LIMIT if ends else _NEAR) or not margins.any() and not ends:
             return
         middle = (near + far) / 2.0
-        bent = abs(_margin(figures(middle, rows)) - sum(margins) / 2.0) > _STRAIGHT
-        if ends or bent or distance > _COARSE:
+        bent = np.abs(_margins(figures(middle, rows)) - margins.mean(axis=0)) > _STRAIGHT
+        if ends or bent.any() or distance > _COARSE:
             halve(near, middle)
             halve(middle, far)
 
@@ -215,12 +217,14 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any]) -> Track | None:
     halve(0.0, -NOTCHES)
     halve(0.0, NOTCHES)
     places = sorted(at)
-    stable = [place for place in places if _margin(at[place])]
+    stable = [place for place in places if _margins(at[place])[0]]
     ends = (stable[0], stable[-1]) if stable else (0.0, 0.0)
     limits = [None if abs(end) == NOTCHES else end for end in ends]
     track = {"places": places, "figures": [at[place] for place in places], "limits": limits}
     return track | {"still": True} if loops.still else track
 
 
-def _margin(figures: Figures) -> float:
-    return figures.get("margin", {}).get("value", 0.0)
+def _margins(figures: Figures) -> Floats:
+    """Return modulus and delay margin; 0 without."""
+    margin, delay = (figures.get(key, {}).get("value", 0.0) for key in ("margin", "delay"))
+    return np.array([margin, min(delay, _LATE)])

@@ -1,6 +1,7 @@
 // The figures of the runs, with one selector of joints and one zoom for all.
 
 import {
+  button,
   COLOURS,
   curvesOf,
   make,
@@ -78,30 +79,22 @@ function jointChips() {
 function jointChip(joint, count) {
   const focus = (one) => () => view.change("focus", one),
     alone = () => view.isolate(joint, count);
-  return make(
-    "button",
+  return button(
+    String(joint),
+    ({ altKey }) =>
+      altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint)),
     {
-      type: "button",
       class: "chip",
       "aria-pressed": "true",
       "aria-label": `Joint ${joint}`,
       style: `--chip:var(--joint-${((joint - 1) % COLOURS) + 1})`,
-      title: `Joint ${joint}: a click hides it, Alt and a click (or Enter), or a double click, show it alone`,
-      click: (event) =>
-        event.altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint)),
-      keydown: (event) => {
-        if (event.altKey && event.key === "Enter") {
-          event.preventDefault();
-          alone();
-        }
-      },
+      title: `A click hides joint ${joint}; a double click, or Alt and Enter, shows it alone`,
       dblclick: alone,
       mouseenter: focus(joint),
       mouseleave: focus(null),
       focus: focus(joint),
       blur: focus(null),
     },
-    String(joint),
   );
 }
 
@@ -134,14 +127,10 @@ function runChips() {
 
 /** Ends a zoom. */
 function zoomButton() {
-  const button = make(
-    "button",
-    { type: "button", title: "Show the whole run", click: () => view.change("range", null) },
-    "All",
-  );
+  const title = "Show the whole run",
+    all = button("All", () => view.change("range", null), { title, hidden: true });
   view.addEventListener("range", () => {
-    button.hidden = !view.range;
+    all.hidden = !view.range;
   });
-  button.hidden = true;
-  return button;
+  return all;
 }

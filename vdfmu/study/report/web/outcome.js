@@ -2,7 +2,7 @@
 
 import { make, recorded, rowsOf } from "./data.js";
 import { quantity, text } from "./numbers.js";
-import { UNJUDGED, upper } from "./verdict.js";
+import { UNJUDGED, lower, upper } from "./verdict.js";
 
 /** Least change that is better or worse. */
 const CLEAR = 0.05;
@@ -53,12 +53,8 @@ function measured(run, figures, tile) {
   return shown?.time.length && name in MEASURES ? MEASURES[name](shown, run.simulation) : null;
 }
 
-const kept = new WeakMap(); // element to what it was for the recorded run
-
-function keep(element, facts) {
-  if (!kept.has(element)) kept.set(element, facts());
-  return kept.get(element);
-}
+/** What an element was for the recorded run. */
+const keep = (element, facts) => (element.recorded ??= facts());
 
 /** Tell the verdict on a simulated run where the recorded one's was; null tells that again. */
 export function tell(of, verdict) {
@@ -70,7 +66,7 @@ export function tell(of, verdict) {
   line.className = verdict ? `verdict ${verdict.state}` : was.state;
   if (verdict)
     line.replaceChildren(
-      `Simulated, ${verdict.headline.charAt(0).toLowerCase()}${verdict.headline.slice(1)} `,
+      `Simulated, ${lower(verdict.headline)} `,
       make("small", {}, verdict.results),
     );
   else line.replaceChildren(...was.content);

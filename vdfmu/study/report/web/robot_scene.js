@@ -127,13 +127,9 @@ export class RobotScene extends Scene3D {
 
   render() {
     super.render();
-    const { clientWidth: width, clientHeight: height } = this.host;
     for (const { parent, anchor, span } of this.labels) {
-      const { x, y } = new vendor.Vector3()
-        .setFromMatrixPosition(anchor.matrixWorld)
-        .project(this.camera);
       span.style.visibility = parent.visible ? "visible" : "hidden";
-      span.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, -50%)`;
+      this.write(span, new vendor.Vector3().setFromMatrixPosition(anchor.matrixWorld), "-50%");
     }
   }
 }

@@ -1,10 +1,13 @@
 // The panel that simulates: sliders, the page's own run, and what it found beside what was recorded.
 
 import {
+  bar,
   binaries,
+  button,
   choice,
   largest,
   make,
+  names,
   NOTHING,
   recorded,
   rowsOf,
@@ -39,26 +42,16 @@ class Simulation {
     this.judged = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
     this.detail = make("p", { class: "failure", hidden: true });
-    this.back = make("button", { type: "button", click: () => this.reset() }, "Reset");
+    this.back = button("Reset", () => this.reset());
     this.legend = make("p", { class: "note" });
     this.knobs = make("div", { class: "knobs" });
     this.results = make("table", { class: "numbers" });
     this.joint = choice("", [], (k) => this.chooseJoint(Number(k)));
     this.joint.firstChild.setAttribute("aria-label", "Joint of the sliders");
     section.append(
-      make(
-        "div",
-        { class: "bar" },
+      bar(
         make("h2", {}, "Simulate"),
-        ...(able.length > 1
-          ? [
-              choice(
-                "Run",
-                able.map((run, k) => [k, run.name]),
-                (k) => this.choose(able[k]),
-              ),
-            ]
-          : []),
+        able.length > 1 && choice("Run", names(able), (k) => this.choose(able[k])),
         this.joint,
         this.back,
         this.status,
@@ -116,23 +109,18 @@ class Simulation {
     );
     this.joint.hidden = joints < 2;
     this.back.hidden = !knobs.length;
-    this.tracked = why || this.sliders.some(({ tracked }) => tracked);
-    const colours = [
-      [
-        "good",
-        `margin at least ${text(rows.margin.value, 2)}, delay ${text(rows.delay.value, 2)} samples`,
-      ],
-      ["fair", "less"],
-      ["poor", "none"],
-    ];
+    const tracks = knobs.map(({ track }) => track).filter(Boolean);
+    this.tracked = why || tracks.length;
+    const [margin, delay] = [rows.margin, rows.delay].map(({ value }) => text(value, 2)),
+      good = `margin at least ${margin}, delay ${delay} samples`;
     this.legend.replaceChildren(
       ...(why
         ? [`No margins along the sliders: ${why}.`]
-        : colours.map(([colour, words]) =>
+        : Object.entries({ good, fair: "less", poor: "none" }).map(([colour, words]) =>
             make("span", { class: "key" }, make("i", { class: colour }), words),
           )),
     );
-    this.legend.title = `Modulus margin of the loops, linearised along the recorded run${this.sliders.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved`;
+    this.legend.title = `Modulus margin of the loops, linearised along the recorded run${tracks.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved`;
     this.legend.hidden = !this.tracked;
     this.budget.of(run);
     this.recall();
