@@ -132,7 +132,7 @@ class _MovedLoops:
             changes = {unit: dict(values) for unit, values in self.still.items()}
             for target in knob["targets"]:
                 values = self.parameters[target["unit"]].items()
-                new = {name: by * value for name, value in values if name.partition("[")[0] == target["name"]}
+                new = {name: by * value for name, value in values if target["name"] in (name, name.partition("[")[0])}
                 changes.setdefault(target["unit"], {}).update(new)
             moved = self._poses.moved(changes, [row for row, _ in self.alike.values()])
             pairs = [(more, loop) for more, (_, loop) in zip(moved, self.alike.values(), strict=True)]

@@ -16,7 +16,7 @@ export const binaries = content.binaries;
 /** The result of no simulation. */
 export const NOTHING = { time: new Float64Array(), signals: new Map() };
 
-/** The run that the page simulates: one more run, which shows what the recorded one that it is `of` shows, from its `result`. @type {any} */
+/** The run that the page simulates: it shows what the recorded run that it is `of` shows, from its `result`. @type {any} */
 export const simulated = new Proxy(
   { name: "simulated", of: runs.find((run) => run.simulation?.units), result: NOTHING },
   { get: (own, key) => (key in own ? own[key] : own.of?.[key]) },
@@ -60,7 +60,7 @@ export function unpack(place, Kind = Float32Array) {
   return new Kind(bytes.buffer);
 }
 
-/** The last row but one that is not later than a time, and the share of the way from there to the next. */
+/** A row at or before a time, and the share of the way to the next. */
 export function placeAt(time, t) {
   let low = 0,
     high = time.length - 1;

@@ -52,7 +52,7 @@ export class Player {
     return Math.max(...this.scene.puppets.map(({ motion }) => motion.time.at(-1)));
   }
 
-  /** The wheel scrolls the page; with Ctrl, or after a click into the scene until the pointer leaves it, it zooms. */
+  /** The wheel scrolls the page; with Ctrl, or after a click into the scene, it zooms. */
   letWheelPass(host) {
     let inside = false;
     host.addEventListener("pointerdown", () => {

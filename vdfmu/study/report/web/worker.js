@@ -55,7 +55,7 @@ export class SimulationWorker {
   }
 }
 
-/** Largest difference of the signals by which a run is judged from those recorded, at the rows which the page has of them. */
+/** Largest difference from the recorded rows, of the signals by which a run is judged. */
 export function difference(simulation, { signals }) {
   const { rows, names, values, judged, limit } = simulation.recorded,
     recorded = unpack(values, Float64Array);
