@@ -241,7 +241,7 @@ def _stacked(loops: Sequence[Loop]) -> tuple[Any, Any, Any]:
         return 1.0 / (1.0 + (1.0 / (z[:, :, None] - poles[:, None])) @ parts)
 
     spaced = _spaced(_SLOWEST * np.pi / first.step, np.pi / first.step, _COARSE)
-    swinging = np.take_along_axis(s, np.argsort(-s.imag)[:, : (s.shape[1] + 1) // 2], axis=1)[:, :, None]
+    swinging: Any = np.take_along_axis(s, np.argsort(-s.imag)[:, : (s.shape[1] + 1) // 2], axis=1)[:, :, None]
     near = swinging.imag + np.abs(swinging.real) * _AROUND
     w = np.hstack([np.tile(spaced, (len(s), 1)), near.reshape(len(s), -1)])
     w = np.sort(np.clip(w, *spaced[[0, -1]]))

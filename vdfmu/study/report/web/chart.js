@@ -5,7 +5,6 @@ import {
   colourOf,
   darkScheme,
   inkOf,
-  largest,
   make,
   recorded,
   runs,
@@ -13,7 +12,7 @@ import {
   toggle,
   view,
 } from "./data.js";
-import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
+import { drawEnds, endsOf, keyOf, roomForNames, worstOf } from "./labels.js";
 import { saveMenu } from "./save.js";
 import { fitted, raised, text } from "./numbers.js";
 import { decades, nearest, padded } from "./scales.js";
@@ -25,17 +24,6 @@ const HEIGHT = 240;
 const PALE = 0.4,
   FADED = 0.15;
 const NEAR = 14; // px, of the pointer to a curve
-const MOST_JOINTS = 8, // of a figure with a curve for each
-  WORST_JOINTS = 3;
-
-/** Of many joints those with the largest values, else null. */
-function worstOf(curves) {
-  const peaks = new Map();
-  for (const { joint, dashed, values } of curves)
-    if (joint && !dashed) peaks.set(joint, Math.max(peaks.get(joint) ?? 0, largest(values)));
-  const first = [...peaks].sort((a, b) => b[1] - a[1]).slice(0, WORST_JOINTS);
-  return peaks.size > MOST_JOINTS ? first.map(([joint]) => joint).sort((a, b) => a - b) : null;
-}
 
 export class Chart {
   /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */

@@ -1,4 +1,4 @@
-// A slider of a parameter, on a track that shows the modulus margin: green, amber, red, and where the loops become unstable.
+// A slider of a parameter, on a track of the modulus margin: green, amber, red, and the limit of stability.
 
 import { make, toggle } from "./data.js";
 import { text } from "./numbers.js";
