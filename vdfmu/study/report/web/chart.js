@@ -26,7 +26,7 @@ const PALE = 0.4,
 const NEAR = 14; // px, of the pointer to a curve
 
 export class Chart {
-  /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */
+  /** `curves` gives them: called when the chart first comes into sight, and when simulated ones change. */
   constructor(title, unit, curves) {
     this.title = title;
     this.unit = unit;

@@ -14,7 +14,7 @@ import {
 } from "./data.js";
 import { Chart } from "./chart.js";
 
-/** Fill the section of the figures; `more` are figures that the page has calculated, for beside the tracking errors: key, title, unit and a function that gives the curves. */
+/** Fill the section of the figures; `more` are calculated ones, for beside the tracking errors: key, title, unit and a function that gives the curves. */
 export function showFigures(section, more) {
   const several = recorded.length > 1; // then dashes are for the runs, and what is desired is not drawn
   const packed = [...merged("figures")].map(([key, { title, unit }]) => ({

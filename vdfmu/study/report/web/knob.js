@@ -147,7 +147,7 @@ export class Knob {
     return from || to ? `stable ${from ? `from × ${from}` : `up to × ${to}`}` : "";
   }
 
-  /** Places that this slider has left 1 for: words with the factor, figures of the loops there, and the limit of stability. */
+  /** Places other than 1: words with the factor, figures of the loops there, and the limit of stability. */
   moved() {
     return this.places.flatMap((place, k) => {
       if (!place) return [];

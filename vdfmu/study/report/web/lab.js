@@ -235,7 +235,7 @@ function rangeInputs(lab) {
   return make("details", { class: "ranges" }, make("summary", {}, "Choose by numbers"), ...rows);
 }
 
-/** The chosen point: values, why it failed, its command, what was kept of it, and whether the page runs it. */
+/** The chosen point: values, failure, command, curves, and whether the page runs it. */
 function pointPanel(lab, bench) {
   const panel = make("div", { class: "panel", role: "region", "aria-label": "The chosen point" });
   const step = (by) => () => {

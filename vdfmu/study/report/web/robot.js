@@ -243,7 +243,7 @@ function still() {
 
 let moving = false;
 
-/** Draw the arm at the pose, or the mode that is chosen about it: undamped, or still at its largest where motion is not wanted. */
+/** Draw the arm at the pose, or the mode that is chosen: undamped, or still at its largest where motion is not wanted. */
 function draw() {
   if (!scene || moving) {
     showPose();

@@ -104,7 +104,7 @@ export class RobotScene extends Scene3D {
     this.pose(this.q ?? this.run.arm.types.map(() => 0));
   }
 
-  /** Position [m] and roll, pitch and yaw [rad] of the end effector in {I}, at the pose that is drawn; roll is 0 where only its sum or difference with yaw counts. */
+  /** Position [m] and roll, pitch and yaw [rad] of the end effector in {I}, at the pose that is drawn; roll is 0 where pitch is ±90°. */
   toolPose() {
     const m = this.chain.tool.matrixWorld.elements, // column by column
       flat = Math.hypot(m[0], m[1]),

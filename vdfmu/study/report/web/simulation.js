@@ -112,7 +112,7 @@ class Simulation {
     const tracks = knobs.map(({ track }) => track).filter(Boolean);
     this.tracked = why || tracks.length;
     const [margin, delay] = [rows.margin, rows.delay].map(({ value }) => text(value, 2)),
-      good = `margin at least ${margin}, delay ${delay} samples`;
+      good = `margin at least ${margin}, delay ${delay} ${delay === "1" ? "sample" : "samples"}`;
     this.legend.replaceChildren(
       ...(why
         ? [`No margins along the sliders: ${why}.`]
@@ -222,7 +222,7 @@ class Simulation {
         : null;
     Object.assign(this, { verdict: verdict, figures: { ...figures, ...loops } });
     tell(of, verdict);
-    showTiles(of, verdict && end !== null ? run : null, { ...figures, ...loops });
+    showTiles(of, verdict && end !== null ? run : null, { ...figures, ...loops }, !failure);
     this.judged.replaceChildren(...(verdict ? listed(verdict) : []));
     this.judged.parentElement.hidden = !verdict;
     const unstable = loops?.unstable ?? (loops?.margin.value === 0 ? loops.margin : null),
@@ -357,7 +357,7 @@ export function peaksOf(run, until = Infinity) {
   return found;
 }
 
-/** Fill the sections of the simulation. Why a run has no sliders is told among its facts. */
+/** Fill the sections of the simulation, and say among the facts why a run has no sliders. */
 export function showSimulation(section, found) {
   const able = recorded.filter((run) => run.simulation?.units),
     others = recorded.filter((run) => run.simulation?.reason);

@@ -30,14 +30,15 @@ export class Timeline {
     );
     this.line.innerHTML = `<svg viewBox="0 0 ${SPARK[0]} ${SPARK[1]}" preserveAspectRatio="none">${paths.map((path, k) => (path ? `<path class="${k ? "second" : ""}" d="M${path}"/>` : "")).join("")}</svg>`;
     this.marks.replaceChildren(
-      ...(run.marks ?? []).map(({ time, words, bad }) =>
-        button("", () => view.change("time", time), {
+      ...(run.marks ?? []).map(({ time, words, bad }) => {
+        const title = `Go to ${quantity(time, "s")}: ${words}`;
+        return button("", () => view.change("time", time), {
           class: bad ? "bad" : "",
           style: `left:${100 * share(time)}%`,
-          title: `${words}, ${quantity(time, "s")}`,
-          "aria-label": `Go to ${quantity(time, "s")}: ${words}`,
-        }),
-      ),
+          title,
+          "aria-label": title,
+        });
+      }),
     );
   }
 }
