@@ -42,8 +42,9 @@ _STRAIGHT = np.array([2e-3, 2e-2])
 """Largest differences of margin and delay margin [samples] from a straight line."""
 _LATE = 1.5
 """Delay margin [samples] above which no verdict depends on its value."""
-_PROBES = (-100.0, -50.0, -25.0, -12.5, 12.5, 25.0, 50.0)
-"""Places of a slider at which all rows are tried; others at the rows that are the worst there, and in the run."""
+_PROBES, _EVERY = (12.5, 25.0, 50.0, NOTCHES), 2
+"""Places to either side at which every second row is tried, up to an unstable one; others have the rows that are the
+worst there, and in the run."""
 _ROUNDING = 1e-9
 """Rounding of derivatives that are in proportion, relative."""
 
@@ -211,8 +212,10 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any]) -> Track | None:
             halve(near, middle)
             halve(middle, far)
 
-    for place in _PROBES:
-        figures(place, loops.every)
+    for side in (-1.0, 1.0):
+        for place in _PROBES:
+            if "unstable" in figures(side * place, sorted({*loops.every[::_EVERY], *worst})):
+                break
     rows = sorted(worst)
     halve(0.0, -NOTCHES)
     halve(0.0, NOTCHES)

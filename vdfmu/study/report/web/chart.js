@@ -34,7 +34,7 @@ export class Chart {
     this.log = false;
     this.seen = false;
     this.stale = true;
-    /** Of many joints those with the largest values. @type {number[] | null} */
+    /** See `worstOf`. @type {number[] | null} */
     this.worst = null;
     this.unitText = make("span", { class: "unit" }, unit);
     this.place = make("div", {
