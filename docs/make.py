@@ -1,6 +1,7 @@
 """Build the documentation: write the pages that are made from the code, then all as HTML.
 
-``python docs/make.py --reference`` only writes the pages of `docs/reference` that are made from the code.
+``python docs/make.py --reference`` only writes the pages of `docs/reference` that are made from the code, and the
+files of `ssp/tracking`.
 
 ``site`` gets a folder for the version, ``site/0.1`` or ``site/dev``, and keeps those of other versions.
 """
@@ -24,6 +25,9 @@ from versions import add_version, version_name
 
 import vdfmu
 from vdfmu.base.files import write_whole
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.write import system_texts
+from vdfmu.system.scenario.replace import unfolded
 
 DOCS = Path(__file__).resolve().parent
 PAGES = {
@@ -43,16 +47,23 @@ LIVE = ("tracking", "wall")
 _SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
 
 
+def ssp_texts() -> dict[str, bytes]:
+    """Return the files of ``ssp/tracking``: what the package of the paper's tracking study has besides its FMUs."""
+    return system_texts(SystemDescription(unfolded(vdfmu.load_scenario("tracking"))))
+
+
 def main() -> int:
     """Write the pages, build them, and add them to a folder of versions; return the exit code."""
     parser = argparse.ArgumentParser(description="Build the documentation into a folder of versions, beside others.")
     parser.add_argument("--into", type=Path, default=DOCS.parent / "site", metavar="FOLDER")
     changelog = (DOCS.parent / "CHANGELOG.md").read_text(encoding="utf-8")
-    parser.add_argument("--reference", action="store_true", help="only write the pages made from the code")
+    parser.add_argument("--reference", action="store_true", help="only write what is made from the code")
     parser.add_argument("--name", default=version_name(changelog), help="folder of this version, %(default)s")
     arguments = parser.parse_args()
     for name, made in PAGES.items():
         write_whole(DOCS / name, [made().encode()])
+    for name, text in ssp_texts().items():
+        write_whole(DOCS.parent / "ssp" / "tracking" / name, [text])
     if arguments.reference:
         return 0
     for name in NOTEBOOKS:

@@ -90,13 +90,14 @@ def test_each_class_has_a_name_of_its_own():
 def test_a_variable_says_what_it_holds():
     """Rule 7 of the plain words, for variables, parameters, fields and functions."""
     empty = {"found", "one", "given", "known", "own", "told", "what", "that", "those", "others", "nothing"}
-    further = [
+    further = {
         path for folder in ("tests", "benchmarks", "examples", "docs") for path in (ROOT.parent / folder).rglob("*.py")
-    ]
+    }
     trees = _trees() | {path: ast.parse(path.read_text(encoding="utf-8")) for path in further}
     for path, tree in trees.items():
+        is_further = path in further
         for node in ast.walk(tree):
-            if isinstance(getattr(node, "ctx", None), ast.Load) and path in further:
+            if is_further and isinstance(getattr(node, "ctx", None), ast.Load):
                 continue  # such as hypothesis' given
             name = getattr(node, "id", None) or getattr(node, "arg", None) or getattr(node, "attr", None)
             name = node.name if isinstance(node, ast.FunctionDef | ast.ExceptHandler) else name

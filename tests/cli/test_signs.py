@@ -63,7 +63,9 @@ def test_a_line_and_a_bar_move_while_a_command_works():
     assert shown.text.count("\x1b[?25h") == shown.text.count("\x1b[?25l") > 0  # the cursor is back
 
 
-@pytest.mark.parametrize("words", ["sweep -q plot nowhere", "sweep --verbose plot nowhere", "sweep plot nowhere -q"])
+@pytest.mark.parametrize("words", [
+    "sweep -q report nowhere", "sweep --verbose report nowhere", "sweep report nowhere -q",
+])  # fmt: skip
 def test_options_of_all_may_come_before_the_command_of_a_group(words):
     done = CliRunner().invoke(app, words.split())
     assert str(done.exception).startswith("nowhere"), done.exception

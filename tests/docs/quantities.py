@@ -3,13 +3,21 @@
 import numpy as np
 
 import vdfmu
+from vdfmu.arm.equations.friction import stribeck_friction
+from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.robot.catalogue import catalogue, fit_spring
 from vdfmu.arm.units import find_unit as find_unit
 from vdfmu.arm.units import shipped_units
 from vdfmu.arm.units.devices.encoder import PAST as PAST
 from vdfmu.compiler.functions.rodas import ALPHA as ALPHA
 from vdfmu.compiler.functions.rodas import GAMMA_I as GAMMA_I
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.inspect import abilities as abilities
+from vdfmu.engine.inspect import reference as reference
+from vdfmu.engine.inspect import trial as trial
+from vdfmu.engine.package import limits as limits
+from vdfmu.study import coupling_error as coupling_error
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 
@@ -57,3 +65,53 @@ def friction_rate():
     """Return the largest rate [1/s] that friction near standstill adds to the paper's arm."""
     arm = vdfmu.load_robot("manipulator_6dof")
     return (arm.f_s / (arm.eps * arm.ell * arm.I_m)).max()
+
+
+def steepest_fall():
+    """Return the steepest slope [N.m.s/rad] of the friction (54) of the paper's arm."""
+    arm, velocities = vdfmu.load_robot("manipulator_6dof"), np.linspace(0.01, 0.4, 4000)
+    return np.gradient([stribeck_friction(arm, np.full(N, v)) for v in velocities], velocities, axis=0).min()
+
+
+def growth(source, share=1.0):
+    """Return the largest real parts [1/s] of the loop of `tracking` at 0.5 rad/s, at poses of (57).
+
+    K_v acts on `source`, "kappa_dot" or "q_dot", both gains with a `share`. Nothing is sampled.
+    """
+    scenario = load_scenario("tracking")
+    arm, jacobian = scenario.robot, plant_jacobian(scenario.robot)
+    K_p, K_v = (share * group_value(scenario, f"controller.{name}") for name in ("K_p", "K_v"))
+    rotor, rates = slice(2 * N, 3 * N), []
+    velocity = rotor if source == "kappa_dot" else slice(N, 2 * N)
+    for s in (0.0, 0.5, 1.0):
+        q = s * END
+        J = jacobian(np.concatenate([q, np.full(2 * N, 0.5), equilibrium_torque(arm, q)]))
+        J[rotor, :N] -= np.diag(K_p / arm.ell / arm.I_m)
+        J[rotor, velocity] -= np.diag(K_v / arm.ell / arm.I_m)
+        rates.append(np.linalg.eigvals(J).real.max())
+    return rates
+
+
+def spring_fits():
+    """Return the deviation of (2)-(3) from the catalogue for each gear, in % of the largest torsion."""
+    return [
+        100.0
+        * fit_spring(gear["ratio"], [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]], gear["repeated"])[2]
+        for gear in catalogue()["gears"].values()
+    ]
+
+
+def contact_dampings():
+    """Return the dampings [N.s/m] at the end of `wall`: least, actual, largest along the normal; actual, largest along.
+
+    They are k h / 2, c N and 2 m / h with the apparent mass m of the arm; mu N / v_eps and 2 m / h.
+    """
+    scenario = load_scenario("wall")
+    results = vdfmu.run(scenario, reference=False, out=False)
+    q, R, normal = (results[name][-1] for name in ("plant.q", "plant.R_O", "wall.N"))
+    wall, J = scenario.sections["wall"], jacobian(scenario.robot, q)
+    levers = [np.concatenate([R.T @ axis, np.zeros(3)]) @ J for axis in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])]
+    M = vdfmu.mass_matrix(scenario.robot, q)
+    across, along = (2.0 / scenario.step / (lever @ np.linalg.solve(M, lever)) for lever in levers)
+    sliding = wall["mu"] * normal / find_unit("wall").declared["v_eps"].start
+    return 0.5 * wall["k"] * scenario.step, wall["c"] * normal, across, sliding, along

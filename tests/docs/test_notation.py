@@ -128,7 +128,7 @@ def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(mon
     monkeypatch.syspath_prepend(DOCS)
     pages = importlib.import_module("reference_pages")
     commands, keys = pages.command_line_page(), pages.scenario_file_page()
-    for name in ("run", "sweep", "sweep plot", "robot import", "doctor", "unit new"):
+    for name in ("run", "sweep", "sweep indices", "robot import", "doctor", "unit new"):
         assert f"# vdfmu {name}\n" in commands
     for option in (
         "`--set` `NAME=VALUE`",
@@ -162,3 +162,13 @@ def test_a_kept_page_of_the_reference_is_as_the_code_makes_it(page, monkeypatch)
     assert (DOCS / "reference" / f"{page}.md").read_text(encoding="utf-8") == made, (
         "run python docs/make.py --reference"
     )
+
+
+def test_the_ssp_of_tracking_is_as_the_writer_makes_it(monkeypatch):
+    """Without its FMUs, so that a difference of the text shows what changes for other tools."""
+    monkeypatch.syspath_prepend(DOCS)
+    folder, made = DOCS.parent / "ssp" / "tracking", importlib.import_module("make").ssp_texts()
+    kept = {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*.ss*")}
+    assert {*kept} == {*made} and len(made) == 9
+    for name, text in made.items():
+        assert kept[name] == text, f"{name}: run python docs/make.py --reference"

@@ -115,11 +115,6 @@ def scenario_name(place: Path) -> Look:
     return _studied(place, "sweep", "report", scenario=str(victim))
 
 
-def measure_name(place: Path) -> Look:
-    """Draw a study whose measure has the name of a file elsewhere."""
-    return _studied(place, "sweep", "plot", measures={"../written": "1"})
-
-
 def page_link(place: Path) -> Look:
     """Report a run whose page is a link to another page."""
     other = place.with_name("other.html")
@@ -167,7 +162,7 @@ def external(place: Path, *more: str) -> Look:
 
 
 LOOKS = (
-    native, sources, study_code, point_code, scenario_name, measure_name, page_link, folder_link, list_link, compiled,
+    native, sources, study_code, point_code, scenario_name, page_link, folder_link, list_link, compiled,
     external,
 )  # fmt: skip
 

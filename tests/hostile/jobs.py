@@ -79,7 +79,6 @@ JOBS = {
     "sweep, half done": Job(_SWEEP, (_SWEEP, _half)),
     "sweep, done": Job(_SWEEP, (_SWEEP,)),
     "sweep report": Job(("sweep", "report", "out"), (_SWEEP,)),
-    "sweep plot": Job(("sweep", "plot", "out"), (_SWEEP,)),
     "tune": Job((*_TUNE, "3")),
     "tune, more": Job((*_TUNE, "5"), ((*_TUNE, "3"),)),
     "build": Job(BUILD, ((*BUILD, *OTHER),)),

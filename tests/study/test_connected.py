@@ -95,9 +95,8 @@ def test_all_faults_of_names_come_at_once_and_misfits_name_both_ends():
         vdfmu.connect({"arm": "plant"}, {"arm.q": "arm.tau"}, robot="planar_2dof")
 
 
-def test_one_fmu_is_a_system_whose_instance_keeps_its_components(fmus):
-    system = vdfmu.load(fmus["2.0"])
-    with system.instance({"lag_2.u": 2.0}) as instance:
+def test_one_fmu_is_a_system_whose_instance_keeps_its_components_and_files(fmus):
+    with vdfmu.load(fmus["2.0"]).instance({"lag_2.u": 2.0}) as instance:
         ends = [instance.run(stop=0.2, step=0.01, parameters={"lag_2.T": T})["lag_2.y"][-1] for T in (0.1, 0.2)]
     assert ends == pytest.approx([2.0 * (1.0 - math.exp(-0.2 / T)) for T in (0.1, 0.2)], abs=2e-6)  # 1e-6 of a solver
 

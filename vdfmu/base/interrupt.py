@@ -99,7 +99,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
     of ``Stopped.__del__`` and of the callback of an import that frees its lock. Such a signal would be lost.
     """
     global _last, _deferred
-    if _guards and not _guards[0].number:
+    if _guards and not _guards[-1].number:
         for guard in _guards:
             guard.number = number
         _deferred = time.monotonic()
@@ -150,7 +150,8 @@ class InterruptGuard:
         self._taken: list[tuple[int, Any]] = []
 
     def __enter__(self) -> InterruptGuard:
-        self._taken = [] if _command or _guards else _listen(signal.SIGINT)  # they handle it already
+        # `_guards` does not say whether one of them handles it: a generator that nobody ended keeps its guard
+        self._taken = [] if _command else _listen(signal.SIGINT)
         if _in_main_thread():
             _guards.append(self)
         return self

@@ -121,10 +121,15 @@ def run_again(words: Sequence[str], code: str) -> int:
         if os.name == "posix":  # on Windows the console sends it to all processes
             process.send_signal(number)
 
-    for number in SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, pass_on)
-    returned = process.wait()
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    taken = {number: handler for number, handler in before.items() if handler != signal.SIG_IGN}
+    for number in taken:
+        signal.signal(number, pass_on)
+    try:
+        returned = process.wait()
+    finally:
+        for number, handler in taken.items():
+            signal.signal(number, handler)
     os.set_blocking(reader, False)
     said = b""
     with suppress(BlockingIOError):  # a process that the code left behind still holds the pipe

@@ -64,21 +64,6 @@ ByOption = Annotated[str | None, Option("Measure or column (default the first)."
     more="Of a measure with several elements the largest counts.")]  # fmt: skip
 
 
-@app.command(example="vdfmu sweep plot results/sweep_tracking --by error")
-@meets_code(LOOKS)
-def plot(
-    study: StudyArgument,
-    by: ByOption = None,
-    kind: Annotated[str | None, Option("Figure (default all that fit).",
-        choices=("curve", "tornado", "indices"))] = None,
-    out: Annotated[Path | None, Option("Folder (default the study's).")] = None,
-) -> None:  # fmt: skip
-    """Draw a measure of a study over its axes."""
-    from vdfmu.study.sweeps.sweep import Sweep
-
-    say_written(*Sweep(study).plot(kind, by, out))
-
-
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
 @meets_code(LOOKS)
 def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:

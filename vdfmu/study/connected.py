@@ -141,7 +141,9 @@ class System:
     @checks_types
     def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
         """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
-        return Simulator(self.path, **self._with(values, **options))
+        simulator = Simulator(self.path, **self._with(values, **options))
+        simulator.owner = self._keep
+        return simulator
 
     @checks_types
     def check(self, run: bool = True) -> Report:

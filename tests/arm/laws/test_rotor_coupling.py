@@ -50,7 +50,7 @@ def test_the_first_rotor_stands_on_the_ground(coupled, draw):
 def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees_and_the_inverse_by_a_microradian(
     coupled, arm, plant_solver
 ):
-    """The figures of docs/model.md: from q = 0 and static equilibrium, 0.5 s, joint 5."""
+    """From q = 0 and static equilibrium, 0.5 s, joint 5."""
     for friction, degrees in ((1.0, 0.307), (0.0, 0.393)):
         ends = []
         for robot in (coupled, arm):

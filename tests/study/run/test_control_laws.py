@@ -5,6 +5,8 @@ delta, must come from its feedback: statically, the error is K^-1 delta with the
 of a joint. A step of delta makes at most twice that in a loop of second order. Along a slow motion, that is the bound.
 """
 
+import runpy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,32 +16,15 @@ import vdfmu
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.lqr import state_gains
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 
-LAWS = ("computed_torque", "joint_torque", "pd_gravity", "state_feedback")
-SCENARIOS = {"planar_tracking": 2.0, "tracking": 10.0}
-SHARE = {"planar_tracking": [0.5, 0.5], "tracking": [0.5, 0.5, 0.6, 0.9, 0.9, 1.0]}
-K_P = {"tracking": [2000.0, 2000.0, 2000.0, 1000.0, 1000.0, 500.0]}  # what its damping, less than the PD's, bears
-K_V = {"planar_tracking": [20.0, 10.0], "tracking": [25.0, 25.0, 20.0, 20.0, 20.0, 20.0]}
-
-
-def gains_of(law: str, scenario: str) -> dict[str, Any]:
-    """Return what is set of the law, in addition to what the scenario has."""
-    loaded = load_scenario(scenario)
-    gains = {name: np.array(loaded.sections["controller"][name]) for name in ("K_p", "K_v")}
-    if law == "state_feedback":
-        ends = loaded.sections["trajectory"]
-        middle = (np.array(ends["q_start"]) + np.array(ends["q_end"])) / 2.0
-        return state_gains(loaded.arm, middle, error=1e-3, rate=0.02, torque=0.01)._asdict()
-    if law == "joint_torque":
-        gains["K_p"] = np.array(K_P.get(scenario, gains["K_p"]))
-        return gains | {"K_v": np.array(K_V[scenario]), "share": np.array(SHARE[scenario])}
-    if law == "computed_torque":
-        return {"k_p": 2500.0, "k_v": 100.0, "K_v": np.full(loaded.arm.n, 20.0)}
-    return gains
+EXAMPLE = runpy.run_path(str(Path(__file__).parents[3] / "examples/control_laws.py"))
+"""The example of docs/laws.md, which has the gains."""
+gains_of, run = EXAMPLE["gains_of"], EXAMPLE["run"]
+LAWS = [law for law in EXAMPLE["LAWS"] if law != "controller"]
+SCENARIOS = ("planar_tracking", "tracking")
 
 
 def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, Any]) -> np.ndarray:
@@ -61,7 +46,7 @@ def settings(gains: dict[str, Any]) -> dict[str, Any]:
 def test_an_arm_follows_as_well_as_the_law_can(law, scenario):
     gains = gains_of(law, scenario)
     robot = load_scenario(scenario).arm
-    results = vdfmu.run(scenario, units={"controller": law}, settings=settings(gains), out=False)
+    results = run(law, scenario, reference=True)
     assert results.summary["reference"]["sampled"]["max_difference"]["plant.q"] <= 1e-7  # the bound of the project
     # row k + 1 of what is calculated from row k of the trajectory
     names = ("trajectory.q_d", "trajectory.q_d_dot", "trajectory.q_d_ddot")

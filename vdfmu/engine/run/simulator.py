@@ -114,6 +114,8 @@ class Simulator:
         self._session: Session | None = None
         self._by_hand: ByHand | None = None
         self._begun: Any = None
+        self.owner: object = None
+        """Of the files of the system, such as a temporary folder: it lives as long as the simulator."""
 
     def __enter__(self) -> Simulator:
         options = self._options

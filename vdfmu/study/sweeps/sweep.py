@@ -1,4 +1,4 @@
-"""`sweep`: runs of a system at many points, resumed after any interruption; figures, indices and page."""
+"""`sweep`: runs of a system at many points, resumed after any interruption; indices and page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from vdfmu.study.sweeps.indices import Indices, indices
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.page import write_page
 from vdfmu.study.sweeps.plan import make_plan, name_of
-from vdfmu.study.sweeps.plots import plot
 from vdfmu.study.sweeps.study import Study, check_workers
 from vdfmu.study.sweeps.table import StudyTable
 from vdfmu.study.sweeps.worker import KILLED
@@ -56,12 +55,6 @@ class Sweep(StudyTable):
     def indices(self, measure: str | None = None) -> Indices:
         """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
         return indices(self, measure)
-
-    def plot(
-        self, kind: str | None = None, measure: str | None = None, out: str | os.PathLike[str] | None = None
-    ) -> list[Path]:
-        """Draw a measure: curve, tornado and indices, see `vdfmu.study.sweeps.plots.plot`. Return their files."""
-        return plot(self, kind, measure, None if out is None else Path(out))
 
     def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True, trust: bool = False) -> Path:
         """Write the page, default ``report.html`` in the folder, and return its path.

@@ -305,29 +305,13 @@ class Side:
     log: bool = False
     words: tuple[str, ...] = ()
 
-    @property
-    def label(self) -> str:
-        """Name and unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-    def text(self, value: float) -> str:
-        """Return a value as it is written next to an axis."""
-        return self.words[round(value)] if self.words else f"{float(f'{value:.3g}'):g}"
-
 
 @dataclass(frozen=True)
 class View:
     """A measure over the axes that vary, the most influential first."""
 
-    study: StudyTable
-    measure: str | None
-    """Name as requested."""
     sides: list[Side]
     value: Side
-    failed: NDArray[np.bool_]
-    """(n,): Points without a value."""
-    text: str
-    """Expression of the measure."""
 
 
 def view(study: StudyTable, measure: str | None = None) -> View:
@@ -359,7 +343,7 @@ def view(study: StudyTable, measure: str | None = None) -> View:
     if not sides:
         raise UsageError(f"{study.path}: expected an axis with two values at least to draw {name} over.")
     sides.sort(key=lambda side: -np.ptp([mean for _, mean in groups(side, value)]))
-    return View(study, measure, sides, value, ~good, study.facts["measures"].get(name, name))
+    return View(sides, value)
 
 
 def groups(side: Side, value: Side) -> list[tuple[float, float]]:

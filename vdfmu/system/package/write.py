@@ -123,8 +123,21 @@ def write_ssp(
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
-    structure = _checked(files.structure_file(description), "ssd", "SystemStructure.ssd", version)
-    members = {"SystemStructure.ssd": structure, **icons}
+    members = {**system_texts(description, version), **icons}
+    members["documentation/index.html"] = files.system_page(description, icons, there)
+    with storing(path):
+        for component, fmu in fmus.items():
+            members[f"resources/{description.fmu_name(component)}"] = Path(fmu).read_bytes()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pack_zip(path, members)
+    return path
+
+
+def system_texts(description: SystemDescription, version: str = SSP_1.name) -> dict[str, bytes]:
+    """Return the members of a package that are SSP's own text, by their paths: structure, parameter sets, mappings."""
+    members = {
+        "SystemStructure.ssd": _checked(files.structure_file(description), "ssd", "SystemStructure.ssd", version)
+    }
     for file, parameters in description.parameter_sets.items():
         members[f"resources/{file}"] = _checked(files.parameter_file(parameters, version), "ssv", file, version)
     for component, bindings in description.bindings.items():
@@ -133,13 +146,7 @@ def write_ssp(
                 name = files.mapping_name(component, binding.file)
                 mapping = files.mapping_file(binding.mapping, version)
                 members[f"resources/{name}"] = _checked(mapping, "ssm", name, version)
-    members["documentation/index.html"] = files.system_page(description, icons, there)
-    with storing(path):
-        for component, fmu in fmus.items():
-            members[f"resources/{description.fmu_name(component)}"] = Path(fmu).read_bytes()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pack_zip(path, members)
-    return path
+    return members
 
 
 def _icon(unit: str) -> bytes:

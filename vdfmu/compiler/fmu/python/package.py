@@ -12,6 +12,7 @@ from vdfmu.base.files import data_path, pack_zip, temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content
 from vdfmu.compiler.fmu.documentation import documentation_files
+from vdfmu.compiler.unit.base import is_shipped, snake_case
 
 # pythonfmu puts a copy of itself into every FMU, without the binaries for builds. A process that loads such an FMU
 # first would import the copy instead of the installed package.
@@ -20,10 +21,15 @@ _LEFT_OUT = "resources/pythonfmu/"
 
 def build_python_fmu(content: Content, path: Path) -> None:
     """Write the FMU of a content."""
-    template = (data_path("fmu_src") / "python" / "slave.py").read_text(encoding="utf-8")
+    folder = data_path("fmu_src")
+    file = folder / f"{snake_case(content.model_name)}.py"
+    if not (is_shipped(content.unit) and file.is_file()):
+        file = folder / "unit.py"
+    text = file.read_text(encoding="utf-8").replace("ModelSlave", f"{content.model_name}Slave")
+    text = text.replace('"Model"', f'"{content.model_name}"')
     with temporary_folder("vdfmu_build_") as folder:
         script = Path(folder) / f"vdfmu_{content.interface.name}_slave.py"
-        script.write_text(template.replace("Model", content.model_name), encoding="utf-8")
+        script.write_text(text, encoding="utf-8")
         files = {CONTENT_PLACES["python"]: content.to_json().encode(), **content.robot_files}
         if not content.interface.functions.shipped:
             files |= {f"resources/{name}": text for name, text in content.interface.functions.sources.items()}

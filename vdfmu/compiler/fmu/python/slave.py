@@ -19,9 +19,10 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from vdfmu.base.errors import FmuError, KernelError, UnitError, VdfmuError
-from vdfmu.base.files import read_json
+from vdfmu.base.files import read_json, read_text
 from vdfmu.base.text import kind_text
-from vdfmu.compiler.fmu.content import Content
+from vdfmu.base.version import __version__
+from vdfmu.compiler.fmu.content import CONTENT_FILE, Content
 from vdfmu.compiler.fmu.description import LOG_CATEGORIES, model_description
 from vdfmu.compiler.fmu.python.wrapper import hold, loaded_from, plain, refusal
 from vdfmu.compiler.unit.evaluate import Traced, evaluation, unmet
@@ -66,6 +67,8 @@ class UnitSlave(Fmi2Slave):
     """The slave of all units; the subclasses of :func:`slave_class` have the model name in `unit`."""
 
     unit: ClassVar[str] = ""
+    standard: ClassVar[partial[Content] | None] = None
+    """Makes the content of an FMU that carries none, as pythonfmu builds it of a file of ``fmu_src``."""
     log_categories = LOG_CATEGORIES
     # of an instance that the wrapper has released, should it be called again
     instance_name, phase, time = "a unit that is free", "freed", 0.0
@@ -75,7 +78,7 @@ class UnitSlave(Fmi2Slave):
         if "logger" in kwargs:  # the native wrapper calls, not the builder
             loaded_from(kwargs["resources"], self.unit)
         try:
-            self._content = content = Content.read(Path(kwargs["resources"]), self.unit)
+            self._content = content = self._read(Path(kwargs["resources"]), built="logger" in kwargs)
             self._unit = unit = evaluation(content.interface)
             rodas = content.interface.has_states and isinstance(unit, Traced)
             self._solver = Integrator(unit) if rodas else ScipySolver(unit)
@@ -89,6 +92,19 @@ class UnitSlave(Fmi2Slave):
         # importers repeat themselves at every step; a reference to the slave would keep it
         self._variables = lru_cache(16)(partial(_checked, content.interface.variables))
         hold(self)
+
+    def _read(self, resources: Path, built: bool) -> Content:
+        if self.standard is None or (resources / CONTENT_FILE).is_file():
+            return Content.read(resources, self.unit)
+        content, description = self.standard(), resources.parent / "modelDescription.xml"
+        if (
+            built and description.is_file() and content.guid not in read_text(description)
+        ):  # some importers leave it out
+            raise FmuError(
+                f"{self.unit}.fmu was built with another vdfmu, or other sources of it, than this Python has, "
+                f"{__version__}. Build the FMU again with `pythonfmu build`."
+            )
+        return content
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """Model description of the unit, with units, dependencies and InitialUnknowns."""
@@ -289,9 +305,9 @@ def _checked(variables: Sequence[Variable], kind: str, *vrs: int) -> tuple[list[
 
 
 @cache
-def slave_class(model_name: str) -> type[UnitSlave]:
-    """Return the class of the slaves of a model, the same in a process.
+def slave_class(model_name: str, standard: partial[Content] | None = None) -> type[UnitSlave]:
+    """Return the class of the slaves of a model, the same in a process; `standard` see :class:`UnitSlave`.
 
     The wrapper runs the script of the FMU at each instantiation, and releases the class more often than it takes it.
     """
-    return type(f"{model_name}Slave", (UnitSlave,), {"unit": model_name})
+    return type(f"{model_name}Slave", (UnitSlave,), {"unit": model_name, "standard": standard})

@@ -1,4 +1,4 @@
-"""A unit as a co-simulation slave: what it computes is in the installed package vdfmu."""
+"""A unit as a slave of pythonfmu: the script of the Python FMU of each unit that has no file of its own here."""
 
 import logging
 
@@ -10,7 +10,6 @@ except ImportError as error:
     # to stderr, if nobody takes it: many importers say no more than that the instantiation failed
     logging.getLogger("vdfmu.compiler.fmu").error("%s", text)
     raise ImportError(text.replace("%", " percent")) from error  # importers use it as a format of printf
-
 
 ModelSlave = slave_class("Model")
 
