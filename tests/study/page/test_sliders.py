@@ -215,7 +215,7 @@ def test_verdict_tiles_and_figures_follow_the_sliders_in_one_screen(run, browser
     assert words_of(browser, ".checks summary").startswith("Recorded: ")
     for was, tile in zip(before[1:], after[1:], strict=True):
         assert was.split("\n")[1] + " →" in tile  # the recorded value, an arrow, the new one
-    assert after[3].split("→")[1].strip().replace("\xa0", " ").startswith("not judged here")
+    assert after[3].split("→")[1].strip().replace("\xa0", " ").startswith("not judged")
     low, high = browser.run("[report.charts[0].plot.scales.x.min, report.charts[0].plot.scales.x.max]")
     assert low < marks[0]["time"] < high and high - low < 1.0
     # nothing of the panel and the readout is cut off or scrolls, and the message is above the sliders

@@ -120,7 +120,7 @@ export function showTiles(of, run, figures, whole) {
 }
 
 const marginText = ({ margin, unstable }) =>
-  margin?.value ? text(margin.value, 2) : margin || unstable ? "none" : "not judged here";
+  margin?.value ? text(margin.value, 2) : margin || unstable ? "none" : "not\u00a0judged";
 
 function tileText(measure, value, unit) {
   const words =
