@@ -154,8 +154,11 @@ def test_all_commands_have_one_margin(master, tmp_path):
     system = SystemDescription(load_scenario(path))
     gain = next(knob for knob in knobs(system) if knob["key"] == "controller.K_p")
     span = (0.0, system.scenario.stop, 1e-3)
-    ((every, *_),) = tracks(tmp_path / "run" / "system.ssp", master, [gain], values_of(system), span)
-    assert dict(zip(every["places"], every["modulus"], strict=True))[0] == round(shown, 3)
+    (track,) = tracks(tmp_path / "run" / "system.ssp", master, [gain], values_of(system), span)
+    assert (track is None) == (master == "jacobi")  # torques wait for a step there: gains are in the states too
+    if track is not None:
+        at_1 = track["figures"][track["places"].index(0.0)]
+        assert at_1["margin"]["value"] == pytest.approx(shown, abs=1e-5)
 
 
 @pytest.mark.heavy

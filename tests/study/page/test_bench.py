@@ -142,7 +142,7 @@ def test_the_command_has_what_the_sliders_changed(run, browser):
     assert shlex.split(browser.run("kept"))[-2:] == ["--set", "controller.K_p=1234"]
 
 
-def test_the_arm_is_saved_as_a_picture_and_as_a_film(run, browser):
+def test_the_arm_is_saved_as_a_picture(run, browser):
     show(browser, run / "report.html")
     browser.run("""HTMLAnchorElement.prototype.click = () => {};
         URL.createObjectURL = ({ type, size }) => { globalThis.kept = [type, size]; return 'data:,'; };""")
@@ -150,14 +150,6 @@ def test_the_arm_is_saved_as_a_picture_and_as_a_film(run, browser):
     until(browser, "globalThis.kept")
     kind, size = browser.run("kept")
     assert kind == "image/png" and size > 10_000
-    empty = "document.querySelector('button[title*=\"recorded nothing\"]')"
-    for _ in range(3):  # the encoder of a busy machine may give nothing, which the button says
-        clicked(browser, "Film")
-        until(browser, f"kept[0].startsWith('video') || {empty} != null")
-        if browser.run("kept[0].startsWith('video')"):
-            break
-    kind, size = browser.run("kept")
-    assert kind.startswith("video/") and size > 10_000
 
 
 def test_landmarks_captions_and_what_is_read_aloud(run, browser):

@@ -75,7 +75,7 @@ def test_the_pages_own_run_equals_the_recorded_one(run, browser):
     assert browser.run("report.player.scene.puppets.length") == 1
     assert browser.run("document.querySelector('.chip.second').hidden")
     # nor saved: six joints and the time, by the names of run and figure
-    heads = browser.run("report.charts[0].file('CSV').then(f => f.text())").splitlines()[0].split(",")
+    heads = browser.run("report.FILES.CSV(report.charts[0]).text()").splitlines()[0].split(",")
     assert heads == ["time [s]", *(f'"joint {i} [deg]"' for i in range(1, 7))]
     browser.run("""(async () => {
         HTMLAnchorElement.prototype.click = function () { globalThis.kept = this.download; };
@@ -121,7 +121,8 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     np.testing.assert_allclose(simulated(browser, 2)[:6], torque.T, rtol=0, atol=1e-5)
     # what is drawn: six joints of each run, the recorded pale; a second arm; a second number; another table
     browser.run("""(async () => {  // taking a picture moves the figures out of sight for a moment
-        for (let k = 0; k < 500 && report.charts[0].stale; k += 1) await new Promise((done) => setTimeout(done, 10));
+        const waits = () => report.charts[0].stale || report.charts[0].plot.series.length < 13;
+        for (let k = 0; k < 3000 && waits(); k += 1) await new Promise((done) => setTimeout(done, 10));
     })()""")
     alphas = browser.run("report.charts[0].plot.series.map(s => s.alpha ?? 1)")
     assert alphas == [1] + 6 * [0.4] + 6 * [1]
@@ -215,7 +216,7 @@ def test_verdict_tiles_and_figures_follow_the_sliders_in_one_screen(run, browser
     assert words_of(browser, ".checks summary").startswith("Recorded: ")
     for was, tile in zip(before[1:], after[1:], strict=True):
         assert was.split("\n")[1] + " →" in tile  # the recorded value, an arrow, the new one
-    assert after[3].split("→")[1].strip().replace("\xa0", " ").startswith("not judged here")
+    assert after[3].split("→")[1].strip().replace("\xa0", " ").startswith("not judged")
     low, high = browser.run("[report.charts[0].plot.scales.x.min, report.charts[0].plot.scales.x.max]")
     assert low < marks[0]["time"] < high and high - low < 1.0
     # nothing of the panel and the readout is cut off or scrolls, and the message is above the sliders
@@ -263,7 +264,7 @@ def test_the_time_at_a_limit_follows_the_sliders(browser, tmp_path):
 def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
     opened(browser, run / "report.html")
     gains = browser.run("report.runs[0].simulation.knobs[1]")
-    low, high = gains["tracks"][0]["limits"]
+    low, high = gains["track"]["limits"]
     # with less damping the wrist's rotor swings where friction falls with speed; with more the samples are too late
     assert -100 < low < 0 < high < 100
     track = "document.querySelector('.knob:nth-child(2) .track')"
@@ -320,7 +321,9 @@ def test_what_limits_a_run_is_found_by_running_again(run, browser):
     ]  # fmt: skip
     largest = [float(row[2].split()[0]) for row in rows]
     bars = browser.run("[...document.querySelectorAll('.budget .share i')].map(e => e.offsetWidth)")
-    assert bars[0] > 50 and max(bars) == bars[int(np.argmax(largest))]
+    # in proportion to the numbers, which have three digits, to the pixel of each end
+    share = np.array(largest) / max(largest)
+    assert bars[0] > 50 and np.abs(bars - max(bars) * share).max() <= 1.0 + 5e-3 * max(bars)
     # the torque is held over a step: an error in proportion to it, and what else there is
     assert 0.2 < largest[1] / largest[0] < 0.35
     # a run with a quarter of the step, by the FMUs

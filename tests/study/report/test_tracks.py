@@ -1,6 +1,7 @@
 """The margins along the sliders of a page, and the causes that it takes away."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.linear.growth import Along, Poses
 from vdfmu.engine.linear.linearise import Linearisation, with_part
+from vdfmu.engine.linear.loops import margins_of, rates_of
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.read import load_ssp
@@ -28,10 +30,9 @@ from vdfmu.system.scenario import load_scenario
 
 STOP, STEP = 0.4, 1e-3
 GAIN = {
-    "words": "Loop gain", "gain": True, "values": [1.0, 1.0], "least": 0.1, "most": 10.0, "known": [],
-    "targets": [{"unit": "controller", "name": name} for name in ("K_p", "K_v")],
+    "words": "Loop gain", "gain": True, "values": [1.0], "least": 0.1, "most": 10.0, "known": [],
 }  # fmt: skip
-"""A slider of the whole gain of each joint's loop, as a gain margin has it."""
+"""A slider of the whole gain of a loop, as a gain margin has it."""
 
 
 @pytest.fixture(scope="module")
@@ -50,44 +51,50 @@ def margin_at(track: dict[str, Any], place: float) -> float:
     return track["figures"][track["places"].index(place)]["margin"]["value"]
 
 
-def tracks_of(checked: Checked, chosen: list[dict[str, Any]]) -> list[list[Any]]:
+def tracks_of(checked: Checked, chosen: list[dict[str, Any]]) -> list[Any]:
     described = SystemDescription(load_scenario("planar_tracking"))
     return tracks(checked.system.path, "gauss-seidel", chosen, values_of(described), (0.0, STOP, STEP))
 
 
+def loops_of(checked: Checked, parameters: dict[str, float] | None = None) -> Along:
+    """Return the loops of a run with other parameters."""
+    with Simulator(checked.system, isolate=False, algorithm="gauss-seidel") as simulator:
+        poses = Poses("tau", TIED)
+        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[poses], parameters=parameters)
+    return poses.loops
+
+
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
-    (gain_tracks,) = tracks_of(planar, [GAIN])
-    with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
-        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[poses := Poses("tau", TIED)])
-    margins, least = poses.loops.margins(), poses.loops.nearest().modulus
-    # a track ends at the last place that is found stable, 1 / 16 of 25 notches before one that is not; margins
-    # lie between frequencies 10^(4 / 400) apart, which is below that
+    one = {**GAIN, "targets": [{"unit": "controller", "name": name} for name in ("K_p[2]", "K_v[2]")]}
+    (track,) = tracks_of(planar, [one])
+    loops = loops_of(planar)
+    # a track ends at the last place that is found stable, 25 / 16 notches before one that is not; margins lie between
+    # frequencies 10^(4 / 400) apart, which is below that
     notches = NOTCHES / 4 / 16
-    for joint in range(2):
-        place = NOTCHES * np.log10(float(margins.gain[joint]))
-        assert gain_tracks[1 + joint]["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
-    assert margin_at(gain_tracks[0], 0.0) == least
+    place = NOTCHES * np.log10(float(loops.margins().gain[1]))
+    assert track["limits"][1] == pytest.approx(place - notches / 2.0, abs=notches)
+    assert margin_at(track, 0.0) == pytest.approx(loops.nearest().modulus, abs=1e-5)  # five digits
 
 
-def test_the_margin_at_the_end_of_a_slider_is_that_of_the_run_with_its_gains(planar, described):
+def test_margins_along_a_slider_are_those_of_runs_with_its_gains(planar, described):
     """The least margin moves to another row of the run."""
     (chosen,) = [knob for knob in knobs(described) if knob["key"] == "controller.K_v"]
-    (tracked,) = tracks_of(planar, [chosen])
-    changes = {name: 0.1 * value for name, value in values_of(described)["controller"].items() if "K_v[" in name}
-    with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
-        poses, parameters = Poses("tau", TIED), {f"controller.{name}": value for name, value in changes.items()}
-        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[poses], parameters=parameters)
-    # the page promises 0.005, with the states of the run before
-    assert margin_at(tracked[0], -NOTCHES) == pytest.approx(poses.loops.nearest().modulus, abs=0.005)
+    (track,) = tracks_of(planar, [chosen])
+    gains = {name: value for name, value in values_of(described)["controller"].items() if "K_v[" in name}
+    for place in (-NOTCHES, -NOTCHES / 4, NOTCHES / 2):
+        by = factor(chosen, place)
+        loops = loops_of(planar, {f"controller.{name}": by * value for name, value in gains.items()})
+        # the page promises 0.005, with the states of the run before
+        assert margin_at(track, place) == pytest.approx(loops.nearest().modulus, abs=0.005)
 
 
 def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
     chosen = list(knobs(described))
     of = {knob["key"]: each for knob, each in zip(chosen, tracks_of(planar, chosen), strict=True)}
     gains = {"controller.K_p", "controller.K_v"}
-    assert all(len(each) == 3 and None not in each if key in gains else each == [None] for key, each in of.items())
-    recorded = margin_at(of["controller.K_v"][0], 0.0)
-    for track in (track for key in gains for track in of[key]):
+    assert {key for key, track in of.items() if track is not None} == gains
+    recorded = margin_at(of["controller.K_v"], 0.0)
+    for track in (of[key] for key in gains):
         assert margin_at(track, 0.0) == recorded > 0.0
         assert len(track["figures"]) == len(track["places"]) and track["places"] == sorted(track["places"])
         margins = [figures.get("margin", {"value": 0.0})["value"] for figures in track["figures"]]
@@ -96,7 +103,20 @@ def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
         beyond = [figures for place, figures in zip(track["places"], track["figures"], strict=True)
                   if track["limits"][1] is not None and place > track["limits"][1]]  # fmt: skip
         assert all(figures.keys() & {"growth", "unstable", "margin"} for figures in beyond)
+    assert len(json.dumps(of)) < 12_000  # a page has them as they are
     assert tracks_of(planar, chosen) == list(of.values())  # from the cache
+
+
+def test_margins_of_many_loops_are_those_of_each(planar):
+    loops = [pose.loop for pose in loops_of(planar).rows]
+    rates, modulus, delay = margins_of(loops)
+    for loop, *each in zip(loops, rates, modulus, delay, strict=True):
+        margins = loop.margins()
+        assert each[0] == margins.rate and rates_of([loop]) == pytest.approx([margins.rate], abs=1e-6)
+        # of the same frequencies; the delay of a loop alone is from 400 of them instead of 60, which are 17 % of a
+        # frequency apart: its lag is on a straight line in between, off by the curvature over an eighth of the square
+        np.testing.assert_allclose(each[1], margins.modulus, rtol=1e-6)
+        np.testing.assert_allclose(each[2], margins.delay, rtol=0.05)
 
 
 def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):

@@ -16,18 +16,9 @@ import numpy as np
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, with_part
-from vdfmu.engine.linear.loops import (
-    SLOW,
-    Loop,
-    Margins,
-    Tied,
-    fastest_mode,
-    loop_of_part,
-    moving,
-    opened_at,
-    with_tied,
-)
+from vdfmu.engine.linear.loops import SLOW, Loop, Margins, fastest_mode, loop_of_part, moving, opened_at
 from vdfmu.engine.linear.system import LinearSystem, Places, cut
+from vdfmu.engine.linear.tied import Tied, with_tied
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
@@ -309,7 +300,7 @@ class Poses(Tap):
     inputs of :func:`~vdfmu.engine.linear.system.cut`. `alternative` is a second linearisation at the same states,
     with the parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`,
     and `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
-    :func:`~vdfmu.engine.linear.loops.with_tied`.
+    :func:`~vdfmu.engine.linear.tied.with_tied`.
     """
 
     def __init__(

@@ -167,7 +167,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
 
 
 def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the sliders their tracks; return the causes and the recorded rows to compare with."""
+    """Give each slider its track; return the causes and the recorded rows to compare with."""
     sliders: list[dict[str, Any]] = program["knobs"]
     values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
     figures: Mapping[str, Any] = run.summary.get("key_figures") or {}
@@ -180,13 +180,13 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
     elif "error" in run.summary:
         why = "the run did not reach its end"
     if why:
-        along = [[None]] * len(sliders)
+        along = [None] * len(sliders)
     else:
         span = program["start"], program["stop"], program["step"]
         dry = "excited" not in figures
         along = tracks(run.package, run.summary["algorithm"], sliders, values, span, dry, run.poses)
-    for slider, slider_tracks in zip(sliders, along, strict=True):
-        slider["tracks"] = slider_tracks
+    for slider, track in zip(sliders, along, strict=True):
+        slider["track"] = track
     fast = program["steps"] * len(program["names"]) * LESS <= MOST_VALUES
     return {
         "causes": list(causes(values, sliders, fast)),

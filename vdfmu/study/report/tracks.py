@@ -1,8 +1,9 @@
-"""Tracks of a page's sliders: what a verdict says of the sampled loops along each gain of a controller.
+"""Tracks of a page's sliders: what a verdict says of the sampled loops along the gains of a controller.
 
-Each slider is moved alone. The gains of a controller act on the feedback of the loops alone, and in proportion: the
-loops of the run, with more or less of a gain, are those of another run but for its states. A run that is judged without
-dry friction is taken without it. Other parameters have no track, since they change the motion of the run.
+Each slider is moved alone, for all joints. The gains of a controller act on the feedback of the loops alone, and in
+proportion: the loops of the run, with more or less of a gain, are those of another run but for its states. A run that
+is judged without dry friction is taken without it. Other parameters have no track, since they change the motion of the
+run. Gains of one joint have none either: to look for the least margin of each at all rows would take seconds.
 
 A track is green where margins keep the limits of :mod:`vdfmu.study.limits`, amber below them, and red where there are
 none.
@@ -12,11 +13,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,29 +25,26 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.state_space import Linear
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.linear.growth import Poses, growth_of
 from vdfmu.engine.linear.linearise import can_change
-from vdfmu.engine.linear.loops import Loop, rates_of
-from vdfmu.engine.package.system import Value
+from vdfmu.engine.linear.loops import Loop, margins_of, rates_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
-from vdfmu.study.analysis.loops import TIED, Judged, place_of
+from vdfmu.study.analysis.loops import TIED, place_of
 
-NOTCHES = 100
+NOTCHES = 100.0
 """Places of a slider to either side of 0. Its factor at 0 is 1."""
-_PLACES = range(-NOTCHES, NOTCHES + 1, NOTCHES // 4)
-_HALVINGS = 4
-"""Of the distance of two places, for the limit of stability: to 1.6 notches, 4 % of a factor of up to 10."""
-_SMOOTH, _STRAIGHT = 2, 2e-3
-"""Most halvings of the distance of two places between which the margin is not a straight line, to this difference."""
-_PROBES, _LATE, _EVERY, _FINE = (-NOTCHES, -NOTCHES // 2, NOTCHES // 2), -NOTCHES // 2, 6, 0.15
-"""Places of a slider for which the row with the least modulus margin is looked for, and that for the delay margin:
-among every sixth row, and that of the modulus then closer, to a sixth of the distance of two rows. All places are tried
-at these rows and those of the run's least margins. Beyond the places there is seldom a margin."""
-_JOINTS = 8
-"""Most joints that have a track each."""
+_COARSE, _NEAR, _LIMIT = 12.5, 6.25, 1.5625
+"""Largest distance of two places with figures; the least where these are not on a straight line between two, and where
+stability ends: 4 % of a factor of up to 10."""
+_STRAIGHT = np.array([2e-3, 2e-2])
+"""Largest differences of margin and delay margin [samples] from a straight line."""
+_LATE = 1.5
+"""Delay margin [samples] above which no verdict depends on its value."""
+_PROBES, _EVERY = (12.5, 25.0, 50.0, NOTCHES), 2
+"""Places to either side at which every second row is tried, up to an unstable one; others have the rows that are the
+worst there, and in the run."""
 _ROUNDING = 1e-9
 """Rounding of derivatives that are in proportion, relative."""
 
@@ -71,8 +68,8 @@ def factor(knob: Mapping[str, Any], place: float) -> float:
 def tracks(
     package: Path, algorithm: str, knobs: Sequence[Mapping[str, Any]], parameters: Names,
     span: tuple[float, float, float], dry: bool = True, poses: Poses | None = None,
-) -> list[list[Track | None]]:  # fmt: skip
-    """Return the tracks of each slider: of all joints, then of each joint; [None] without tracks.
+) -> list[Track | None]:  # fmt: skip
+    """Return the track of each slider; None without.
 
     A track has ``places``; ``figures``, the numbers by which a verdict judges the loops at each; and in ``limits`` the
     lowest and the highest place with stable loops, or None; ``still`` if arms are taken without dry friction.
@@ -88,7 +85,7 @@ def tracks(
     still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}
     still = {unit: values for unit, values in still.items() if values}
     start, stop, step = span
-    made = [list[Track | None]([None]) for _ in knobs]
+    made: list[Track | None] = [None] * len(knobs)
     try:
         with Simulator(package, algorithm=algorithm) as simulator:
             if poses is None or not poses.seconds:
@@ -98,7 +95,7 @@ def tracks(
                 poses.components = simulator.stand(step=step)
             if not poses.lacking:
                 loops = _MovedLoops(poses, parameters, still, (start, stop))
-                made = [list(_of_knob(loops, knob)) for knob in knobs]
+                made = [_track(loops, knob) if knob["gain"] else None for knob in knobs]
     except VdfmuError:  # without loops, or without directional derivatives
         pass
     store(path, json.dumps(made).encode())
@@ -106,192 +103,131 @@ def tracks(
 
 
 class _MovedLoops:
-    """The loops of a run from a begin to an end [s], and at some of its rows those with other gains."""
+    """The loops of a run from a begin to an end [s], and with other gains."""
 
     def __init__(
-        self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, Value]], span: tuple[float, float]
+        self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, float]], span: tuple[float, float]
     ) -> None:
         assert poses.components is not None
         self.checked = poses.components.exchange.checked
         self.parameters, self.still, self.span, self._poses = parameters, still, span, poses
         self.along = along = poses.changed(still) if still else poses.loops
-        if along.nearest() is None:
+        if along.lacking:
             raise UsageError(along.lacking)
-        self.figures = Judged(along, along.growth(*span)).figures
-        self.loops = loops = [pose.loop for pose in along.rows if pose.loop is not None]
-        self.times = [pose.time for pose in along.rows]
-        modulus = np.array([loop.modulus for loop in loops])
-        self.rows = [
-            self._narrowed(row, lambda row, i=i: (self.loop_at(row).modulus[i],))
-            for i, row in enumerate(modulus.argmin(axis=0).tolist())
-        ]
-        """The rows of the least modulus margin of each loop in the run, of the fastest growth, of the least delay."""
-        self.rows.append(max(range(len(loops)), key=lambda row: loops[row].rate))
-        self.latest = min(range(len(loops)), key=lambda row: loops[row].margins().delay.min())
-        self.alike = {loop.K.shape: row for row, loop in enumerate(loops)}
-        """A row for each number of states."""
+        self.alike = {pose.loop.K.shape: (row, pose.loop) for row, pose in enumerate(along.rows) if pose.loop}
+        """A row and its loop for each number of states."""
+        at = [(pose.loop, pose.time) for pose in along.poses if pose.loop and pose.loop.K.shape in self.alike]
+        self.loops, self.times = [loop for loop, _ in at], [time for _, time in at]
+        self.every = range(len(self.loops))
+        self.recorded, self.worst = self.judged({}, self.every)
 
-    def moved(self, knob: Mapping[str, Any], by: float, joint: int, rows: Sequence[int]) -> list[Loop]:
-        """Return the loops at rows with the parameters of a slider, of all joints or of one, times a factor."""
-        changes = {unit: dict(values) for unit, values in self.still.items()}
-        for target in knob["targets"]:
-            for name, value in self.parameters[target["unit"]].items():
-                group, _, index = name.partition("[")
-                if group == target["name"] and (not joint or index == f"{joint}]"):
-                    changes.setdefault(target["unit"], {})[name] = by * value
-        return self._poses.moved(changes, rows)
-
-    def loop_at(self, row: float) -> Loop:
-        """Return the loop at a row, or on a straight line between two rows with as many states."""
-        k, share = int(row), row % 1.0
-        if not share:
-            return self.loops[k]
-        pair = self.loops[k : k + 2]
-        A, B, K = (
-            (1.0 - share) * before + share * after
-            for before, after in zip(*((*loop.plant, loop.K) for loop in pair), strict=True)
-        )
-        return replace(pair[0], plant=Linear(A, B), K=K)
-
-    def with_more(self, row: float, by: float, slopes: Slopes) -> Loop:
-        """Return the loop at a row with a factor on gains; inputs that have no feedback there keep none."""
-        loop = self.loop_at(row)
-        more = (by - 1.0) * slopes[loop.K.shape]
-        return replace(loop, K=loop.K + np.where(np.any(loop.K, axis=1, keepdims=True), more, 0.0))
-
-    def worst(self, knob: Mapping[str, Any], slopes: Slopes) -> tuple[list[float], list[float]]:
-        """Return the rows at which a slider is tried: for its modulus margins, and more rows for its delay margins."""
-
-        def nearness(row: float) -> tuple[float, float]:
-            loop = self.with_more(row, by, slopes)
-            return loop.least, -loop.rate
-
-        tried = [row for row in range(0, len(self.loops), _EVERY) if self.loops[row].K.shape in slopes]
-        rows = [*self.rows]
-        for place in _PROBES:
-            by = factor(knob, place)
-            rows.append(self._narrowed(min(tried, key=nearness), nearness))
-        by = factor(knob, _LATE)
-        late = min(tried, key=lambda row: self.with_more(row, by, slopes).margins().delay.min())
-        return [*dict.fromkeys(rows)], [self.latest, late]
-
-    def _narrowed(self, row: float, of: Callable[[float], tuple[float, ...]]) -> float:
-        """Return the place near a row, also between rows with as many states, where a number is least."""
-        step = _EVERY / 2.0
-        while step >= _FINE:
-            around = [each for each in (row - step, row + step) if 0.0 <= each <= len(self.loops) - 1]
-            shapes = [{loop.K.shape for loop in self.loops[int(each) : math.ceil(each) + 1]} for each in around]
-            row = min([row, *(each for each, alike in zip(around, shapes, strict=True) if len(alike) == 1)], key=of)
-            step /= 2.0
-        return row
-
-    def same_plant(self, row: int, loop: Loop) -> bool:
-        """Whether a loop differs from the run's in its feedback at most."""
-        return all(np.array_equal(*pair) for pair in zip(loop.plant, self.loops[row].plant, strict=True))
-
-    def feedback(self, knob: Mapping[str, Any], joint: int = 0) -> Slopes:
-        """Return by how much the feedback changes if a slider, of all joints or of one, adds 1 to its factor.
+    def slopes(self, knob: Mapping[str, Any]) -> Slopes:
+        """Return by how much the feedback changes if a slider adds 1 to its factor.
 
         Empty if the slider changes more than the feedback, or this not in proportion.
         """
-        rows = [*self.alike.values()]
+        if not all(can_change(self.checked, target["unit"]) for target in knob["targets"]):
+            return {}
         slopes: list[list[Floats]] = []
         for by in (factor(knob, place) for place in (-NOTCHES, NOTCHES)):
-            loops = self.moved(knob, by, joint, rows)
-            if not all(map(self.same_plant, rows, loops)):
+            changes = {unit: dict(values) for unit, values in self.still.items()}
+            for target in knob["targets"]:
+                values = self.parameters[target["unit"]].items()
+                new = {name: by * value for name, value in values if target["name"] in (name, name.partition("[")[0])}
+                changes.setdefault(target["unit"], {}).update(new)
+            moved = self._poses.moved(changes, [row for row, _ in self.alike.values()])
+            pairs = [(more, loop) for more, (_, loop) in zip(moved, self.alike.values(), strict=True)]
+            if not all(
+                np.array_equal(*each) for more, loop in pairs for each in zip(more.plant, loop.plant, strict=True)
+            ):
                 return {}
-            slopes.append([(loop.K - self.loops[row].K) / (by - 1.0) for row, loop in zip(rows, loops, strict=True)])
-        if not all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes)):
-            return {}
-        return dict(zip(self.alike, slopes[0], strict=True))
+            slopes.append([(more.K - loop.K) / (by - 1.0) for more, loop in pairs])
+        alike = all(map(partial(np.allclose, rtol=_ROUNDING, atol=0.0), *slopes))
+        return dict(zip(self.alike, slopes[0], strict=True)) if alike else {}
 
-    def figures_at(self, by: float, slopes: Slopes, rows: Sequence[float], late: Sequence[float]) -> Figures:
-        """Return the figures of the loops with a factor, from some rows.
+    def moved(self, more: Slopes, rows: Sequence[int]) -> list[Loop]:
+        """Return the loops at rows with more feedback; inputs that have none there keep none."""
+        loops = [self.loops[row] for row in rows]
+        if not more:
+            return loops
+        return [
+            replace(loop, K=loop.K + np.where(loop.K.any(axis=1, keepdims=True), more[loop.K.shape], 0.0))
+            for loop in loops
+        ]
 
-        Growth is found from all rows with as many states, if a mode grows at one of those.
-        """
-        moved = [self.with_more(row, by, slopes) for row in rows]
-        figures: Figures = {}
-        if max(loop.rate for loop in moved) > 0.0:
-            figures = self._growth(by, slopes)
-            if "unstable" in figures:
-                return figures
-        modulus = np.array([loop.modulus for loop in moved])
-        least = int(modulus.min(axis=1).argmin())
-        figures["margin"] = self._least(modulus, rows)
-        if moved[0].sampled:
-            late = [*late, rows[least]]
-            delay = [self.with_more(row, by, slopes).margins().delay for row in late]
-            figures["delay"] = self._least(np.array(delay) / moved[0].step, late)
-        return {key: figure for key, figure in figures.items() if math.isfinite(figure["value"])}
+    def judged(self, more: Slopes, rows: Sequence[int]) -> tuple[Figures, set[int]]:
+        """Return the figures of the loops at rows with more feedback, and the rows that decide on them."""
+        rates, modulus, delay = margins_of(loops := self.moved(more, rows))
+        figures = self._growth(more) if rates.max() > 0.0 else {}
+        margins = {"margin": modulus} | ({"delay": delay / loops[0].step} if loops[0].sampled else {})
+        margins = {key: values for key, values in margins.items() if np.isfinite(values).any()}
+        worst = {rows[int(values.min(axis=1).argmin())] for values in margins.values()}
+        if "unstable" in figures:
+            return figures, {rows[int(rates.argmax())]}
+        return figures | {key: self._least(values, rows) for key, values in margins.items()}, worst
 
-    def _least(self, values: Floats, rows: Sequence[float]) -> Figures:
+    def _least(self, values: Floats, rows: Sequence[int]) -> Figures:
         row, loop = (int(each) for each in np.unravel_index(values.argmin(), values.shape))
-        time = np.interp(rows[row], range(len(self.times)), self.times)
-        return {"value": round(float(values[row, loop]), 5), "place": self._place(loop), "at_s": round(float(time), 6)}
+        return {"value": round(float(values[row, loop]), 5), **self._at(loop, self.times[rows[row]])}
 
-    def _growth(self, by: float, slopes: Slopes) -> Figures:
-        rows = [row for row, loop in enumerate(self.loops) if loop.K.shape in slopes]
-        loops = [self.with_more(row, by, slopes) for row in rows]
-        times, rates = [self.times[row] for row in rows], rates_of(loops)
+    def _at(self, loop: int, time: float) -> dict[str, Any]:
+        return {"place": place_of(self.along.opened_at(loop), self.along), "at_s": round(time, 6)}
+
+    def _growth(self, more: Slopes) -> Figures:
+        rates = rates_of(loops := self.moved(more, self.every))
         fastest = loops[int(np.argmax(rates))]
-        place = self._place(fastest.fastest)
-        growth = growth_of(times, rates, *self.span)
+        growth = growth_of(self.times, rates, *self.span)
         if growth.unstable:
             grows = math.exp(min(growth.rate * fastest.step, 700.0))
-            return {"unstable": {"value": grows, "place": place, "at_s": growth.begin}}
-        slow = growth_of(times, rates, times[0], times[-1], 0.0)
-        ends = {"place": place, "at_s": slow.begin, "until_s": slow.end}
+            return {"unstable": {"value": grows, **self._at(fastest.fastest, growth.begin)}}
+        slow = growth_of(self.times, rates, self.times[0], self.times[-1], 0.0)
+        ends = {**self._at(fastest.fastest, slow.begin), "until_s": slow.end}
         return {"growth": {"value": math.expm1(slow.exponent), **ends}} if slow.notable else {}
 
-    def _place(self, loop: int) -> str:
-        return place_of(self.along.opened_at(loop), self.along)
 
-
-def _of_knob(loops: _MovedLoops, knob: Mapping[str, Any]) -> Iterator[Track | None]:
-    able = knob["gain"] and all(can_change(loops.checked, target["unit"]) for target in knob["targets"])
-    slopes = loops.feedback(knob) if able else {}
+def _track(loops: _MovedLoops, knob: Mapping[str, Any]) -> Track | None:
+    slopes = loops.slopes(knob)
     if not any(slope.any() for slope in slopes.values()):  # none of its parameters is in a loop
-        yield None
-        return
-    yield _track(loops, knob, slopes)
-    if 1 < len(knob["values"]) <= _JOINTS:
-        for joint in range(1, len(knob["values"]) + 1):
-            yield _track(loops, knob, loops.feedback(knob, joint))
+        return None
 
+    at, worst = {0.0: loops.recorded}, loops.worst.copy()
 
-def _track(loops: _MovedLoops, knob: Mapping[str, Any], slopes: Slopes) -> Track:
-    rows, late = loops.worst(knob, slopes)
-    at: dict[float, Figures] = {0.0: loops.figures}
-
-    def figures(place: float) -> Figures:
+    def figures(place: float, rows: Sequence[int]) -> Figures:
         if place not in at:
-            at[place] = loops.figures_at(factor(knob, place), slopes, rows, late)
+            more = factor(knob, place) - 1.0
+            at[place], decide = loops.judged({shape: more * slope for shape, slope in slopes.items()}, rows)
+            worst.update(decide)
         return at[place]
 
-    for low, high in pairwise(map(float, _PLACES)):
-        _halve(figures, low, high)
+    def halve(near: float, far: float) -> None:
+        """Add places between two: where stability ends, and where the margin is not a straight line."""
+        pair, distance = (figures(near, rows), figures(far, rows)), abs(far - near)
+        margins = np.array([_margins(each) for each in pair])
+        ends = len({(margin > 0.0, "unstable" in each) for (margin, _), each in zip(margins, pair, strict=True)}) > 1
+        if distance <= (_LIMIT if ends else _NEAR) or not margins.any() and not ends:
+            return
+        middle = (near + far) / 2.0
+        bent = np.abs(_margins(figures(middle, rows)) - margins.mean(axis=0)) > _STRAIGHT
+        if ends or bent.any() or distance > _COARSE:
+            halve(near, middle)
+            halve(middle, far)
+
+    for side in (-1.0, 1.0):
+        for place in _PROBES:
+            if "unstable" in figures(side * place, sorted({*loops.every[::_EVERY], *worst})):
+                break
+    rows = sorted(worst)
+    halve(0.0, -NOTCHES)
+    halve(0.0, NOTCHES)
     places = sorted(at)
-    stable = [place for place in places if _margin(at[place])]
-    ends = [stable[0], stable[-1]] if stable else [0.0, 0.0]
-    limits = [None if end == edge else end for end, edge in zip(ends, (places[0], places[-1]), strict=True)]
+    stable = [place for place in places if _margins(at[place])[0]]
+    ends = (stable[0], stable[-1]) if stable else (0.0, 0.0)
+    limits = [None if abs(end) == NOTCHES else end for end in ends]
     track = {"places": places, "figures": [at[place] for place in places], "limits": limits}
     return track | {"still": True} if loops.still else track
 
 
-def _margin(figures: Figures) -> float:
-    return figures.get("margin", {}).get("value", 0.0)
-
-
-def _halve(figures: Callable[[float], Figures], low: float, high: float, depth: int = 0) -> None:
-    """Add places between two: where stability ends, and where the margin is not a straight line."""
-    pair = figures(low), figures(high)
-    margins = [_margin(each) for each in pair]
-    ends = len({(margin > 0.0, "unstable" in each) for margin, each in zip(margins, pair, strict=True)}) > 1
-    if depth >= (_HALVINGS if ends else _SMOOTH) or not any(margins) and not ends:
-        return
-    middle = (low + high) / 2.0
-    between = _margin(figures(middle))
-    if ends or abs(between - sum(margins) / 2.0) > _STRAIGHT:
-        _halve(figures, low, middle, depth + 1)
-        _halve(figures, middle, high, depth + 1)
+def _margins(figures: Figures) -> Floats:
+    """Return modulus and delay margin; 0 without."""
+    margin, delay = (figures.get(key, {}).get("value", 0.0) for key in ("margin", "delay"))
+    return np.array([margin, min(delay, _LATE)])

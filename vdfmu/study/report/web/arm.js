@@ -1,7 +1,7 @@
 // The arm in 3D. Frame {B_i} of joint i is a group of three.js, placed as Eq. (32)-(36) place it in {B_(i-1)}.
 
 import { vendor as T } from "./vendor.js";
-import { colourOf, darkScheme, framesOf, inkOf, largest, unpack } from "./data.js";
+import { colourOf, darkScheme, framesOf, inkOf, largest, placeAt, unpack } from "./data.js";
 
 export const POSITIVE = new T.Color(inkOf("positive"));
 export const NEGATIVE = new T.Color(inkOf("negative"));
@@ -77,19 +77,8 @@ export class Motion {
 
   /** Values of all joints at a time, between frames on a straight line. */
   at(name, t) {
-    const last = this.time.length - 1;
-    let low = 0,
-      high = last;
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (this.time[middle] <= t) low = middle;
-      else high = middle;
-    }
-    const share =
-      high > low
-        ? Math.min(1, Math.max(0, (t - this.time[low]) / (this.time[high] - this.time[low])))
-        : 0;
-    return this[name].map((row) => (1 - share) * row[low] + share * row[high]);
+    const [k, share] = placeAt(this.time, t);
+    return this[name].map((row) => (1 - share) * row[k] + share * (row[k + 1] ?? 0));
   }
 
   row(name, k) {

@@ -1,6 +1,6 @@
 // What limits a run: its error at the tool, again and again with one cause taken away.
 
-import { binaries, largest, make, tableParts } from "./data.js";
+import { bar, binaries, button, largest, make, tableParts } from "./data.js";
 import { toolErrors } from "./arm.js";
 import { SimulationWorker } from "./worker.js";
 import { quantity, text } from "./numbers.js";
@@ -18,13 +18,13 @@ export function finer(simulation, split) {
 export class Budget {
   constructor(section) {
     this.worker = new SimulationWorker(binaries);
-    this.button = make("button", { type: "button", click: () => this.find() }, "Find out");
+    this.button = button("Find out", () => this.find());
     this.status = make("span", { class: "note", role: "status" });
     this.table = make("table", { class: "numbers", hidden: true });
     this.element = make(
       "div",
       { class: "budget", hidden: true },
-      make("div", { class: "bar" }, make("h3", {}, "What limits it"), this.button, this.status),
+      bar(make("h3", {}, "What limits it"), this.button, this.status),
       make(
         "p",
         { class: "note" },
@@ -80,7 +80,7 @@ export class Budget {
   show(rows) {
     const most = Math.max(...rows.map(({ max }) => max ?? 0)),
       [whole] = rows;
-    const bar = (value) =>
+    const share = (value) =>
       make("td", { class: "share" }, make("i", { style: `width:${(100 * value) / most}%` }));
     this.table.hidden = false;
     this.table.replaceChildren(
@@ -92,7 +92,7 @@ export class Budget {
             ? [row.words, make("td", { colspan: 4 }, make("small", {}, row.failure))]
             : [
                 row.words,
-                bar(row.max),
+                share(row.max),
                 quantity(row.max, "m", most),
                 quantity(row.rms, "m", most),
                 row === whole ? "" : changeOf(whole.max, row.max),

@@ -12,9 +12,8 @@ import {
   toggle,
   view,
 } from "./data.js";
-import { Heat } from "./heat.js";
-import { drawEnds, endsOf, keyOf, roomForNames } from "./labels.js";
-import { FILES, saveMenu } from "./save.js";
+import { drawEnds, endsOf, keyOf, roomForNames, worstOf } from "./labels.js";
+import { saveMenu } from "./save.js";
 import { fitted, raised, text } from "./numbers.js";
 import { decades, nearest, padded } from "./scales.js";
 import { vendor } from "./vendor.js";
@@ -27,7 +26,7 @@ const PALE = 0.4,
 const NEAR = 14; // px, of the pointer to a curve
 
 export class Chart {
-  /** `curves` is a function that gives them: it is called when the chart first comes into sight, and when the simulated ones have changed. */
+  /** `curves` gives them: called when the chart first comes into sight, and when simulated ones change. */
   constructor(title, unit, curves) {
     this.title = title;
     this.unit = unit;
@@ -35,10 +34,8 @@ export class Chart {
     this.log = false;
     this.seen = false;
     this.stale = true;
-    /** Of many joints those with the largest values. @type {number[] | null} */
+    /** See `worstOf`. @type {number[] | null} */
     this.worst = null;
-    /** The map of all joints, of many. @type {Heat | null} */
-    this.heat = null;
     this.unitText = make("span", { class: "unit" }, unit);
     this.place = make("div", {
       class: "plot",
@@ -69,6 +66,7 @@ export class Chart {
         ),
       ),
       this.place,
+      (this.words = make("p", { class: "note", hidden: true })),
     );
     new IntersectionObserver(
       ([entry]) => {
@@ -180,11 +178,6 @@ export class Chart {
     return endsOf(this);
   }
 
-  /** Content of a file: of SVG, PNG or CSV. */
-  async file(kind) {
-    return FILES[kind](this);
-  }
-
   fit(most) {
     const [fit, exponent] = fitted(this.unit, most);
     return [fit || !exponent ? fit : `10${raised(exponent)} ${this.unit}`, exponent];
@@ -206,8 +199,9 @@ export class Chart {
     this.stale = false;
     this.unpacked ??= this.curves();
     this.plot?.destroy();
-    this.worst = Heat.worst(this.unpacked);
-    if (this.worst) this.heat ??= new Heat(this);
+    this.worst = worstOf(this.unpacked);
+    this.words.hidden = !this.worst;
+    this.words.textContent = `Joints ${this.worst?.join(", ")} have the largest values; choose others above.`;
     const [ink, line, names] = ["muted", "line", "ink"].map(inkOf);
     const axis = {
       stroke: ink,
@@ -257,11 +251,7 @@ export class Chart {
         ],
         hooks: {
           setCursor: [() => this.unpacked && this.showTip()],
-          draw: [
-            (plot) => this.unpacked && drawEnds(plot, this, names),
-            () => this.moveMark(),
-            (plot) => this.unpacked && this.worst && this.heat.draw(plot),
-          ],
+          draw: [(plot) => this.unpacked && drawEnds(plot, this, names), () => this.moveMark()],
           setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
         },
       },

@@ -1,12 +1,13 @@
 // What runs do differently: a figure for each joint with the runs over each other, or their difference.
 
 import {
+  bar,
   choice,
-  colourOf,
+  COLOURS,
   curvesOf,
-  darkScheme,
   make,
   merged,
+  placeAt,
   recorded,
   runs,
   simulated,
@@ -18,14 +19,6 @@ const LEAST = 50; // common times, of which a difference needs no values between
 
 /** Curves whose colour is that of their run; dashes are for what is desired alone. */
 class RunsChart extends Chart {
-  build() {
-    super.build();
-    this.unpacked.forEach((curve, k) => {
-      this.plot.series[k + 1].dash = this.dashOf(curve);
-    });
-    this.plot.redraw(false);
-  }
-
   dashOf({ dashed }) {
     return dashed ? [5, 4] : [];
   }
@@ -48,12 +41,10 @@ export function showComparison(section) {
       key = one;
       show();
     },
+    key,
   );
-  chosen.querySelector("select").value = key;
   section.querySelector(".tables").before(
-    make(
-      "div",
-      { class: "bar" },
+    bar(
       chosen,
       toggle(
         others.length > 1 ? `minus ${recorded[0].name}` : `${others[0].name} − ${recorded[0].name}`,
@@ -71,16 +62,12 @@ export function showComparison(section) {
 }
 
 function legend() {
-  const entries = recorded.map((run, k) => {
-    const line = make("i"),
-      colour = () => {
-        line.style.background = colourOf(k + 1);
-      };
-    darkScheme.addEventListener("change", colour);
-    colour();
-    return make("span", {}, line, run.name);
-  });
-  return make("div", { class: "keys" }, ...entries);
+  const style = (k) => `background:var(--joint-${(k % COLOURS) + 1})`;
+  return make(
+    "div",
+    { class: "keys" },
+    ...recorded.map(({ name }, k) => make("span", {}, make("i", { style: style(k) }), name)),
+  );
 }
 
 function chartsOf(key, apart) {
@@ -121,11 +108,10 @@ export function differences(curves) {
             (k) => curve.time[k] >= first.time[0] && curve.time[k] <= first.time[last],
           );
     const base = (t) => {
-      const row = at.get(t.toFixed(9));
+      const [k, share] = placeAt(first.time, t),
+        row = at.get(t.toFixed(9));
       if (row !== undefined) return first.values[row];
-      const k = first.time.findIndex((one) => one > t),
-        share = (t - first.time[k - 1]) / (first.time[k] - first.time[k - 1]);
-      return (1 - share) * first.values[k - 1] + share * first.values[k];
+      return (1 - share) * first.values[k] + share * first.values[k + 1];
     };
     return {
       ...curve,

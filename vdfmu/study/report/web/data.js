@@ -16,33 +16,11 @@ export const binaries = content.binaries;
 /** The result of no simulation. */
 export const NOTHING = { time: new Float64Array(), signals: new Map() };
 
-/** The run that the page simulates: one more run, which shows what the recorded one that it is `of` shows, from its `result`. */
-export const simulated = {
-  name: "simulated",
-  of: runs.find((run) => run.simulation?.units),
-  result: NOTHING,
-  get arm() {
-    return this.of.arm;
-  },
-  get figures() {
-    return this.of.figures;
-  },
-  get signals() {
-    return this.of.signals;
-  },
-  get frames() {
-    return this.of.frames;
-  },
-  get component() {
-    return this.of.component;
-  },
-  get more() {
-    return this.of.more;
-  },
-  get objects() {
-    return this.of.objects;
-  },
-};
+/** The run that the page simulates: it shows what the recorded run that it is `of` shows, from its `result`. @type {any} */
+export const simulated = new Proxy(
+  { name: "simulated", of: runs.find((run) => run.simulation?.units), result: NOTHING },
+  { get: (own, key) => (key in own ? own[key] : own.of?.[key]) },
+);
 if (simulated.of) runs.push(simulated);
 
 /** The runs whose numbers are in the file. */
@@ -80,6 +58,19 @@ export function unpack(place, Kind = Float32Array) {
   const bits = size === 8 ? new BigUint64Array(bytes.buffer) : new Uint32Array(bytes.buffer);
   for (let i = 1; i < count; i += 1) bits[i] += bits[i - 1];
   return new Kind(bytes.buffer);
+}
+
+/** A row at or before a time, and the share of the way to the next. */
+export function placeAt(time, t) {
+  let low = 0,
+    high = time.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (time[middle] <= t) low = middle;
+    else high = middle;
+  }
+  const share = (t - time[low]) / (time[high] - time[low]);
+  return [low, Math.min(1, Math.max(0, share || 0))];
 }
 
 /** Largest absolute value. */
@@ -195,64 +186,51 @@ export function tableParts(heads, rows) {
   ];
 }
 
+/** A button by its words and what a click does. */
+export const button = (words, click, attributes = {}) =>
+  make("button", { type: "button", click, ...attributes }, words);
+
+/** A row of controls; what is false is left out. */
+export const bar = (...children) => make("div", { class: "bar" }, ...children.filter(Boolean));
+
+/** Pairs for a choice of the keys of an object. */
+export const same = (one) => Object.keys(one).map((name) => [name, name]);
+
+/** Pairs for a choice of runs. */
+export const names = (shown) => shown.map(({ name }, k) => [k, name]);
+
 /** Copy a text; whether the browser lets a page do it. */
-export async function copied(text) {
-  try {
-    await navigator.clipboard.writeText(text);
-    return true;
-  } catch {
-    // a browser that lets no page from disk do this
-    const field = make("textarea", { style: "position:fixed;opacity:0" }, text);
-    document.body.append(field);
-    field.select();
-    const done = document.execCommand("copy");
-    field.remove();
-    return done;
-  }
-}
+export const copied = (text) =>
+  Promise.resolve(navigator.clipboard?.writeText(text)).then(
+    () => !!navigator.clipboard,
+    () => false,
+  );
 
 /** A button that copies a command. */
-export function copyButton(command) {
-  const button = make(
-    "button",
-    {
-      type: "button",
-      click: async () => {
-        button.textContent = (await copied(command))
-          ? "Copied"
-          : "Not allowed here: select the command";
-      },
-    },
-    "Copy",
-  );
-  return button;
-}
+export const copyButton = (command) =>
+  button("Copy", async ({ target }) => {
+    target.textContent = (await copied(command)) ? "Copied" : "Not allowed here: select it";
+  });
 
-/** A labelled choice: pairs of value and words. */
-export function choice(label, pairs, change) {
+/** A labelled choice: pairs of value and words; `value` is chosen at first. */
+export function choice(label, pairs, change, value = pairs[0]?.[0]) {
   const select = make("select", { change: () => change(select.value) });
-  select.append(...pairs.map(([value, words]) => make("option", { value }, words)));
+  select.append(...pairs.map(([one, words]) => make("option", { value: one }, words)));
+  select.value = String(value);
   return make("label", { class: "choice" }, ...(label ? [make("span", {}, label)] : []), select);
 }
 
 /** A button that stays down. */
-export function toggle(label, pressed, change, attributes = {}) {
-  const button = make(
-    "button",
-    {
-      type: "button",
-      "aria-pressed": String(pressed),
-      ...attributes,
-      click: () => {
-        const now = button.getAttribute("aria-pressed") !== "true";
-        button.setAttribute("aria-pressed", String(now));
-        change(now);
-      },
-    },
+export const toggle = (label, pressed, change, attributes = {}) =>
+  button(
     label,
+    ({ currentTarget: self }) => {
+      const now = self.getAttribute("aria-pressed") !== "true";
+      self.setAttribute("aria-pressed", String(now));
+      change(now);
+    },
+    { "aria-pressed": String(pressed), ...attributes },
   );
-  return button;
-}
 
 /** State that charts and arm share: time shown, stretch of time that is zoomed in on, joints and runs that are hidden. */
 export const view = new (class extends EventTarget {

@@ -1,6 +1,7 @@
 // The figures of the runs, with one selector of joints and one zoom for all.
 
 import {
+  button,
   COLOURS,
   curvesOf,
   make,
@@ -13,7 +14,7 @@ import {
 } from "./data.js";
 import { Chart } from "./chart.js";
 
-/** Fill the section of the figures; `more` are figures that the page has calculated, for beside the tracking errors: key, title, unit and a function that gives the curves. */
+/** Fill the section of the figures; `more` are calculated ones, for beside the tracking errors: key, title, unit and a function that gives the curves. */
 export function showFigures(section, more) {
   const several = recorded.length > 1; // then dashes are for the runs, and what is desired is not drawn
   const packed = [...merged("figures")].map(([key, { title, unit }]) => ({
@@ -78,30 +79,22 @@ function jointChips() {
 function jointChip(joint, count) {
   const focus = (one) => () => view.change("focus", one),
     alone = () => view.isolate(joint, count);
-  return make(
-    "button",
+  return button(
+    String(joint),
+    ({ altKey }) =>
+      altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint)),
     {
-      type: "button",
       class: "chip",
       "aria-pressed": "true",
       "aria-label": `Joint ${joint}`,
       style: `--chip:var(--joint-${((joint - 1) % COLOURS) + 1})`,
-      title: `Joint ${joint}: a click hides it, Alt and a click (or Enter), or a double click, show it alone`,
-      click: (event) =>
-        event.altKey ? alone() : view.show("hiddenJoints", joint, view.hiddenJoints.has(joint)),
-      keydown: (event) => {
-        if (event.altKey && event.key === "Enter") {
-          event.preventDefault();
-          alone();
-        }
-      },
+      title: `A click hides joint ${joint}; a double click, or Alt and Enter, shows it alone`,
       dblclick: alone,
       mouseenter: focus(joint),
       mouseleave: focus(null),
       focus: focus(joint),
       blur: focus(null),
     },
-    String(joint),
   );
 }
 
@@ -134,14 +127,10 @@ function runChips() {
 
 /** Ends a zoom. */
 function zoomButton() {
-  const button = make(
-    "button",
-    { type: "button", title: "Show the whole run", click: () => view.change("range", null) },
-    "All",
-  );
+  const title = "Show the whole run",
+    all = button("All", () => view.change("range", null), { title, hidden: true });
   view.addEventListener("range", () => {
-    button.hidden = !view.range;
+    all.hidden = !view.range;
   });
-  button.hidden = true;
-  return button;
+  return all;
 }

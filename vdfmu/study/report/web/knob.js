@@ -1,8 +1,8 @@
-// A slider of a parameter, on a track that shows the modulus margin: green, amber, red, and where the loops become unstable.
+// A slider of a parameter, on a track of the modulus margin: green, amber, red, and the limit of stability.
 
 import { make, toggle } from "./data.js";
 import { text } from "./numbers.js";
-import { stateOf } from "./verdict.js";
+import { lower, stateOf } from "./verdict.js";
 
 const NOTCHES = 100; // of a slider to either side
 
@@ -89,12 +89,11 @@ export class Knob {
     this.paint();
   }
 
-  /** Colour the track of the joint that is chosen, and say where its limits are. */
+  /** Colour the track, while the slider is that of all joints, and say where its limits are. */
   paint() {
-    const track = this.knob.tracks[this.chosen],
-      place = this.places[this.chosen];
-    this.track.hidden = !track;
-    this.bounds.hidden = !track;
+    const [place] = this.places,
+      track = this.chosen ? null : this.knob.track;
+    this.track.hidden = this.bounds.hidden = !track;
     const said = [this.output.textContent.replace("×", "times")];
     if (track) {
       const limits = this.limits(track),
@@ -148,16 +147,16 @@ export class Knob {
     return from || to ? `stable ${from ? `from × ${from}` : `up to × ${to}`}` : "";
   }
 
-  /** Places that this slider has left 1 for: words with the factor, figures of the loops there, and the limit of stability. */
+  /** Places other than 1: words with the factor, figures of the loops there, and the limit of stability. */
   moved() {
     return this.places.flatMap((place, k) => {
       if (!place) return [];
-      const track = this.knob.tracks[k],
-        { words } = this.knob,
+      const { words, track: whole } = this.knob,
+        track = k ? null : whole,
         limit = track?.limits[place > 0 ? 1 : 0] ?? null;
       return [
         {
-          words: `${words.charAt(0).toLowerCase()}${words.slice(1)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`,
+          words: `${lower(words)}${k ? ` of joint ${k}` : ""} × ${text(this.factor(place), 3)}`,
           figures: track ? figuresAt(track, place) : null,
           limit: limit === null ? null : this.factor(limit),
           above: place > 0,
@@ -169,15 +168,6 @@ export class Knob {
   reset() {
     this.places.fill(0);
     this.show();
-  }
-
-  /** Whether its tracks are without dry friction, which excites itself. */
-  get still() {
-    return this.knob.tracks.some((track) => track?.still);
-  }
-
-  get tracked() {
-    return this.knob.tracks.some((track) => track);
   }
 
   /** State as text: the factors of all joints and of each, "known" if the feedforward knows; "" with all at 1. */
@@ -243,21 +233,21 @@ export function figuresAt({ places, figures }, place) {
     0,
   );
   if (places[k] === place || !k) return figures[k];
-  const [before, after] = [figures[k - 1], figures[k]];
-  if (before.unstable || after.unstable) return before.unstable ? before : after;
-  const share = (place - places[k - 1]) / (places[k] - places[k - 1]),
-    found = {};
+  const [before, after] = [figures[k - 1], figures[k]],
+    share = (place - places[k - 1]) / (places[k] - places[k - 1]);
+  if (before.unstable || after.unstable)
+    return after.unstable && (share > 0.5 || !before.unstable) ? after : before;
+  const found = {};
   for (const name of new Set([...Object.keys(before), ...Object.keys(after)])) {
-    const [a, b] = [before[name], after[name]],
-      worse = !b || (a && (name === "growth" ? a.value > b.value : a.value < b.value)) ? a : b;
-    const line = (low, high) => low + share * (high - low); // growth is that of an exponent
-    const value =
-      name === "growth"
-        ? Math.expm1(line(Math.log1p(a?.value ?? 0), Math.log1p(b?.value ?? 0)))
-        : a && b
-          ? line(a.value, b.value)
-          : worse.value;
-    found[name] = { ...worse, value };
+    const grows = name === "growth", // which is that of an exponent
+      [a, b] = [before[name], after[name]],
+      worse = !b || (a && (grows ? a.value > b.value : a.value < b.value)) ? a : b,
+      [low, high] = grows ? [a, b].map((one) => Math.log1p(one?.value ?? 0)) : [a?.value, b?.value],
+      between = low + share * (high - low);
+    found[name] = {
+      ...worse,
+      value: grows ? Math.expm1(between) : a && b ? between : worse.value,
+    };
   }
   return found;
 }

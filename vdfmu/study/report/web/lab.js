@@ -1,6 +1,6 @@
 // The points of a study: pictures that choose together, the chosen point with its command, and its run in the bench.
 
-import { choice, copyButton, darkScheme, make, unpack } from "./data.js";
+import { bar, button, choice, copyButton, darkScheme, make, unpack } from "./data.js";
 import { Column, shade } from "./lab_column.js";
 import { gathered, triangulate } from "./lab_field.js";
 import { Contour, Parallel, Scatter, svg } from "./lab_plots.js";
@@ -122,7 +122,7 @@ export function showLab(section, study, bench) {
   const at = { across: lab.axes[0], up: lab.colour, first: lab.axes[0], second: lab.axes[1] };
   const put = (key, column) => {
     at[key] = column;
-    lists.get(key).querySelector("select").value = lists.get(key).columns.indexOf(column);
+    lists.get(key).lastChild.value = lists.get(key).columns.indexOf(column);
   };
   const pick = (key, words, columns, change = (column) => put(key, column)) => {
     const pairs = columns.map((column, k) => [k, column.label]);
@@ -141,14 +141,14 @@ export function showLab(section, study, bench) {
   const scatter = new Scatter(lab, "Points over two columns", () => [at.across, at.up]),
     ways = [pick("across", "Across", lab.columns), pick("up", "Up", lab.columns)],
     pictures = [scatter.element];
-  scatter.element.append(make("div", { class: "bar" }, ...ways));
+  scatter.element.append(bar(...ways));
   if (lab.axes.length > 1) {
     const contour = new Contour(lab, "Contours over two axes", () => [at.first, at.second]),
       over = [pick("first", "Across", lab.axes), pick("second", "Up", lab.axes)];
-    contour.element.append(make("div", { class: "bar" }, ...over));
+    contour.element.append(bar(...over));
     pictures.push(contour.element);
   }
-  const all = make("button", { type: "button", click: () => lab.clear() }, "Show all"),
+  const all = button("Show all", () => lab.clear()),
     bars = [measure, shown, all, scaleOf(lab)];
   section.append(
     make("div", { class: "bar sticky" }, ...bars),
@@ -158,7 +158,9 @@ export function showLab(section, study, bench) {
       "Drag in a picture, or along an axis, to choose points in all of them; a double click shows all. A click on a point opens it below.",
     ),
     make("div", { class: "grid" }, ...pictures),
-    new Parallel(lab, "Axes side by side, a line a point").element,
+    ...(lab.axes.length > 2
+      ? [new Parallel(lab, "Axes side by side, a line a point").element]
+      : []),
     rangeInputs(lab),
     pointPanel(lab, bench),
   );
@@ -233,7 +235,7 @@ function rangeInputs(lab) {
   return make("details", { class: "ranges" }, make("summary", {}, "Choose by numbers"), ...rows);
 }
 
-/** The chosen point: values, why it failed, its command, what was kept of it, and whether the page runs it. */
+/** The chosen point: values, failure, command, curves, and whether the page runs it. */
 function pointPanel(lab, bench) {
   const panel = make("div", { class: "panel", role: "region", "aria-label": "The chosen point" });
   const step = (by) => () => {
@@ -246,32 +248,18 @@ function pointPanel(lab, bench) {
   const show = () => {
     const row = lab.chosen,
       { study } = lab,
-      buttons = [
-        ["Smaller", -1],
-        ["Larger", 1],
-      ].map(([words, by]) =>
-        make(
-          "button",
-          { type: "button", "aria-label": `${words} ${lab.colour.name}`, click: step(by) },
-          words,
-        ),
+      { name } = lab.colour,
+      buttons = Object.entries({ Smaller: -1, Larger: 1 }).map(([words, by]) =>
+        button(words, step(by), { "aria-label": `${words} ${name}` }),
       );
     if (row === null)
       return panel.replaceChildren(
-        make(
-          "div",
-          { class: "bar" },
+        bar(
           make("h2", {}, "No point chosen"),
-          make("button", { type: "button", click: step(1) }, `Smallest ${lab.colour.name}`),
+          button(`Smallest ${name}`, step(1)),
           ...[...lab.roles]
             .filter(([, role]) => role !== "infeasible")
-            .map(([named, role]) =>
-              make(
-                "button",
-                { type: "button", click: () => lab.choose(named) },
-                `The ${role} point`,
-              ),
-            ),
+            .map(([named, role]) => button(`The ${role} point`, () => lab.choose(named))),
         ),
       );
     const values = lab.columns.map((column) =>
@@ -287,12 +275,10 @@ function pointPanel(lab, bench) {
         : study.reason ||
           "This point differs in more than parameters from what the page simulates; the command runs it.";
     panel.replaceChildren(
-      make("div", { class: "bar" }, make("h2", {}, lab.nameOf(row)), ...buttons),
+      bar(make("h2", {}, lab.nameOf(row)), ...buttons),
       ...failed,
       make("dl", {}, ...values),
-      ...(study.command
-        ? [make("div", { class: "bar" }, make("code", {}, command), copyButton(command))]
-        : []),
+      ...(study.command ? [bar(make("code", {}, command), copyButton(command))] : []),
       make("p", { class: "note" }, words),
       ...keptCurves(study, row),
     );
@@ -307,44 +293,31 @@ function pointPanel(lab, bench) {
 }
 
 /** Curves that the study has kept of a point, each over its whole time. */
-function keptCurves(study, row) {
-  if (!study.kept) return [];
-  const { names, units, count, time, values } = study.kept,
-    width = 300,
-    height = 110,
-    all = unpack(values),
-    times = unpack(time);
-  const slice = (array, place) => array.subarray(place * count, (place + 1) * count),
-    t = slice(times, row),
-    last = t.findLastIndex((v) => !Number.isNaN(v));
+function keptCurves({ kept }, row) {
+  if (!kept) return [];
+  const { names, units, count } = kept,
+    slice = (array, place) => array.subarray(place * count, (place + 1) * count),
+    t = slice(unpack(kept.time), row),
+    last = t.findLastIndex((v) => !Number.isNaN(v)),
+    all = unpack(kept.values);
   if (last < 1) return [];
   const charts = names.map((name, k) => {
     const own = slice(all, row * names.length + k).subarray(0, last + 1),
-      low = own.reduce((a, b) => Math.min(a, b)),
-      high = own.reduce((a, b) => Math.max(a, b));
+      [low, high] = [Math.min, Math.max].map((most) => own.reduce((a, b) => most(a, b))),
+      ends = `${quantity(low, units[k])} to ${quantity(high, units[k])}, ${quantity(t[last], "s")}`;
     const d = Array.from(
       own,
-      (v, i) =>
-        `${((t[i] - t[0]) / (t[last] - t[0])) * width} ${height - ((v - low) / (high - low || 1)) * (height - 4) - 2}`,
+      (v, i) => `${(t[i] - t[0]) / (t[last] - t[0])} ${(high - v) / (high - low || 1)}`,
     ).join("L");
     return make(
       "figure",
       { class: "chart" },
-      make(
-        "figcaption",
-        {},
-        make("strong", {}, name),
-        make(
-          "span",
-          { class: "unit" },
-          ` ${quantity(low, units[k])} to ${quantity(high, units[k])}, ${quantity(t[last], "s")}`,
-        ),
-      ),
+      make("figcaption", {}, make("strong", {}, name), make("span", { class: "unit" }, ends)),
       svg(
         "svg",
         {
           class: "study kept",
-          viewBox: `0 0 ${width} ${height}`,
+          viewBox: "0 -0.03 1 1.06",
           preserveAspectRatio: "none",
           role: "img",
           "aria-label": name,

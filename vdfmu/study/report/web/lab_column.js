@@ -74,17 +74,14 @@ export class Column {
         { length: Math.ceil(this.high) - Math.floor(this.low) + 1 },
         (_, k) => 10 ** (Math.floor(this.low) + k),
       );
-      const some = [[1, 2, 5], [1, 3], [1]].map((digits) =>
-        powers
+      for (const digits of [[1, 2, 5], [1, 3], [1]]) {
+        const some = powers
           .flatMap((power) => digits.map((digit) => digit * power))
-          .filter((v) => v >= low * (1 - 1e-9) && v <= high * (1 + 1e-9)),
-      );
-      const fit = [3, 2]
-        .map((least) => some.find(({ length }) => length >= least && length <= most))
-        .find(Boolean);
-      if (fit) return fit;
-      const every = Math.ceil(some[2].length / most);
-      if (every > 1) return some[2].filter((_, k) => k % every === 0);
+          .filter((v) => v >= low * (1 - 1e-9) && v <= high * (1 + 1e-9));
+        if (some.length > 1 && some.length <= most) return some;
+        const every = Math.ceil(some.length / most);
+        if (digits.length === 1 && every > 1) return some.filter((_, k) => k % every === 0);
+      }
     }
     const rough = (high - low) / most,
       power = 10 ** Math.floor(Math.log10(rough)),

@@ -1,11 +1,13 @@
 // The names at the ends of curves, which need no legend, also in print.
 
-import { colourOf, make } from "./data.js";
+import { colourOf, largest, make } from "./data.js";
 
 const NAME_FONT = "11px system-ui, sans-serif";
 const NAME_GAP = 12,
   NAME_STUB = 14,
   LEAST_ROOM = 16; // px: between names, before a name, least room right of the plot
+const MOST_JOINTS = 8, // of a figure with a curve for each
+  WORST_JOINTS = 3;
 const pen = make("canvas").getContext("2d");
 
 /** What a curve is called in its figure: its joint, or its label; by it, curves of several figures belong together. */
@@ -25,6 +27,15 @@ function namedCurves(chart) {
     if (!curve.dashed && chart.shows(curve) && !found.has(keyOf(curve))) found.set(keyOf(curve), k);
   });
   return found.size < 2 && chart.unpacked.length < 2 ? [] : [...found.values()];
+}
+
+/** Of many joints those with the largest values, else null. */
+export function worstOf(curves) {
+  const peaks = new Map();
+  for (const { joint, dashed, values } of curves)
+    if (joint && !dashed) peaks.set(joint, Math.max(peaks.get(joint) ?? 0, largest(values)));
+  const first = [...peaks].sort((a, b) => b[1] - a[1]).slice(0, WORST_JOINTS);
+  return peaks.size > MOST_JOINTS ? first.map(([joint]) => joint).sort((a, b) => a - b) : null;
 }
 
 /** Room for the names right of the plot [px]. */

@@ -2,7 +2,7 @@
 
 import { make, recorded, rowsOf } from "./data.js";
 import { quantity, text } from "./numbers.js";
-import { UNJUDGED, upper } from "./verdict.js";
+import { UNJUDGED, lower, upper } from "./verdict.js";
 
 /** Least change that is better or worse. */
 const CLEAR = 0.05;
@@ -53,12 +53,8 @@ function measured(run, figures, tile) {
   return shown?.time.length && name in MEASURES ? MEASURES[name](shown, run.simulation) : null;
 }
 
-const kept = new WeakMap(); // element to what it was for the recorded run
-
-function keep(element, facts) {
-  if (!kept.has(element)) kept.set(element, facts());
-  return kept.get(element);
-}
+/** What an element was for the recorded run. */
+const keep = (element, facts) => (element.recorded ??= facts());
 
 /** Tell the verdict on a simulated run where the recorded one's was; null tells that again. */
 export function tell(of, verdict) {
@@ -70,7 +66,7 @@ export function tell(of, verdict) {
   line.className = verdict ? `verdict ${verdict.state}` : was.state;
   if (verdict)
     line.replaceChildren(
-      `Simulated, ${verdict.headline.charAt(0).toLowerCase()}${verdict.headline.slice(1)} `,
+      `Simulated, ${lower(verdict.headline)} `,
       make("small", {}, verdict.results),
     );
   else line.replaceChildren(...was.content);
@@ -93,8 +89,8 @@ export const listed = ({ checks }) =>
     ),
   );
 
-/** Show in each tile the recorded value, an arrow and that of a simulated run with key figures; null shows the recorded run. */
-export function showTiles(of, run, figures) {
+/** Show recorded and simulated values in the tiles, better ones of a `whole` run only; null shows the recorded run. */
+export function showTiles(of, run, figures, whole) {
   if (recorded.length > 1) return;
   for (const tile of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".tile"))) {
     const [value, note] = tile.querySelectorAll("b, small"),
@@ -109,8 +105,8 @@ export function showTiles(of, run, figures) {
         : measured(of, {}, tile.dataset)?.value,
       now = measured(run, figures, tile.dataset) ?? {},
       { value: after = NaN, unit, joint, place, at_s: time } = now;
-    const words = tileText(measure, after, unit);
-    value.replaceChildren(make("i", {}, `${was.value} →`), ` ${words.replaceAll(" ", "\u00a0")}`);
+    const words = measure === "key margin" ? marginText(figures) : tileText(measure, after, unit);
+    value.replaceChildren(make("i", {}, `${was.value} →`), ` ${words}`);
     note.textContent = [
       joint ? `joint ${joint}` : place,
       time !== undefined && `at ${text(time, 3)} s`,
@@ -118,14 +114,18 @@ export function showTiles(of, run, figures) {
       .filter(Boolean)
       .join(" ");
     const ratio = measure === "key margin" ? number / after : after / number;
-    if (Math.abs(ratio - 1) > CLEAR) tile.classList.add(ratio > 1 ? "worse" : "better");
+    if (ratio > 1 + CLEAR) tile.classList.add("worse");
+    if (ratio < 1 - CLEAR && whole) tile.classList.add("better");
   }
 }
 
+const marginText = ({ margin, unstable }) =>
+  margin?.value ? text(margin.value, 2) : margin || unstable ? "none" : "not\u00a0judged";
+
 function tileText(measure, value, unit) {
-  if (measure === "key margin")
-    return Number.isNaN(value) ? "not judged here" : value ? text(value, 2) : "none";
-  return measure === "key saturated"
-    ? `${text(100 * (value || 0), 3)} %`
-    : quantity(value, measure === "key tool_error" ? "m" : unit);
+  const words =
+    measure === "key saturated"
+      ? `${text(100 * (value || 0), 3)} %`
+      : quantity(value, measure === "key tool_error" ? "m" : unit);
+  return words.replace(" ", "\u00a0");
 }

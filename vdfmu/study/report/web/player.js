@@ -1,9 +1,9 @@
 // The section of the arm: picture, values of the joints, and what plays it.
 
-import { choice, make, recorded, simulated, toggle, view } from "./data.js";
+import { bar, button, choice, make, names, recorded, simulated, toggle, view } from "./data.js";
 import { armsOf } from "./arm.js";
 import { quantity, text } from "./numbers.js";
-import { Scene3D, VIEWS } from "./scene.js";
+import { Scene3D, viewChoice } from "./scene.js";
 import { Timeline } from "./timeline.js";
 
 const UNITS = {
@@ -15,8 +15,8 @@ const UNITS = {
   error: { words: "Tracking error", revolute: [180 / Math.PI, "deg"], prismatic: [1e3, "mm"] },
 };
 const STEPS = 200;
-const HINT = 1500; // ms
-const KEYS = "Space plays, arrow keys step, Home and End go to the ends; 1 to 4 are the views.";
+const KEYS =
+  "Space plays, arrow keys step, Home and End go to the ends; 1 to 4 are the views. Ctrl and the wheel, or the wheel after a click, zoom.";
 
 export class Player {
   constructor(section) {
@@ -52,40 +52,21 @@ export class Player {
     return Math.max(...this.scene.puppets.map(({ motion }) => motion.time.at(-1)));
   }
 
-  /** The wheel scrolls the page; with Ctrl, or after a click into the scene until the pointer leaves it, it comes nearer. */
+  /** The wheel scrolls the page; with Ctrl, or after a click into the scene, it zooms. */
   letWheelPass(host) {
-    const hint = make(
-      "span",
-      { class: "hint", "aria-hidden": "true" },
-      "Ctrl and the wheel, or a click first, to come nearer",
-    );
     let inside = false;
-    host.append(hint);
     host.addEventListener("pointerdown", () => {
       inside = true;
     });
     host.addEventListener("pointerleave", () => {
       inside = false;
     });
-    host.addEventListener(
-      "wheel",
-      (event) => {
-        if (inside || event.ctrlKey || event.metaKey) return;
-        event.stopPropagation();
-        hint.classList.add("on");
-        clearTimeout(this.hinting);
-        this.hinting = setTimeout(() => hint.classList.remove("on"), HINT);
-      },
-      { capture: true, passive: true },
-    );
+    const pass = (event) => inside || event.ctrlKey || event.metaKey || event.stopPropagation();
+    host.addEventListener("wheel", pass, { capture: true, passive: true });
   }
 
   controls(shown) {
-    this.button = make("button", {
-      type: "button",
-      class: "play",
-      click: () => this.play(!this.playing),
-    });
+    this.button = button("", () => this.play(!this.playing), { class: "play" });
     this.slider = make("input", {
       type: "range",
       min: 0,
@@ -104,24 +85,20 @@ export class Player {
     this.other = shown.length === 2 ? shown[1] : null;
     const others = choice(
       "Beside it",
-      [[-1, "none"], ...shown.map((run, k) => [k, run.name])],
+      [[-1, "none"], ...names(shown)],
       (k) => {
         this.scene.beside(null);
         this.other = shown[k] ?? null;
         this.setRun(this.scene.run);
       },
+      shown.indexOf(this.other),
     );
-    others.querySelector("select").value = shown.indexOf(this.other);
-    const picker = choice(
-      "Run",
-      shown.map((run, k) => [k, run.name]),
-      (k) => {
-        this.play(false);
-        this.setRun(shown[k]);
-      },
-    );
+    const picker = choice("Run", names(shown), (k) => {
+      this.play(false);
+      this.setRun(shown[k]);
+    });
     view.addEventListener("run", () => {
-      picker.querySelector("select").value = shown.indexOf(view.run);
+      picker.lastChild.value = shown.indexOf(view.run);
       this.setRun(view.run);
     });
     const layer = (words, name) =>
@@ -133,32 +110,21 @@ export class Player {
         this.speed = Number(factor);
       },
     );
-    speed.querySelector("select").setAttribute("aria-label", "Speed");
+    speed.lastChild.setAttribute("aria-label", "Speed");
     return [
       make("div", { class: "transport" }, this.button, this.timeline.element, this.clock, speed),
-      (this.bar = make(
-        "div",
-        { class: "bar" },
+      bar(
         ...(shown.length > 1 ? [picker, others] : []),
-        ...(quantities.length
-          ? [
-              choice(
-                "Colour",
-                quantities.map((name) => [name, UNITS[name].words]),
-                (name) => {
-                  this.scene.quantity = name;
-                  this.show();
-                },
-              ),
-            ]
-          : []),
-        choice(
-          "View",
-          Object.keys(VIEWS)
-            .reverse()
-            .map((name) => [name, name]),
-          (name) => this.scene.look(name),
-        ),
+        quantities.length &&
+          choice(
+            "Colour",
+            quantities.map((name) => [name, UNITS[name].words]),
+            (name) => {
+              this.scene.quantity = name;
+              this.show();
+            },
+          ),
+        viewChoice(this.scene),
         make(
           "div",
           { class: "chips", role: "group", "aria-label": "Shown" },
@@ -176,7 +142,7 @@ export class Player {
             make("p", {}, KEYS),
           ),
         )),
-      )),
+      ),
     ];
   }
 

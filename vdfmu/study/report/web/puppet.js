@@ -76,13 +76,6 @@ class Arm {
       force.point(wrench.slice(0, 3), this.largest(name, 0));
       moment.point(wrench.slice(3), this.largest(name, 3));
     }
-    if (!this.plate) return;
-    const at = new vendor.Vector3(),
-      centre = new vendor.Vector3().setFromMatrixPosition(this.plate.matrixWorld);
-    const within = [...this.actual.links.slice(1), this.actual.tool].some(
-      (link) => at.setFromMatrixPosition(link.matrixWorld).distanceTo(centre) < this.plate.inside,
-    );
-    Object.assign(this.plate.material, { transparent: within, opacity: within ? 0.35 : 1 });
   }
 }
 
@@ -113,15 +106,8 @@ class Path extends vendor.Group {
     this.points = kept.map((k) => points[k]);
     this.times = kept.map((k) => times[k]);
     const { length } = this.points,
-      curve = new vendor.CatmullRomCurve3(this.points);
-    curve.getPointAt = (u, to = new vendor.Vector3()) =>
-      to.copy(this.points[Math.round(u * (length - 1))]);
-    curve.getTangentAt = (u, to = new vendor.Vector3()) => {
-      const k = Math.round(u * (length - 1));
-      return to
-        .subVectors(this.points[Math.min(k + 1, length - 1)], this.points[Math.max(k - 1, 0)])
-        .normalize();
-    };
+      curve = new vendor.CatmullRomCurve3(this.points, false, "catmullrom", 0);
+    curve.getUtoTmapping = (u) => u; // the points in equal steps, with straight lines between them
     this.tube.geometry.dispose();
     this.tube.visible = length > 1;
     if (length > 1) this.tube.geometry = new vendor.TubeGeometry(curve, length - 1, this.radius, 6);
@@ -137,11 +123,7 @@ class Path extends vendor.Group {
     this.end.visible = length > 0;
     this.end.position.copy(from);
     this.end.scale.z = length;
-    if (length > 0)
-      this.end.quaternion.setFromUnitVectors(
-        new vendor.Vector3(0, 0, 1),
-        tool.clone().sub(from).divideScalar(length),
-      );
+    this.end.lookAt(this.localToWorld(tool.clone()));
   }
 }
 
@@ -169,14 +151,7 @@ export class Puppet {
       const along = new vendor.Vector3(...object.object.direction).multiplyScalar(
         0.4 * run.arm.reach,
       ); // of the largest arrow
-      this.box
-        .union(
-          new vendor.Box3().setFromCenterAndSize(
-            object.position,
-            new vendor.Vector3().setScalar(0.4 * run.arm.reach),
-          ),
-        )
-        .expandByPoint(along.add(object.position));
+      this.box.expandByPoint(object.position).expandByPoint(along.add(object.position));
     }
   }
 

@@ -1,12 +1,13 @@
 // The page of a robot: sliders of its joints, what is shown of it, and its modes, which move it.
 
-import { choice, make, reducedMotion, robot, runs, toggle } from "./data.js";
+import { bar, button, choice, make, reducedMotion, robot, runs, same, toggle } from "./data.js";
 import { quantity, text } from "./numbers.js";
 import { LINKS, RobotScene } from "./robot_scene.js";
-import { VIEWS } from "./scene.js";
+import { viewChoice } from "./scene.js";
 import { watchScrollers } from "./scrollers.js";
 
 const CYCLE = 1500; // ms that any mode takes on the screen
+const AMPLITUDE = 0.2; // of the link that moves most, rad or m
 const LEAST = 0.005; // of a shape, whose largest is 1, that is written
 const DEGREES = 180 / Math.PI;
 
@@ -14,7 +15,7 @@ const section = (id) => document.getElementById(id);
 const host = make("div", { class: "canvas", role: "img", "aria-label": "The arm in 3D" });
 const start = robot.sliders.map(({ start: position }) => position);
 const motors = Object.keys(robot.modes);
-const state = { q: [...start], motors: motors[0], chosen: -1, amplitude: 0.2 };
+const state = { q: [...start], motors: motors[0], chosen: -1 };
 /** @type {RobotScene | null} */
 let scene = null;
 
@@ -33,20 +34,18 @@ function showArm() {
       (on) => {
         const inside = on && name !== "frames" && name !== "gravity"; // of solid links nothing is seen
         scene.apply({ [name]: on, ...(inside ? { links: "see-through" } : {}) });
-        links.querySelector("select").value = scene.chosen.links;
+        links.lastChild.value = scene.chosen.links;
       },
       { class: "chip" },
     );
   const links = choice(
     "Links",
-    Object.keys(LINKS).map((name) => [name, name]),
+    same(LINKS),
     (name) => scene.apply({ links: name }),
+    scene.chosen.links,
   );
-  links.querySelector("select").value = scene.chosen.links;
   section("arm").append(
-    make(
-      "div",
-      { class: "bar" },
+    bar(
       links,
       make(
         "div",
@@ -56,13 +55,7 @@ function showArm() {
         part("ellipsoids of inertia", "ellipsoids"),
         ...(robot.weightless ? [] : [part("gravity", "gravity")]),
       ),
-      choice(
-        "View",
-        Object.keys(VIEWS)
-          .reverse()
-          .map((name) => [name, name]),
-        (name) => scene.look(name),
-      ),
+      viewChoice(scene),
       make("small", { class: "note" }, "Axes: x red, y green, z blue. Keys 1 to 4 are the views."),
     ),
   );
@@ -138,11 +131,9 @@ function showPose() {
 }
 
 section("joints").append(
-  make(
-    "div",
-    { class: "bar" },
+  bar(
     make("h2", {}, "Joints"),
-    make("button", { type: "button", click: () => pose(start) }, "Back to the start"),
+    button("Back to the start", () => pose(start)),
   ),
   make("div", { class: "knobs" }, ...sliders.map(({ element }) => element)),
   make("h3", {}, "End effector {O} in {I}"),
@@ -165,41 +156,14 @@ section("joints").append(
 );
 
 const table = make("div", { class: "wide" });
-const reach = make("output");
-const amplitude = make("input", {
-  type: "range",
-  min: 0,
-  max: 0.5,
-  step: 0.01,
-  value: state.amplitude,
-  "aria-label": "Amplitude",
-  input: () => {
-    state.amplitude = Number(amplitude.value);
-    far();
-    draw();
-  },
-});
-
-function far() {
-  reach.textContent = `${state.amplitude.toFixed(2)} rad or m`;
-  amplitude.setAttribute("aria-valuetext", reach.textContent);
-}
-
 function showModesPart() {
-  far();
   section("modes").append(
-    make(
-      "div",
-      { class: "bar" },
+    bar(
       make("h2", {}, "Modes"),
-      choice(
-        "Motors",
-        motors.map((name) => [name, name]),
-        (name) => {
-          state.motors = name;
-          choose(-1);
-        },
-      ),
+      choice("Motors", same(robot.modes), (name) => {
+        state.motors = name;
+        choose(-1);
+      }),
     ),
     table,
     make(
@@ -207,19 +171,12 @@ function showModesPart() {
       { class: "note" },
       "Calculated at the start pose, about which a chosen mode moves the arm. For the modes at another pose, run vdfmu linear with the numbers above as its pose.",
     ),
-    make(
-      "div",
-      { class: "knob" },
-      make("span", {}, "Amplitude of the link that moves most"),
-      reach,
-      amplitude,
-    ),
   );
   showModes();
 }
 
 /** A part of a shape, as a bar and a number. */
-function bar(value) {
+function part(value) {
   const shown = Math.abs(value) < LEAST ? 0 : value;
   return make(
     "td",
@@ -247,7 +204,7 @@ function modeRow({ frequency, damping, joint, share, real }, k) {
     make("th", { scope: "row" }, button),
     make("td", {}, text(damping, 2)),
     make("td", {}, `${joint} (${(100 * share).toFixed(0)} %)`),
-    ...real.map(bar),
+    ...real.map(part),
   );
 }
 
@@ -286,7 +243,7 @@ function still() {
 
 let moving = false;
 
-/** Draw the arm at the pose, or the mode that is chosen about it: undamped, or still at its largest where motion is not wanted. */
+/** Draw the arm at the pose, or the mode that is chosen: undamped, or still at its largest where motion is not wanted. */
 function draw() {
   if (!scene || moving) {
     showPose();
@@ -300,8 +257,7 @@ function draw() {
         ? state.q.map(
             (q, i) =>
               q +
-              state.amplitude *
-                (mode.real[i] * Math.cos(phase) - mode.imaginary[i] * Math.sin(phase)),
+              AMPLITUDE * (mode.real[i] * Math.cos(phase) - mode.imaginary[i] * Math.sin(phase)),
           )
         : state.q,
     );

@@ -104,7 +104,7 @@ export class RobotScene extends Scene3D {
     this.pose(this.q ?? this.run.arm.types.map(() => 0));
   }
 
-  /** Position [m] and roll, pitch and yaw [rad] of the end effector in {I}, at the pose that is drawn; roll is 0 where only its sum or difference with yaw counts. */
+  /** Position [m] and roll, pitch and yaw [rad] of the end effector in {I}, at the pose that is drawn; roll is 0 where pitch is ±90°. */
   toolPose() {
     const m = this.chain.tool.matrixWorld.elements, // column by column
       flat = Math.hypot(m[0], m[1]),
@@ -127,13 +127,9 @@ export class RobotScene extends Scene3D {
 
   render() {
     super.render();
-    const { clientWidth: width, clientHeight: height } = this.host;
     for (const { parent, anchor, span } of this.labels) {
-      const { x, y } = new vendor.Vector3()
-        .setFromMatrixPosition(anchor.matrixWorld)
-        .project(this.camera);
       span.style.visibility = parent.visible ? "visible" : "hidden";
-      span.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, -50%)`;
+      this.write(span, new vendor.Vector3().setFromMatrixPosition(anchor.matrixWorld), "-50%");
     }
   }
 }

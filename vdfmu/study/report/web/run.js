@@ -7,8 +7,9 @@ import { showFigures } from "./figures.js";
 import { quantity } from "./numbers.js";
 import { Player } from "./player.js";
 import { watchScrollers } from "./scrollers.js";
-import { commandOf, follow, pictureButtons, shareButtons } from "./share.js";
+import { commandOf, follow, pictureButton, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
+import { FILES } from "./save.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { showSystem } from "./system.js";
 import { SimulationWorker, difference } from "./worker.js";
@@ -46,7 +47,7 @@ const title = document.querySelector("h1"),
   top = make("div", { class: "title" });
 title.replaceWith(top);
 top.append(title, shareButtons(simulation));
-player?.tools?.prepend(...pictureButtons(player));
+if (player?.tools) player.tools.prepend(pictureButton(player));
 
 /** Show the time, and the figure, that the address has. */
 function recall() {
@@ -81,6 +82,7 @@ globalThis.report = {
   simulation,
   view,
   Chain,
+  FILES,
   Motion,
   check,
   commandOf,

@@ -1,43 +1,35 @@
-// A figure as a file: SVG, PNG, or the rows shown as CSV. The page makes it itself and hands it to the browser's downloads.
+// A figure as a file: SVG, or the rows shown as CSV. The page makes it itself and hands it to the browser's downloads.
 
-import { inkOf, make, recorded, runs } from "./data.js";
+import { choice, inkOf, make, recorded, runs } from "./data.js";
 
 const TITLE_ROOM = 26; // px, for the title
-const PNG_PIXELS = 3; // pixels of a PNG per px
 
 /** Kind of file to the function that makes its content. */
 export const FILES = {
   SVG: (chart) => new Blob([svgOf(chart)], { type: "image/svg+xml" }),
-  PNG: pngOf,
   CSV: (chart) => new Blob([csvOf(chart)], { type: "text/csv" }),
 };
 
 /** The menu of a figure's caption. */
 export function saveMenu(chart) {
-  const menu = make(
-    "select",
-    {
-      class: "save",
-      "aria-label": `${chart.title}: save`,
-      change: () => {
-        const kind = menu.value;
-        menu.selectedIndex = 0;
-        saveFigure(chart, kind);
-      },
-    },
-    make("option", {}, "save"),
-    ...Object.keys(FILES).map((kind) => make("option", { value: kind }, kind)),
-  );
+  const kinds = Object.keys(FILES),
+    menu = choice("", [["", "save"], ...kinds.map((kind) => [kind, kind])], (kind) => {
+      list.selectedIndex = 0;
+      saveFigure(chart, kind);
+    }),
+    /** @type {any} */ list = menu.firstChild;
+  list.className = "save";
+  list.setAttribute("aria-label", `${chart.title}: save`);
   return menu;
 }
 
-async function saveFigure(chart, kind) {
+function saveFigure(chart, kind) {
   const words = [...recorded.map(({ name }) => name), chart.title.split(":")[0]];
   const name = words
     .join("_")
     .toLowerCase()
     .replaceAll(/[^a-z0-9.]+/g, "_");
-  handOver(await FILES[kind](chart), `${name}.${kind.toLowerCase()}`);
+  handOver(FILES[kind](chart), `${name}.${kind.toLowerCase()}`);
 }
 
 /** Give a file to the browser's downloads. */
@@ -114,12 +106,7 @@ function svgOf(chart) {
       ({ text, end, place, colour, alpha, stub }) =>
         `<g opacity="${alpha}"><path d="M${width + 1} ${end}L${width + stub - 5} ${place}h4" fill="none" stroke="${colour}" stroke-width="1.6"/>${write(width + stub + 1, place, "start", text, ink)}</g>`,
     );
-  const heat = chart.heat?.canvas,
-    above = heat ? heat.clientHeight + 10 : 0;
-  const map = heat
-    ? `<image x="${left}" y="${TITLE_ROOM}" width="${width}" height="${heat.clientHeight}" preserveAspectRatio="none" image-rendering="pixelated" href="${heat.toDataURL()}"/>`
-    : "";
-  const [w, h] = [plot.width, plot.height + TITLE_ROOM + above];
+  const [w, h] = [plot.width, plot.height + TITLE_ROOM];
   return (
     `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${w} ${h}" width="${w}" height="${h}" font-family="system-ui, sans-serif" font-size="11"><rect width="100%" height="100%" fill="${inkOf("card")}"/>` +
     write(
@@ -130,20 +117,6 @@ function svgOf(chart) {
       ink,
       ' font-size="13" font-weight="600"',
     ) +
-    `${map}<clipPath id="in"><rect width="${width}" height="${height}"/></clipPath><g transform="translate(${left} ${plot.over.offsetTop + TITLE_ROOM + above})">${ticks.join("")}<g clip-path="url(#in)">${curves.join("")}</g>${names.join("")}</g></svg>\n`
+    `<clipPath id="in"><rect width="${width}" height="${height}"/></clipPath><g transform="translate(${left} ${plot.over.offsetTop + TITLE_ROOM})">${ticks.join("")}<g clip-path="url(#in)">${curves.join("")}</g>${names.join("")}</g></svg>\n`
   );
-}
-
-async function pngOf(chart) {
-  const image = new Image();
-  image.src = `data:image/svg+xml,${encodeURIComponent(svgOf(chart))}`;
-  await image.decode();
-  const canvas = make("canvas", {
-    width: PNG_PIXELS * image.width,
-    height: PNG_PIXELS * image.height,
-  });
-  canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
-  return new Promise((done) => {
-    canvas.toBlob(done);
-  });
 }

@@ -1,17 +1,21 @@
 // The picture of the arms of a run in a canvas, and of a second run beside it.
 
-import { darkScheme, make, reducedMotion } from "./data.js";
+import { choice, darkScheme, make, reducedMotion, same } from "./data.js";
 import { Puppet } from "./puppet.js";
 import { vendor } from "./vendor.js";
 
 const SECOND = new vendor.Color("#f2b632");
 /** From where to look, for z upward; with the keys 1 to 4. */
-export const VIEWS = {
+const VIEWS = {
   front: [1, 0, 0],
   side: [0, -1, 0],
   top: [0, -1e-3, 1],
   perspective: [0.95, -1.25, 0.62],
 };
+
+/** A list of the views of a scene. */
+export const viewChoice = (scene) =>
+  choice("View", same(VIEWS).reverse(), (name) => scene.look(name));
 
 /** The picture of a run in a canvas, and of a second beside it. */
 export class Scene3D {
@@ -52,11 +56,10 @@ export class Scene3D {
     if (this.second) this.beside(this.second);
     else this.aim();
     this.layer();
-    const { arms, objects } = this.puppets[0],
-      kinds = { plane: "the plane", screw: "the screw" };
+    const { arms, objects } = this.puppets[0];
     const seen = [
       ...(arms.length > 1 ? arms.map(({ component }) => component) : []),
-      ...objects.map(({ object }) => `${kinds[object.kind]} ${object.component}`),
+      ...objects.map(({ object: { kind, component } }) => `the ${kind} ${component}`),
     ];
     this.host.setAttribute(
       "aria-label",
@@ -279,14 +282,15 @@ export class Scene3D {
     this.waiting = undefined;
     if (this.controls.enableDamping) this.controls.update();
     this.renderer.render(this.scene, this.camera);
-    const { clientWidth: width, clientHeight: height } = this.host;
     this.names?.forEach((name, k) => {
-      const { x, y } = this.up
-        .clone()
-        .multiplyScalar(this.floor)
-        .add(this.puppets[k].root.position)
-        .project(this.camera);
-      name.style.transform = `translate(${((x + 1) / 2) * width}px, ${((1 - y) / 2) * height}px) translate(-50%, 1rem)`;
+      const at = this.up.clone().multiplyScalar(this.floor).add(this.puppets[k].root.position);
+      this.write(name, at, "1rem");
     });
+  }
+
+  /** Put words where a point is seen, moved down. */
+  write({ style }, point, down) {
+    const { x, y } = point.project(this.camera);
+    style.transform = `translate(${50 * (x + 1)}cqw, ${50 * (1 - y)}cqh) translate(-50%, ${down})`;
   }
 }

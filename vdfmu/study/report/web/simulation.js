@@ -1,10 +1,13 @@
 // The panel that simulates: sliders, the page's own run, and what it found beside what was recorded.
 
 import {
+  bar,
   binaries,
+  button,
   choice,
   largest,
   make,
+  names,
   NOTHING,
   recorded,
   rowsOf,
@@ -39,26 +42,16 @@ class Simulation {
     this.judged = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
     this.detail = make("p", { class: "failure", hidden: true });
-    this.back = make("button", { type: "button", click: () => this.reset() }, "Reset");
+    this.back = button("Reset", () => this.reset());
     this.legend = make("p", { class: "note" });
     this.knobs = make("div", { class: "knobs" });
     this.results = make("table", { class: "numbers" });
     this.joint = choice("", [], (k) => this.chooseJoint(Number(k)));
     this.joint.firstChild.setAttribute("aria-label", "Joint of the sliders");
     section.append(
-      make(
-        "div",
-        { class: "bar" },
+      bar(
         make("h2", {}, "Simulate"),
-        ...(able.length > 1
-          ? [
-              choice(
-                "Run",
-                able.map((run, k) => [k, run.name]),
-                (k) => this.choose(able[k]),
-              ),
-            ]
-          : []),
+        able.length > 1 && choice("Run", names(able), (k) => this.choose(able[k])),
         this.joint,
         this.back,
         this.status,
@@ -116,23 +109,18 @@ class Simulation {
     );
     this.joint.hidden = joints < 2;
     this.back.hidden = !knobs.length;
-    this.tracked = why || this.sliders.some(({ tracked }) => tracked);
-    const colours = [
-      [
-        "good",
-        `margin at least ${text(rows.margin.value, 2)}, delay ${text(rows.delay.value, 2)} samples`,
-      ],
-      ["fair", "less"],
-      ["poor", "none"],
-    ];
+    const tracks = knobs.map(({ track }) => track).filter(Boolean);
+    this.tracked = why || tracks.length;
+    const [margin, delay] = [rows.margin, rows.delay].map(({ value }) => text(value, 2)),
+      good = `margin at least ${margin}, delay ${delay} ${delay === "1" ? "sample" : "samples"}`;
     this.legend.replaceChildren(
       ...(why
         ? [`No margins along the sliders: ${why}.`]
-        : colours.map(([colour, words]) =>
+        : Object.entries({ good, fair: "less", poor: "none" }).map(([colour, words]) =>
             make("span", { class: "key" }, make("i", { class: colour }), words),
           )),
     );
-    this.legend.title = `Modulus margin of the loops, linearised along the recorded run${this.sliders.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved`;
+    this.legend.title = `Modulus margin of the loops, linearised along the recorded run${tracks.some(({ still }) => still) ? " without its dry friction" : ""}, with this slider alone moved`;
     this.legend.hidden = !this.tracked;
     this.budget.of(run);
     this.recall();
@@ -234,7 +222,7 @@ class Simulation {
         : null;
     Object.assign(this, { verdict: verdict, figures: { ...figures, ...loops } });
     tell(of, verdict);
-    showTiles(of, verdict && end !== null ? run : null, { ...figures, ...loops });
+    showTiles(of, verdict && end !== null ? run : null, { ...figures, ...loops }, !failure);
     this.judged.replaceChildren(...(verdict ? listed(verdict) : []));
     this.judged.parentElement.hidden = !verdict;
     const unstable = loops?.unstable ?? (loops?.margin.value === 0 ? loops.margin : null),
@@ -369,7 +357,7 @@ export function peaksOf(run, until = Infinity) {
   return found;
 }
 
-/** Fill the sections of the simulation. Why a run has no sliders is told among its facts. */
+/** Fill the sections of the simulation, and say among the facts why a run has no sliders. */
 export function showSimulation(section, found) {
   const able = recorded.filter((run) => run.simulation?.units),
     others = recorded.filter((run) => run.simulation?.reason);

@@ -1,6 +1,6 @@
 // The diagram of the system: its wires show the values at the time shown; a click on one, or the list, shows its signal.
 
-import { choice, curvesOf, make, merged, runs, simulated, view } from "./data.js";
+import { bar, choice, curvesOf, make, merged, placeAt, runs, simulated, view } from "./data.js";
 import { Chart } from "./chart.js";
 import { quantity } from "./numbers.js";
 
@@ -28,20 +28,14 @@ export function showSystem(section) {
   };
   for (const wire of wires) wire.listen(() => show(wire.key));
   section.append(
-    make(
-      "div",
-      { class: "bar" },
+    bar(
       list,
-      ...(wires.length
-        ? [
-            scaleButtons(diagrams),
-            make(
-              "small",
-              { class: "note" },
-              "On the wires: the largest element at the time shown. A click on a wire shows what it carries.",
-            ),
-          ]
-        : []),
+      wires.length &&
+        make(
+          "small",
+          { class: "note" },
+          "On the wires: the largest element at the time shown. A click on a wire shows what it carries.",
+        ),
     ),
     place,
   );
@@ -51,29 +45,6 @@ export function showSystem(section) {
       [...signals.keys()][0],
   );
   if (wires.length) keepCurrent(diagrams, wires);
-}
-
-/** Buttons that scale the diagrams to the page, up and down; the mouse drags them. */
-function scaleButtons(diagrams) {
-  let scale = 1;
-  const button = (words, factor) =>
-    make(
-      "button",
-      {
-        type: "button",
-        "aria-label": `Diagram: ${words}`,
-        click: () => {
-          scale = factor ? scale * factor : 1;
-          for (const { style } of diagrams.querySelectorAll("svg[role]"))
-            Object.assign(style, { width: `${100 * scale}%`, minWidth: 0, maxWidth: "none" });
-        },
-      },
-      words,
-    );
-  diagrams.addEventListener("pointermove", ({ buttons, pointerType, movementX, movementY }) => {
-    if (buttons === 1 && pointerType === "mouse") diagrams.scrollBy(-movementX, -movementY);
-  });
-  return make("div", { class: "chips" }, button("fit"), button("+", 1.5), button("−", 1 / 1.5));
 }
 
 /** Write the values at the time shown, while the diagram is in sight. */
@@ -134,7 +105,10 @@ class Wire {
   /** Values of the simulated run, if there is one, else of the first that has the signal. */
   update() {
     this.curves ??= newest(curvesOf("signals", this.key));
-    const values = this.curves.map(({ time, values: own }) => own[rowAt(time, view.time)]);
+    const values = this.curves.map(({ time, values: own }) => {
+      const [k, share] = placeAt(time, view.time + 1e-9);
+      return own[share < 1 ? k : k + 1];
+    });
     const place = values.reduce(
       (most, value, k) => (Math.abs(value) > Math.abs(values[most]) ? k : most),
       0,
@@ -149,16 +123,4 @@ function newest(curves) {
     mine = shown.filter(({ run }) => runs[run] === simulated);
   const run = (mine[0] ?? shown[0]).run;
   return shown.filter((curve) => curve.run === run);
-}
-
-/** The last row that is not later than a time. */
-function rowAt(time, t) {
-  let low = 0,
-    high = time.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (time[middle] <= t + 1e-9) low = middle;
-    else high = middle - 1;
-  }
-  return low;
 }

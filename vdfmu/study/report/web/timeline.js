@@ -1,6 +1,6 @@
 // The line of time below the arm: the error of the tool over it, and marks of what happened when.
 
-import { largest, make, rowsOf, simulated, view } from "./data.js";
+import { button, largest, make, simulated, view } from "./data.js";
 import { toolErrors } from "./arm.js";
 import { quantity } from "./numbers.js";
 
@@ -29,30 +29,16 @@ export class Timeline {
       ).join("L"),
     );
     this.line.innerHTML = `<svg viewBox="0 0 ${SPARK[0]} ${SPARK[1]}" preserveAspectRatio="none">${paths.map((path, k) => (path ? `<path class="${k ? "second" : ""}" d="M${path}"/>` : "")).join("")}</svg>`;
-    const stopped =
-      pale && simulated.result.time.at(-1) < last - 1e-9 * Math.abs(last)
-        ? [{ time: simulated.result.time.at(-1), words: "the simulated run stopped", bad: true }]
-        : [];
     this.marks.replaceChildren(
-      ...[...(run.marks ?? []), ...contacts(run), ...stopped].map(({ time, words, bad }) =>
-        make("button", {
-          type: "button",
+      ...(run.marks ?? []).map(({ time, words, bad }) => {
+        const title = `Go to ${quantity(time, "s")}: ${words}`;
+        return button("", () => view.change("time", time), {
           class: bad ? "bad" : "",
           style: `left:${100 * share(time)}%`,
-          title: `${words}, ${quantity(time, "s")}`,
-          "aria-label": `Go to ${quantity(time, "s")}: ${words}`,
-          click: () => view.change("time", time),
-        }),
-      ),
+          title,
+          "aria-label": title,
+        });
+      }),
     );
   }
-}
-
-/** First and last row of a contact, if a figure has its force. */
-function contacts(run) {
-  const figure = run.figures.find(({ title }) => /contact/i.test(title));
-  if (!figure) return [];
-  const { time, values } = rowsOf(figure),
-    rows = [...time.keys()].filter((k) => values.some((curve) => Math.abs(curve[k]) > 0));
-  return rows.length ? [{ time: time[rows[0]], words: "first contact" }] : [];
 }

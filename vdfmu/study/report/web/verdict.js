@@ -64,7 +64,7 @@ export function verdictOf(checks, results, longest) {
 }
 
 export const upper = (words) => words.charAt(0).toUpperCase() + words.slice(1);
-const lower = (words) => words.charAt(0).toLowerCase() + words.slice(1);
+export const lower = (words) => words.charAt(0).toLowerCase() + words.slice(1);
 const at = (time) => `${text(time, 3)} s`;
 const since = (time) => (time ? `from ${at(time)} on` : "from the start");
 

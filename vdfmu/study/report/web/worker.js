@@ -55,19 +55,14 @@ export class SimulationWorker {
   }
 }
 
-/** Largest differences of signals from those that were recorded, at the rows which the page has of them; `position`: of all by which a run is judged. */
+/** Largest difference from the recorded rows, of the signals by which a run is judged. */
 export function difference(simulation, { signals }) {
   const { rows, names, values, judged, limit } = simulation.recorded,
     recorded = unpack(values, Float64Array);
-  const all = names.map((name, i) => {
-    const own = signals.get(name);
-    return {
-      name,
-      difference: Math.max(
-        ...rows.map((row, j) => Math.abs(own[row] - recorded[j * names.length + i])),
-      ),
-    };
+  const positions = judged.flatMap((name) => {
+    const own = signals.get(name),
+      i = names.indexOf(name);
+    return rows.map((row, j) => Math.abs(own[row] - recorded[j * names.length + i]));
   });
-  const positions = all.filter(({ name }) => judged.includes(name));
-  return { limit, position: Math.max(...positions.map((one) => one.difference)), all };
+  return { limit, position: Math.max(...positions) };
 }

@@ -29,7 +29,7 @@ export function plate({ mount, offset, rotation, reach }) {
   mesh.quaternion.setFromUnitVectors(Y, side);
   mesh.position.copy(side).multiplyScalar(gap + thickness / 2);
   mesh.castShadow = mesh.receiveShadow = true;
-  return Object.assign(mesh, { reaches: gap + thickness, inside: 1.6 * r });
+  return Object.assign(mesh, { reaches: gap + thickness });
 }
 
 /** Where a tool comes deepest along a direction, moved into the plane of an object. */
@@ -57,7 +57,7 @@ function plane(object, points, reach) {
   return group;
 }
 
-/** A screw larger than life, whose head is where the tool presses on it, and the block that takes it. */
+/** A screw larger than life, whose head is where the tool presses on it. */
 function screw(object, points, reach) {
   const group = new vendor.Group(),
     turning = new vendor.Group(),
@@ -75,15 +75,7 @@ function screw(object, points, reach) {
     part(cylinder(r, 0.6 * r, 6), 0.3 * r, solid("#c9a227")),
     part(cylinder(0.45 * r, length, 24), 0.6 * r + length / 2, solid("#8d7a3a")),
   );
-  const seat = 0.6 * r + (object.pitch * object.turn_seat) / (2 * Math.PI);
-  group.add(
-    turning,
-    part(
-      new vendor.BoxGeometry(5 * r, 5 * r, length),
-      seat + length / 2,
-      seeThrough(darkScheme.matches ? "#8fa1b5" : "#7b8b9c", 0.25),
-    ),
-  );
+  group.add(turning);
   group.quaternion.setFromUnitVectors(Z, new vendor.Vector3(...object.direction));
   group.position.copy(touched(object, points));
   group.turn = (angle) => {
