@@ -1,4 +1,4 @@
-"""Dynamics of serial manipulators with flexible joints, packaged as co-simulation FMUs.
+"""Robot arms with elastic joints by virtual decomposition, as FMUs with a scipy reference.
 
 Python API
 ----------

@@ -122,7 +122,7 @@ def command() -> None:
 app = App(
     "vdfmu",
     default=_say_first,
-    help="Flexible-joint manipulators as co-simulation FMUs.",
+    help="Robot arms with elastic joints by virtual decomposition, as FMUs with a scipy reference.",
     declare=lambda: [
         click.Option(
             ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
