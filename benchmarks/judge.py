@@ -19,28 +19,19 @@ from typing import Any
 import numpy as np
 
 import vdfmu
-from benchmarks.judge_kinds import (
-    Case,
-    as_one,
+from benchmarks.judge_events import (
     bistable,
     bounce,
     chaotic,
     coulomb,
-    delay,
-    hidden,
-    linear,
     noise,
-    offset,
-    pwm,
-    quantiser,
     sampled_noise,
     sampled_thermostat,
     step,
     stick,
     thermostat,
-    tone,
-    unseen,
 )
+from benchmarks.judge_kinds import Case, as_one, delay, hidden, linear, offset, pwm, quantiser, tone, unseen
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.study.coupling_error import OPEN, RIGHT, WRONG
 

@@ -24,7 +24,7 @@ PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (
 OWN = "native FMUs, the controller a user's file"
 EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
 FMPY = "container FMU in fmpy"
-INTERPRETED, EMPTY_INTERPRETED = "native FMUs, steps in Python", "empty FMUs, steps in Python"
+BY_FMPY, EMPTY_BY_FMPY = "native FMUs, steps by fmpy", "empty FMUs, steps by fmpy"
 
 
 @dataclass
@@ -99,11 +99,11 @@ def study(
         last: dict[str, Results] = {}
 
         def under_master(case: str, package: Path, stop: float, algorithm: str = "gauss-seidel") -> None:
-            isolate, compiled = case == ISOLATED, case not in (INTERPRETED, EMPTY_INTERPRETED)
+            isolate, stepper = case == ISOLATED, "fmpy" if case in (BY_FMPY, EMPTY_BY_FMPY) else "auto"
             clock = Clock()
             last[case] = quiet_run(
                 package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=isolate,
-                compiled=compiled,
+                stepper=stepper,
             )  # fmt: skip
             _note(times, case, clock.wall, clock.processor)
 
@@ -128,9 +128,9 @@ def study(
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
             elsewhere(FMPY, container, "fmpy")
-            under_master(INTERPRETED, package, stop)
+            under_master(BY_FMPY, package, stop)
             under_master(EMPTY, empty, stop)
-            under_master(EMPTY_INTERPRETED, empty, stop)
+            under_master(EMPTY_BY_FMPY, empty, stop)
             in_container(EMPTY_CONTAINER, empty_container)
             for importer in importers:
                 elsewhere(importer, package, importer)
@@ -143,7 +143,7 @@ def study(
         ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
         OWN: float(np.max(np.abs(q[OWN] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
-        INTERPRETED: max(float(np.max(np.abs(last[INTERPRETED][x] - last[NATIVE][x]))) for x in last[NATIVE].names),
+        BY_FMPY: max(float(np.max(np.abs(last[BY_FMPY][x] - last[NATIVE][x]))) for x in last[NATIVE].names),
     }
     return times
 
@@ -181,7 +181,7 @@ def tabulate(times: Native, report: Report) -> None:
         f"The code of the units takes {us * times.in_units:.2f} us, and all else {us * times.least(EMPTY):.2f} us.",
         f"Positions differ by at most {times.differences[PYTHON]:.1e} rad between Python and native FMUs, "
         f"{times.differences[CONTAINER]:.1e} rad between container and jacobi; all signals by at most "
-        f"{times.differences[INTERPRETED]:.1e} between steps in C and in Python.",
+        f"{times.differences[BY_FMPY]:.1e} between steps in C and by fmpy.",
     ]
     report.show(table)
 
@@ -190,7 +190,7 @@ def tabulate(times: Native, report: Report) -> None:
         "real_time_factor": {case: times.step / times.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)},
         "native_over_python": times.ratio(PYTHON, NATIVE),
         "container_over_native": times.ratio(NATIVE, CONTAINER),
-        "compiled_over_interpreted": times.ratio(NATIVE, INTERPRETED),
+        "c_over_fmpy": times.ratio(NATIVE, BY_FMPY),
         "units_us": us * times.in_units,
         "own_over_native": times.ratio(OWN, NATIVE),
         "differences_rad": times.differences,

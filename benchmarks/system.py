@@ -7,18 +7,18 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 
 from vdfmu.base.compile import compile_library
 from vdfmu.base.files import pack_zip
 from vdfmu.base.platforms import this_platform
+from vdfmu.engine.options import AUTO
 from vdfmu.engine.package.system import Component, FlatSystem
-from vdfmu.engine.run import LogMessage, Results, session, simulate
+from vdfmu.engine.run import LogMessage, Results, simulate
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
 
@@ -71,7 +71,7 @@ def quiet_run(
     tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
     isolate: bool | None = None,
-    compiled: bool = True,
+    stepper: str = AUTO,
 ) -> Results:
     """Run a package; messages of the units other than errors are dropped.
 
@@ -79,17 +79,14 @@ def quiet_run(
     ----------
     tolerance : float, optional
         Of the plant's solver, instead of the package's.
-    adaptive, progress, isolate : optional
+    adaptive, progress, isolate, stepper : optional
         See :func:`vdfmu.engine.run.simulate`.
-    compiled : bool, optional
-        Whether steps may be made in compiled code.
     """
     parameters = None if tolerance is None else {"plant.tolerance": tolerance}
-    with nullcontext() if compiled else patch.object(session, "obstacle", lambda *_: "a benchmark"):
-        return simulate(
-            package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
-            parameters=parameters, progress=progress, log=quiet, isolate=isolate,
-        )  # fmt: skip
+    return simulate(
+        package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
+        parameters=parameters, progress=progress, log=quiet, isolate=isolate, stepper=stepper,
+    )  # fmt: skip
 
 
 @dataclass

@@ -79,9 +79,7 @@ def test_the_recipe_of_conda_renders_and_has_what_pyproject_says():
 
     assert recipe["package"] == {"name": said["name"], "version": __version__}
     assert recipe["requirements"]["run"] == named([f"python{said['requires-python']}", *said["dependencies"]])
-    assert {each.replace("==", " ==") for each in project["build-system"]["requires"]} <= set(
-        recipe["requirements"]["host"]
-    )
+    assert {*named(project["build-system"]["requires"])} <= set(recipe["requirements"]["host"])
     entries = [f"{name} = {place}" for name, place in said["scripts"].items()]
     assert recipe["build"]["noarch"] == "python" and recipe["build"]["python"]["entry_points"] == entries
     assert (recipe["about"]["summary"], recipe["about"]["license"]) == (said["description"], said["license"])

@@ -33,13 +33,16 @@ STRICT_XML = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>"""
 
 
-def build(folder: Path, name: str = "wild") -> Path:
-    """Return the library of a C file of ``tests/engine``."""
+def build(folder: Path, name: str = "wild", kind: type | None = None) -> Path:
+    """Return the library of a C file of ``tests/engine``; functions that it lacks of a class of fmpy are empty."""
     path = folder / f"{name}{fmpy.sharedLibraryExtension}"
     headers = Path(fmpy.__file__).parent / "c-code"
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{headers}"]
     source = Path(__file__).parent / "engine" / f"{name}.c"
-    subprocess.run([*CC, *flags, "-o", path, source, "-lm"], check=True)
+    rest = folder / f"{name}_rest.c"
+    functions = [each for each in dir(kind) if each.startswith("fmi")]
+    rest.write_text("".join(f"__attribute__((weak)) int {each}(void) {{ return 0; }}\n" for each in functions))
+    subprocess.run([*CC, *flags, "-o", path, source, rest, "-lm"], check=True)
     return path
 
 

@@ -110,11 +110,11 @@ def test_native(report):
     assert timings.differences[native.PYTHON] < 1e-9  # the bound of the project
     assert timings.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
     assert timings.differences[native.ISOLATED] == 0.0  # the very calls, in another process
-    assert timings.differences[native.INTERPRETED] == 0.0  # the same bits
+    assert timings.differences[native.BY_FMPY] == 0.0  # the same bits
     assert timings.differences[native.OWN] == 0.0  # the same operations in the same order
     assert 0.0 < timings.in_units < timings.least(native.NATIVE)
     native.tabulate(timings, report)
-    assert report.facts["compiled_over_interpreted"] < 1.0
+    assert report.facts["c_over_fmpy"] < 1.0
 
 
 def test_measured_commands_keep_bytecode_as_for_users(monkeypatch):

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ def commands(name="", node=None):
         yield from commands(f"{name} {word}".strip(), below)
 
 
+CLICK = tuple(map(int, version("click").split(".")[:2]))
 ROOT = Path(__file__).resolve().parents[2]
 
 ALL = dict(commands())
@@ -75,12 +77,9 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
 
 
 @pytest.mark.parametrize(("words", "said"), [
-    (
-        "sweep tracking --varry x=1",
-        "No such option '--varry'. (Did you mean one of: '--retry', '--vary'?) See 'vdfmu sweep run --help'.",
-    ),
-    ("run --mastre jacobi", "No such option '--mastre'. (Did you mean one of: '--master', '--step'?) See"),
-    ("rum", "No such command 'rum'. Did you mean 'run'?"),
+    ("sweep tracking --varry x=1", "No such option"),
+    ("run --mastre jacobi", "No such option"),
+    ("rum", "No such command 'rum'."),
     ("sweep a=A.fmu b=B.fmu", "Got unexpected extra argument (b=B.fmu). See"),
     ("run --step fast", "Invalid value for '--step'"),
     ("linear --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
@@ -94,13 +93,21 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     assert "--help'." in done.stderr
 
 
-def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one():
-    for words, said in (
-        ("rum", "No such command 'rum'. Did you mean 'run'? See 'vdfmu --help'."),
-        ("run x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'?) See 'vdfmu run --help'."),
-    ):
-        done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
-        assert said in " ".join(done.stderr.split()) and done.returncode == 2
+@pytest.mark.parametrize(("words", "close", "command"), [
+    ("sweep tracking --varry x=1", "'--retry', '--vary'", "sweep run"),
+    ("run --mastre jacobi", "'--master', '--step'", "run"),
+    ("run x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'", "run"),
+    pytest.param("rum", "'run'", "", marks=pytest.mark.skipif(CLICK < (8, 4), reason="click suggests no command")),
+])  # fmt: skip
+def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one(words, close, command):
+    """Before click 8.4 options have no quotes."""
+    done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
+    said = " ".join(done.stderr.split())
+    assert close in said or close.replace("'", "") in said
+    assert said.endswith(f"See 'vdfmu {f'{command} '.lstrip()}--help'.") and done.returncode == 2
+
+
+def test_a_wrong_keyword_has_a_close_one():
     with pytest.raises(
         TypeError, match=r"simulate\(\) got .* keyword argument 'wait_limmit'; did you mean wait_limit\?"
     ):

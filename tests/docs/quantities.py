@@ -3,7 +3,6 @@
 import numpy as np
 
 import vdfmu
-from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot.catalogue import catalogue, fit_spring
@@ -18,6 +17,8 @@ from vdfmu.engine.inspect import reference as reference
 from vdfmu.engine.inspect import trial as trial
 from vdfmu.engine.package import limits as limits
 from vdfmu.study import coupling_error as coupling_error
+from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.reach import steepest_fall as steepest_fall
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value
 
@@ -67,12 +68,6 @@ def friction_rate():
     return (arm.f_s / (arm.eps * arm.ell * arm.I_m)).max()
 
 
-def steepest_fall():
-    """Return the steepest slope [N.m.s/rad] of the friction (54) of the paper's arm."""
-    arm, velocities = vdfmu.load_robot("manipulator_6dof"), np.linspace(0.01, 0.4, 4000)
-    return np.gradient([stribeck_friction(arm, np.full(N, v)) for v in velocities], velocities, axis=0).min()
-
-
 def growth(source, share=1.0):
     """Return the largest real parts [1/s] of the loop of `tracking` at 0.5 rad/s, at poses of (57).
 
@@ -115,3 +110,11 @@ def contact_dampings():
     across, along = (2.0 / scenario.step / (lever @ np.linalg.solve(M, lever)) for lever in levers)
     sliding = wall["mu"] * normal / find_unit("wall").declared["v_eps"].start
     return 0.5 * wall["k"] * scenario.step, wall["c"] * normal, across, sliding, along
+
+
+def gains_and_margins():
+    """Return K_p, K_v, modulus margin and delay margin [ms] of each joint of `tracking`, the smallest along the run."""
+    margins = margins_along("tracking").margins
+    modulus, delay = (np.min([getattr(each, name) for each in margins], axis=0) for name in ("modulus", "delay"))
+    K_p, K_v = (group_value(load_scenario("tracking"), f"controller.{name}") for name in ("K_p", "K_v"))
+    return np.stack([K_p, K_v, modulus, 1e3 * delay], axis=1)

@@ -145,6 +145,8 @@ NOT_MEASURED = (
 
 WHOLE = ["README.md", *(f"docs/{name}.md" for name in "index laws drives model world checking".split())]
 """Pages of which each number is held, not only those of the first screen."""
+TABLES = [f"docs/{name}.md" for name in "modes sweeps tuning benchmarks identification measured".split()]
+"""Pages whose tables are held too, but for headings and first columns."""
 
 
 def unclaimed(path, text):
@@ -156,7 +158,10 @@ def unclaimed(path, text):
             for i in reversed(range(len(claim.parts) // 2)):
                 text = text[: place.start(i + 1)] + text[place.end(i + 1) :]
     if path not in WHOLE:
-        text = text.partition("\n## ")[0]
+        text, _, rest = text.partition("\n## ")
+        if path in TABLES:
+            rest = re.sub(r"^\|.*\n(?=\| ---)", "", rest, flags=re.MULTILINE)  # headings
+            text = "\n".join([text, *re.findall(r"^\| .*? (\|.*)$", rest, re.MULTILINE)])
     kinds = "(?!text)" if ROOT / path not in [README, TOOLS, *TUTORIALS_RUN] else ""
     text = re.sub(rf"^```{kinds}.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
     for pattern in NOT_MEASURED:
@@ -182,6 +187,8 @@ def test_a_number_without_a_claim_is_seen():
     assert unclaimed("docs/x.md", text) == ["3", "1.5", "2·10⁻³", "1"]
     page = (ROOT / WHOLE[-1]).read_text(encoding="utf-8")
     assert unclaimed(WHOLE[-1], f"{page}\n## More\n\n7 % in $$2 x$$") == ["7"]
+    page = (ROOT / TABLES[0]).read_text(encoding="utf-8")
+    assert unclaimed(TABLES[0], f"{page}\n## More\n\n6 %\n\n| 7 % | 8 % |\n| --- | --- |\n| 9 % | 5 % |\n") == ["5"]
 
 
 @pytest.mark.parametrize("claim", claims.claims(), ids=lambda claim: f"{claim.page}: {claim.text[:40]}")

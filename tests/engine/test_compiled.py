@@ -13,7 +13,7 @@ from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from tests.engine.reference.models import V
 from tests.engine.texts import OWN_STEP
-from vdfmu.base.errors import CosimError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.masters import compiled
@@ -83,25 +83,24 @@ NAMES = [
 
 
 @pytest.fixture
-def both(monkeypatch):
-    """Return a function that runs a system with steps in C and in Python, and returns the same results or failure."""
+def both():
+    """Return a function that runs a system with steps in C and by fmpy, and returns the same results or failure."""
 
     def run(package, **options) -> Results | CosimError:
         outcomes = []
-        for obstacle in (compiled.obstacle, lambda *_: "switched off"):
-            monkeypatch.setattr(session, "obstacle", obstacle)
+        for stepper in ("c", "fmpy"):
             said = []
             try:
-                results = outcome = simulate(package, isolate=False, log=said.append, **options)
+                results = outcome = simulate(package, stepper=stepper, isolate=False, log=said.append, **options)
             except CosimError as error:
                 outcome, results = error, error.results
-            assert results.summary["stepper"] == ("Python: switched off" if outcomes else "C")
+            assert results.summary["stepper"] == {"c": "c", "fmpy": "fmpy: chosen"}[stepper]
             outcomes.append((outcome, results, said))
-        (in_c, results_c, first), (in_py, results_python, second) = outcomes
-        assert_same_bits(results_c, results_python)
+        (in_c, results_c, first), (by_fmpy, results_fmpy, second) = outcomes
+        assert_same_bits(results_c, results_fmpy)
         assert first == second
-        assert (type(in_c), str(in_c)) == (type(in_py), str(in_py)) or isinstance(in_c, Results)
-        assert results_c.summary["notes"] == results_python.summary["notes"]
+        assert (type(in_c), str(in_c)) == (type(by_fmpy), str(by_fmpy)) or isinstance(in_c, Results)
+        assert results_c.summary["notes"] == results_fmpy.summary["notes"]
         return in_c
 
     return run
@@ -164,9 +163,8 @@ def test_taps_see_the_same_rows_and_steps_in_c_go_on_to_the_next_of_them(package
     package, _ = packaged("van der pol 2.0")
     ends, plain, taps = [], compiled.CompiledSteps.run, [Looking(), Looking()]
     monkeypatch.setattr(compiled.CompiledSteps, "run", lambda self, end: ends.append(end) or plain(self, end))
-    for tap, obstacle in zip(taps, (compiled.obstacle, lambda *_: "switched off"), strict=True):
-        monkeypatch.setattr(session, "obstacle", obstacle)
-        with Simulator(package, isolate=False) as simulator:
+    for tap, stepper in zip(taps, ("c", "fmpy"), strict=True):
+        with Simulator(package, stepper=stepper, isolate=False) as simulator:
             results = simulator.run(step=0.01, stop=0.5, taps=[tap])
         assert tap.names == ["m.x0"]
         assert [time for times, _ in tap.blocks for time in times] == results.time.tolist()
@@ -208,7 +206,7 @@ def test_ctrl_c_ends_a_run_within_a_slice(packaged):
         threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
         simulate(package, step=0.1, stop=1e6)
     assert 0 < len(info.value.results) < 1e7
-    assert info.value.results.summary["stepper"] == "C"
+    assert info.value.results.summary["stepper"] == "c"
 
 
 def test_an_integer_out_of_range_is_refused_when_it_is(system, both):
@@ -218,15 +216,21 @@ def test_an_integer_out_of_range_is_refused_when_it_is(system, both):
     assert re.search(r"b failed at t = 12\.\d s in setInt8: expected a value of type Int8, got 128", str(error))
 
 
-def test_the_reason_for_steps_in_python_is_told(system, packaged, monkeypatch):
+def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkeypatch):
     def stepper(path, **options):
         return simulate(path, stop=0.2, step=0.1, **options).summary["stepper"]
 
-    assert stepper(system({"m": (models.STAIR, "3.0")})) == "Python: events"
-    assert stepper(system({"m": (models.FEEDTHROUGH_2, "2.0")})) == "Python: texts or binary values"
+    assert stepper(system({"m": (models.STAIR, "3.0")})) == "fmpy: events"
+    assert stepper(system({"m": (models.FEEDTHROUGH_2, "2.0")})) == "fmpy: texts or binary values"
     package, _ = packaged("dahlquist 2.0")
-    assert stepper(package) == "C"
-    assert stepper(package, isolate=True) == "Python: components in other processes"
-    assert stepper(package, algorithm="extrapolated") == "Python: the algorithm extrapolated"
+    assert stepper(package) == "c"
+    assert stepper(package, isolate=True) == "fmpy: components in other processes"
+    assert stepper(package, algorithm="extrapolated") == "fmpy: the algorithm extrapolated"
+    assert stepper(package, stepper="fmpy") == "fmpy: chosen"
+    said = r"stepper: must be fmpy or auto here, got c\. The steps cannot be made in C: components in other processes\."
+    with pytest.raises(UsageError, match=said):
+        stepper(package, stepper="c", isolate=True)
+    with pytest.raises(UsageError, match=r"stepper: must be auto, fmpy or c, got 'rust'\."):
+        stepper(package, stepper="rust")
     monkeypatch.setattr(compiled, "_library", lambda: None)
-    assert stepper(package) == "Python: no C compiler"
+    assert stepper(package) == "fmpy: no C compiler"

@@ -2,6 +2,7 @@
 
 from ctypes import c_double
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,13 +132,13 @@ def test_a_step_that_returns_early_is_finished_unless_rounding_is_left(left, cal
 
     def do_step(component, clock, size, keep, event, end, early, last):
         made.append(clock.value)
-        early._obj[2] = len(made) == 1
+        early._obj.value = len(made) == 1
         last._obj.value = clock.value + size.value - (left if len(made) == 1 else 0.0)
         return 0
 
     class Early(Instance3):
         def __init__(self):
-            self.updates, self._failed, self.argument = False, None, None
+            self.updates, self._failed, self.fmu = False, None, SimpleNamespace(component=None)
 
         def function(self, name):
             return do_step

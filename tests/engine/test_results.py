@@ -1,5 +1,8 @@
 """Results: access, and the form of CSV; that it reads back to the same bits is shown beside Parquet."""
 
+import math
+from decimal import Decimal
+
 import numpy as np
 import pytest
 
@@ -29,19 +32,40 @@ def results() -> Results:
     )  # fmt: skip
 
 
-def test_csv_has_the_same_bytes_with_any_kinds_and_any_scipy(results, monkeypatch):
-    """Reals alone are written whole rows at a time, else column by column; another scipy by `mmwrite`."""
+def test_csv_has_the_same_bytes_with_any_kinds_and_without_a_compiler(results, monkeypatch):
+    """Reals alone are written whole rows at a time, else column by column; without a compiler by scipy's `mmwrite`."""
     real, time = results.data, results.time
     signals = [signal for signal in results.signals if signal.kind == "real"]
     rows = csv_file.csv_lines(time, signals, real, slice(None))
     mixed = csv_file.csv_lines(time, [*signals, results.signals[2]], real, slice(None))
     assert rows == "".join(line.rpartition(",")[0] + "\n" for line in mixed.splitlines())
-
-    def none(name: str) -> None:
-        raise ImportError(name)
-
-    monkeypatch.setattr(csv_file, "scipy_part", none)
+    monkeypatch.setattr(csv_file, "_library", lambda: None)
     assert csv_file.csv_lines(time, signals, real, slice(None)) == rows
+
+
+def test_numbers_in_csv_have_the_digits_of_python_which_are_the_fewest_that_read_back():
+    """All powers of two and ten, whole and random numbers, and random bits: those of all exponents, and NaN."""
+    rng = np.random.default_rng(8)
+    special = [0.0, -0.0, math.inf, -math.inf, math.nan, 5e-324, 1e23, 9007199254740993.0, 2.2250738585072014e-308]
+    numbers = np.concatenate([
+        special, 2.0 ** np.arange(-1074, 1024), 10.0 ** np.arange(-308, 309), np.arange(3000) * 1e-3,
+        rng.normal(size=3000), rng.integers(0, 2**64, 30_000, np.uint64).view(np.float64),
+        rng.integers(0, 2**52, 3000, np.uint64).view(np.float64),
+    ])  # fmt: skip
+    written = csv_file.csv_lines(numbers, [], {"real": np.empty((len(numbers), 0))}, slice(None)).split()
+
+    def parts(text: str) -> tuple[str, int]:
+        """Return the digits of a finite number, and the power of ten of the last one."""
+        sign, digits, exponent = Decimal(text).normalize().as_tuple()
+        return f"{sign} {digits}", exponent
+
+    finite = np.isfinite(numbers)
+    assert [parts(text) for text in np.array(written)[finite]] == [parts(repr(x)) for x in numbers[finite].tolist()]
+    assert {text for text, number in zip(written, numbers, strict=True) if not np.isfinite(number)} == {
+        "NaN",
+        "Infinity",
+        "-Infinity",
+    }
 
 
 @pytest.mark.parametrize("name", [

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from tests.wild import write
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.run import simulate
 
@@ -37,11 +38,17 @@ def test_eight_threads_compute_what_one_does(arm_package, backend, isolate):
     assert os.getcwd() == folder
 
 
-def test_the_working_folder_never_changes(arm_package, monkeypatch):
-    """Relative paths of other threads would lead elsewhere, and into a folder that is removed."""
-    package = arm_package()
-    monkeypatch.setattr(os, "chdir", lambda path: pytest.fail(f"changed to {path}"))
-    assert len(simulate(package, stop=0.002)) == 3
+def test_the_working_folder_is_the_same_after_components_are_loaded_or_cannot_be(arm_package, pack, xml, tmp_path):
+    """Fmpy changes it to that of a library, and stays there if it cannot load the library."""
+    folder = os.getcwd()
+    assert len(simulate(arm_package(), stop=0.002)) == 3
+    assert os.getcwd() == folder
+    path = tmp_path / "wild.so"
+    path.write_bytes(b"no library")
+    unit = write(tmp_path / "wild.fmu", path).read_bytes()
+    with pytest.raises(CosimError, match="wild failed at t = 0 s in load: "):
+        simulate(pack([xml.component("wild", "wild", "")], extra={"resources/wild.fmu": unit}), isolate=False, step=1.0)
+    assert os.getcwd() == folder
 
 
 @pytest.mark.heavy

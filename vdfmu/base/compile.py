@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from ctypes import CDLL
 from dataclasses import dataclass
 from functools import cached_property
@@ -371,6 +371,13 @@ def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -
     use `PyDLL`. FmuError without a compiler or room.
     """
     return load_library(compile_library(files, this_platform(), name=name), name, kind)
+
+
+def own_library(source: Path) -> CDLL | None:
+    """Load the library of a C file of the package; None without a compiler or room."""
+    with suppress(FmuError):
+        return loaded({source.name: SHOWN.encode() + source.read_bytes()}, source.stem)
+    return None
 
 
 def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:

@@ -20,7 +20,8 @@ _FLAGS = 29
 """Columns of the help before the text of an option."""
 _TASKS = {
     "System": "robot set unit backend compiler fmi input input-hold variant",
-    "Time, coupling": "start stop step at master adaptive tolerance isolate memory-limit wait-limit ignore-unmatched",
+    "Time, coupling": "start stop step at master adaptive stepper tolerance isolate memory-limit wait-limit "
+    "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
     "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
@@ -86,7 +87,7 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         return [word for word in choices if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
-        "required": required, "callback": read, "shell_complete": complete, "help": option.text,
+        "required": required, "callback": read, "shell_complete": complete,
         "metavar": option.metavar or "|".join(option.choices) or None,
     }  # fmt: skip
     if not required and not many:
@@ -99,7 +100,7 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         both = f"{flag}/--no-{name}" if kind is bool and default is True and not option.flag else flag
         letters = ["-o"] if name == "out" else [letter] if letter else []
         made = click.Option([name, *letters, both], multiple=many, **settings)
-    made.more, made.group = option.more, option.group  # type: ignore[attr-defined]
+    made.help, made.more, made.group = option.text, option.more, option.group  # type: ignore[attr-defined]
     return made
 
 

@@ -39,9 +39,8 @@ def run(
 ) -> None:  # fmt: skip
     """Run a scenario and judge the run, or run FMUs.
 
-    Builds stale FMUs, co-simulates, solves the references, compares, writes a page.
-    The exit code is 1 if the run failed, 0 if it is good or doubtful.
-    `vdfmu run FILE.ssp --help` is the help for packages and FMUs.
+    Builds stale FMUs, co-simulates, compares with references, writes a page.
+    A failed run has exit code 1. For FMUs: `vdfmu run FILE.ssp --help`.
     """
     if Path(scenario).suffix.lower() == ".py":
         way = "'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario"

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.option import Option, read_settings
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats
@@ -23,8 +24,19 @@ if TYPE_CHECKING:
     from vdfmu.engine.package.system import Value
     from vdfmu.engine.plan.inputs import Inputs
 
+STEPPERS = AUTO, FMPY, C = "auto", "fmpy", "c"
+"""Loops over the steps."""
 TEXTS = list[str] | None
 """Type of an option that may be repeated on the command line."""
+
+
+def read_stepper(name: str) -> str:
+    """Return the name of a loop over the steps; UsageError for any other."""
+    if name not in STEPPERS:
+        raise UsageError(f"stepper: must be {', '.join(STEPPERS[:-1])} or {STEPPERS[-1]}, got {name!r}.")
+    return name
+
+
 # A table: an option in some lines.
 # fmt: off
 master_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
@@ -117,7 +129,16 @@ class MemberOptions(InputOptions, LogOptions, total=False):
         "For a step of isolated components, and for loading, initialization and freeing each.")]
 
 
-class LoadedOptions(CouplingOptions, MemberOptions, total=False):
+class StepperOptions(TypedDict, total=False):
+    """What makes the steps."""
+
+    stepper: Annotated[str, Option("Loop over the steps: fmpy, c or auto.",
+        more="In Python by calls of fmpy, or in C by the same functions, with the same bits. `auto` is C where the "
+        "system allows it; ``stepper`` in the summary says which, and why not C.",
+        default=AUTO, choices=STEPPERS, read=read_stepper)]
+
+
+class LoadedOptions(CouplingOptions, MemberOptions, StepperOptions, total=False):
     """How components run on this machine."""
 
     isolate: Annotated[bool | None, Option("Run components in a separate process.", "bool",

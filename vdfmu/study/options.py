@@ -20,6 +20,7 @@ from vdfmu.engine.options import (
     ProgressOptions,
     ResultOptions,
     SpanOptions,
+    StepperOptions,
     master_option,
     settings_option,
 )
@@ -106,7 +107,8 @@ class JudgeOptions(TypedDict, total=False):
 
 
 class ScenarioRunOptions(
-    ScenarioOptions, JudgeOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions, total=False
+    ScenarioOptions, StepperOptions, JudgeOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions,
+    total=False,
 ):
     """Options of `vdfmu.run`."""
 

@@ -121,7 +121,8 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     np.testing.assert_allclose(simulated(browser, 2)[:6], torque.T, rtol=0, atol=1e-5)
     # what is drawn: six joints of each run, the recorded pale; a second arm; a second number; another table
     browser.run("""(async () => {  // taking a picture moves the figures out of sight for a moment
-        for (let k = 0; k < 500 && report.charts[0].stale; k += 1) await new Promise((done) => setTimeout(done, 10));
+        const waits = () => report.charts[0].stale || report.charts[0].plot.series.length < 13;
+        for (let k = 0; k < 3000 && waits(); k += 1) await new Promise((done) => setTimeout(done, 10));
     })()""")
     alphas = browser.run("report.charts[0].plot.series.map(s => s.alpha ?? 1)")
     assert alphas == [1] + 6 * [0.4] + 6 * [1]

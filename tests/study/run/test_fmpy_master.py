@@ -1,4 +1,4 @@
-"""The example that is a master: nothing but fmpy and numpy, and the bits of ours."""
+"""The example that is a master: nothing but fmpy and numpy, with the bits of ours and close to scipy."""
 
 import subprocess
 import sys
@@ -9,30 +9,54 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario import load_scenario
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "fmpy_master.py"
-COMPONENTS = {"Feedforward": "feedforward", "PDController": "controller", "Trajectory": "trajectory", "Plant": "plant"}
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLE = ROOT / "examples" / "fmpy_master.py"
+STOP, STEP = 0.3, 1e-3
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("fmus")
-    done = subprocess.run([sys.executable, "-m", "vdfmu.cli", "build", "planar_tracking", "--out", folder], check=False)
-    assert done.returncode == 0
+@pytest.fixture(scope="module", params=["auto", "fmpy"])
+def run(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    vdfmu.run("planar_tracking", stop=STOP, master="gauss-seidel", stepper=request.param, out=folder, overwrite=True)
     return folder
 
 
-def test_it_has_at_most_80_lines_of_fmpy_and_numpy_and_the_bits_of_gauss_seidel(fmus, tmp_path):
-    text = EXAMPLE.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 80
-    assert "vdfmu" not in [line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line]
+@pytest.fixture(scope="module")
+def signals(run):
     spec = spec_from_file_location("fmpy_master", EXAMPLE)
     example = module_from_spec(spec)
     spec.loader.exec_module(example)
-    signals = example.simulate(fmus, stop=0.3, step=1e-3)
-    vdfmu.run("planar_tracking", stop=0.3, master="gauss-seidel", reference=False, out=tmp_path)
-    ours = vdfmu.Results.read(tmp_path / "results.csv")
+    return example.simulate(run / "system.ssp", STOP, STEP)
+
+
+def test_it_has_at_most_100_lines_of_fmpy_and_numpy_of_which_40_are_the_master_and_its_page_shows_it():
+    text = EXAMPLE.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 100
+    assert "vdfmu" not in [line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line]
+    assert text in (ROOT / "docs" / "tutorials" / "fmpy-master.md").read_text(encoding="utf-8")
+    loop = text[text.index("    def pass_on") : text.index("\n\nif __name__")]
+    assert len(loop.splitlines()) <= 40
+
+
+def test_its_outputs_have_the_bits_of_gauss_seidel_with_steps_in_c_and_by_fmpy(run, signals):
+    ours = vdfmu.Results.read(run / "results.csv")
     assert len(signals) > 40
     for name, values in signals.items():
-        model, _, signal = name.partition(".")
-        assert np.array_equal(values, ours[f"{COMPONENTS[model]}.{signal}"]), name
+        assert np.array_equal(values, ours[name]), name
+
+
+def test_it_is_as_close_to_scipy_as_the_tolerance_of_the_plant(signals):
+    """The tolerance is 1e-7 of states of order 1 rad, for steps that are longer than these of 1 ms."""
+    system = SystemDescription(load_scenario("planar_tracking"))
+    q = np.column_stack([signals["plant.q[1]"], signals["plant.q[2]"]])
+    assert 0.0 < np.abs(q - reference("sampled", system, step=STEP, stop=STOP)["plant.q"]).max() < 1e-7
+
+
+def test_it_prints_both(run):
+    done = subprocess.run([sys.executable, EXAMPLE, run], capture_output=True, text=True, check=True)
+    assert "45 of 45 outputs equal those of vdfmu run to the bit." in done.stdout
+    assert "from scipy's solution of the same equations: " in done.stdout

@@ -54,6 +54,12 @@ def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_poi
     assert 0.15 < widths[1] / widths[0] < 0.4
 
 
+def test_sobol_indices_of_the_same_values_have_the_same_half_widths():
+    x = np.pi * (2 * shares(3, "saltelli", 64, 0) - 1)
+    first, second = (sobol_indices(ishigami(*x.T), "abc").widths for _ in range(2))
+    assert all(np.array_equal(first[name], second[name], equal_nan=True) for name in first)
+
+
 def test_morris_gives_slopes_and_bends_of_functions_and_of_the_points_of_a_study(tmp_path):
     u = shares(3, "morris", 20, 0)
     effects = morris_indices(3 * u[:, 0] - 2 * u[:, 1], u, "abc")

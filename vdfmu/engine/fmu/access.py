@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from ctypes import addressof, byref, c_char, c_size_t, c_uint, create_string_buffer, string_at
+from ctypes import addressof, c_uint, create_string_buffer, string_at
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,11 @@ def shown(kind: str, number: Any) -> Value:
     if kind == "String":
         return number.decode("utf-8", "surrogateescape")
     return number if kind == "Binary" else number.item()
+
+
+def shared(kind: Any, values: NDArray[Any]) -> Any:
+    """Return an array of a type of ctypes in the memory of `values`."""
+    return (kind * values.size).from_buffer(values)
 
 
 class Transfer:
@@ -97,14 +102,13 @@ class Transfer:
             self._put(range(len(rest)), rest)
 
     @property
-    def counts(self) -> tuple[Any, Any]:
-        """Numbers of references and of values as arguments."""
-        return c_size_t.from_param(len(self.references)), c_size_t.from_param(self.memory.size)
+    def counts(self) -> tuple[int, int]:
+        """Numbers of references and of values."""
+        return len(self.references), self.memory.size
 
-    @property
-    def pointer(self) -> Any:
-        """The memory as an argument."""
-        return byref(c_char.from_buffer(self.memory))  # pyright: ignore[reportArgumentType]
+    def array(self, kind: Any) -> Any:
+        """Return the memory as an array of a type of ctypes."""
+        return shared(kind, self.memory)
 
     def around(self, function: Callable[..., int]) -> Callable[..., int]:
         """Return the function of a call, wrapped to move the values."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from ctypes import c_double, c_size_t, c_void_p
+from ctypes import byref, c_double, c_size_t, c_uint, c_void_p
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shown
+from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shared, shown
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Library
 from vdfmu.engine.fmu.messages import boxes, watched_slave
@@ -40,10 +40,13 @@ class Instance(Library):
     """Whether the directional derivative takes the number of its values."""
     end_name = "Terminate"
     """Function that terminates a simulation."""
-    derivatives_name = update_name = ""
-    """Function that gets the derivatives of the states, and fmpy's method that updates the discrete states."""
+    derivatives_name = state_name = deserialize = ""
+    """Function that gets the derivatives of the states, the word for the state of an FMU in names of functions, and the
+    function that makes a state of bytes."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
     """NumPy types by the types in the names of the functions."""
+    module: Any
+    """Module of fmpy with the types of the version."""
 
     tolerance: float | None = None
     integrator: ModelExchangeIntegrator | None = None
@@ -61,6 +64,10 @@ class Instance(Library):
 
     def line(self, time: float) -> None:
         """Set the inputs that follow lines to their values at a time."""
+
+    def kind_of(self, name: str) -> Any:
+        """Return a type of FMI in ctypes by its name, such as ``Boolean``."""
+        return getattr(self.module, self.prefix + name)
 
     # ------------------------------------------------------------------ for each version of FMI
 
@@ -82,6 +89,13 @@ class Instance(Library):
 
     def _slope_call(self, moved: Transfer) -> Call:
         """Return the call that gets the derivatives of real outputs by time."""
+        raise NotImplementedError
+
+    def updated(self) -> tuple[bool, bool, float]:
+        """Update the discrete states; return whether to do it again, whether the simulation ends, and the next event.
+
+        The time of the next event is infinite if there is none [s].
+        """
         raise NotImplementedError
 
     def sizes(self) -> tuple[int, int]:
@@ -131,15 +145,14 @@ class Instance(Library):
     def transfer(self, name: str, values: Floats) -> None:
         """Get or set states, their derivatives or event indicators, in place, by the name of the function."""
         if values.size:
-            self.call(name, c_void_p(values.ctypes.data), c_size_t(values.size))
+            self.call(name, shared(c_double, values), values.size)
 
     def update(self, time: float) -> None:
         """Update the discrete states at an event until they settle."""
         for _ in range(_UPDATES):
-            again, end, _, _, defined, after = getattr(self.fmu, self.update_name)()
-            self.next_event = after if defined else math.inf
+            again, end, self.next_event = self.updated()
             if not self.next_event >= time - _DRIFT * abs(time):
-                reason = f"its next event must not be before this time, got t = {after:.9g} s"
+                reason = f"its next event must not be before this time, got t = {self.next_event:.9g} s"
                 raise CosimError(self.name, "updateDiscreteStates", time, reason)
             if end:
                 self.box.ended[self.name] = time
@@ -150,38 +163,51 @@ class Instance(Library):
 
     def completed_step(self) -> bool:
         """Report a solver step to a model-exchange component; return whether an event follows."""
-        event, end = self.fmu.completedIntegratorStep()
+        event, end = (self.kind_of("Boolean")() for _ in range(2))
+        self.call("CompletedIntegratorStep", True, byref(event), byref(end))
         if end:
             self.box.ended[self.name] = self.box.time
-        return event or end
+        return bool(event or end)
 
     def enter_event(self) -> None:
         """Enter event mode."""
         self.event_needed = False
         if not self.in_event:
-            self.fmu.enterEventMode()
+            self.call("EnterEventMode")
             self.in_event = True
 
     def leave_event(self) -> None:
         """Leave event mode to do steps."""
         if self.in_event:
-            (self.fmu.enterContinuousTimeMode if self.integrator else self.fmu.enterStepMode)()
+            self.call("EnterContinuousTimeMode" if self.integrator else "EnterStepMode")
             self.in_event = False
 
     def saved_state(self) -> c_void_p:
         """Return a copy of the FMU state, to be freed with `free_state`."""
-        return self.fmu.getFMUState()
+        state = c_void_p()
+        self.call(f"Get{self.state_name}", byref(state))
+        return state
 
     def restore_state(self, state: c_void_p) -> None:
         """Take the instance back to a saved state."""
-        self.fmu.setFMUState(state)
+        self.call(f"Set{self.state_name}", state)
         self.stage = "initialized"
         self.box.ended.pop(self.name, None)
 
     def free_state(self, state: c_void_p) -> None:
         """Free a saved state."""
         if not self.dead:
-            self.fmu.freeFMUState(state)
+            self.call(f"Free{self.state_name}", byref(state))
+
+    def copied_state(self, state: c_void_p) -> c_void_p:
+        """Return a copy of a saved state, made from its bytes; free the state."""
+        size, copy = c_size_t(), c_void_p()
+        self.call(f"Serialized{self.state_name}Size", state, byref(size))
+        content = (self.kind_of("Byte") * size.value)()
+        self.call(f"Serialize{self.state_name}", state, content, size)
+        self.free_state(state)
+        self.call(self.deserialize, content, size, byref(copy))
+        return copy
 
     def derivative(
         self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats
@@ -191,20 +217,17 @@ class Instance(Library):
         Variables are given by their references. The function returns the same array each time.
         """
         arrays = np.zeros((len(seeds), size)), np.array(seeds, np.float64)
-        references = [np.array(each, np.uint32) for each in (unknowns, knowns)]
-        head = [part for each in references for part in (c_void_p(each.ctypes.data), c_size_t(each.size))]
-        n_values, n_seeds = ([c_size_t(each.shape[1])][: self.sized] for each in arrays)
-        places = [(each.ctypes.data, each.strides[0]) for each in arrays]
+        head = [part for each in (unknowns, knowns) for part in ((c_uint * len(each))(*each), len(each))]
+        n_values, n_seeds = ([each.shape[1]][: self.sized] for each in arrays)
+        name = "GetDirectionalDerivative"
         calls: list[Call] = []
         for k in range(len(seeds)):
-            row, seed = (c_void_p(begin + k * stride) for begin, stride in places)
-            name = "GetDirectionalDerivative"
-            calls.append((self.function(name), (self.argument, *head, seed, *n_seeds, row, *n_values), name))
-        kept = arrays, references  # the calls have addresses in them
+            row, seed = (shared(c_double, each[k]) for each in arrays)
+            calls.append((self.function(name), (self.fmu.component, *head, seed, *n_seeds, row, *n_values), name))
 
         def calculate() -> Floats:
             self.run(calls)
-            return kept[0][0]
+            return arrays[0]
 
         return calculate
 
@@ -283,13 +306,22 @@ class Instance(Library):
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
                 try:
-                    self._make()
+                    self._made()
                 finally:
                     self.let_go()
         else:
-            self._make()
-        self.argument = c_void_p.from_param(self.fmu.component)
+            self._made()
         self.stage = "instantiated"
+
+    def _made(self) -> None:
+        try:
+            self._make()
+        except Exception as error:
+            if type(error) is not Exception:  # fmpy raises a plain one if there is no instance, and none for FMI 1.0
+                raise
+        if not self.fmu.component:
+            self.stage = "failed"
+            raise CosimError(self.name, "instantiate", self.box.time, self._reason())
 
     def enter_initialization(self) -> None:
         """Enter initialization mode."""

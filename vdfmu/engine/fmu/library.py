@@ -1,44 +1,48 @@
-"""The library of an FMU: loading, calls through fmpy's instance, and failures.
-
-fmpy's loading changes the working directory of the process for all threads. It also looks up all functions of the
-standard for each instance. Here a function is looked up at its first call.
-"""
+"""The library of an FMU: fmpy's instance, calls by its methods with FMI's names, and failures."""
 
 from __future__ import annotations
 
 import itertools
+import os
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from ctypes import CDLL, c_int
-from functools import cache, partial
-from inspect import signature
+from functools import partial
 from pathlib import Path
-from types import UnionType
-from typing import Any, get_args
+from typing import Any
 
-import fmpy
-from fmpy.fmi1 import _FMU  # pyright: ignore[reportPrivateUsage]
+from fmpy.fmi1 import FMICallException
 
 from vdfmu.base.errors import SHORTEST_STEP, CosimError, FailureKind
 from vdfmu.engine.fmu.access import Call
-from vdfmu.engine.fmu.description import Description, library_name
+from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox, taken_error
 
 Watch = Callable[[str, str, Any], Any]
 """Wraps a function to note component and call before it runs."""
 _tokens = itertools.count(1)
+_LOADING = threading.Lock()
+"""Held while fmpy loads a library: it changes the working folder of the process, for all threads."""
+
+
+def status_of(function: Callable[..., int], *arguments: Any) -> int:
+    """Return the status of a call by fmpy, which raises statuses above warning."""
+    try:
+        return function(*arguments)
+    except FMICallException as error:
+        return error.status
 
 
 class Library:
     """The functions of an FMU, unpacked in `folder`.
 
-    `fmu`, fmpy's instance, makes calls that occur once or at events. Values, steps, and the states and derivatives of
-    model exchange use functions with arguments that are prepared once. After a fatal error no instance of the same FMU
-    is called again, not even to free it (FMI 2.0, table of statuses). `corrupt`, shared by the units of a run, has the
-    sources of such FMUs. `watch` wraps everything that runs code of the FMU: its functions and the loading.
+    `fmu` is fmpy's instance. Its methods with FMI's names receive arguments that are prepared once. After a fatal error
+    no instance of the same FMU is called again, not even to free it (FMI 2.0, table of statuses). `corrupt`, shared by
+    the units of a run, has the sources of such FMUs. `watch` wraps everything that runs code of the FMU: its functions
+    and the loading.
     """
 
-    kinds: tuple[type[_FMU], type[_FMU]]
+    kinds: tuple[Any, Any]
     """Classes of fmpy for co-simulation and for model exchange."""
     prefix = ""
     """Prefix of the functions."""
@@ -55,24 +59,25 @@ class Library:
         self.name, self.description, self.folder, self.box = name, description, folder, box
         self.stage = "loaded"
         self._corrupt = corrupt
-        self._functions: dict[str, Any] = {}
         self.token = next(_tokens)
-        self._watch = watch or (lambda unit, call, function: function)
-        try:
-            path = str(folder / library_name(description.identifier, description.version))
-            self._library: CDLL = self._watch(name, "load", CDLL)(path)
-        except OSError as error:
-            raise CosimError(name, "load", box.time, str(error)) from None
         self.python = (folder / "resources" / "slavemodule.txt").is_file()
-        self._kind = self.kinds[description.exchange]
-        self.fmu: Any = self._kind.__new__(self._kind)
-        free = self._watch(name, "freeLibrary", fmpy.freeLibrary)
-        vars(self.fmu).update(
-            guid=description.guid, unzipDirectory=str(folder), instanceName=name, component=None,
-            _call=self._judged, freeLibrary=partial(free, self._library._handle),
+        load = partial(
+            self.kinds[description.exchange], guid=description.guid, modelIdentifier=description.identifier,
+            unzipDirectory=str(folder), instanceName=name,
         )  # fmt: skip
-        self.argument: Any = None
-        """The instance as an argument, prepared once."""
+        try:
+            self.fmu = _loaded(watch(name, "load", load) if watch else load)
+        except Exception as error:  # of fmpy, which raises plain ones
+            lacks = f"the library lacks a function of FMI {description.version.name}: "
+            reason = f"{lacks if isinstance(error, AttributeError) else ''}{error.__context__ or error}"
+            raise CosimError(name, "load", box.time, reason) from None
+        self.mend(self.fmu)
+        if watch:
+            watch_calls(self.fmu, name, self.prefix, watch)
+
+    @staticmethod
+    def mend(fmu: Any) -> None:
+        """Correct functions that fmpy declares wrongly."""
 
     def let_go(self) -> None:
         """Make the library of a Python FMU give up its share in what its instances hold.
@@ -80,48 +85,27 @@ class Library:
         pythonfmu 0.7.0 counts that down when the library is unloaded or the process ends, after it has been freed.
         """
         with suppress(AttributeError):  # another wrapper
-            self._library.finalizePythonInterpreter()
+            self.fmu.dll.finalizePythonInterpreter()
 
-    def _symbol(self, name: str) -> str:
-        return name
-
-    def _look_up(self, name: str, arguments: list[Any] | None, result: Any) -> Any:
-        """Return an FMI function as a ctypes object; CosimError if the library lacks it."""
-        call, symbol = name[4].lower() + name[5:], self._symbol(name)
-        try:
-            function: Any = self._library[symbol]
-        except AttributeError:
-            raise CosimError(self.name, call, self.box.time, f"the library has no function {symbol}") from None
-        function.argtypes, function.restype = arguments, result
-        return self._watch(self.name, call, function)
-
-    def _judged(self, name: str, *values: Any) -> Any:
-        """Call a function for fmpy; CosimError with the unit's reason instead of fmpy's error."""
-        if name not in self._functions:
-            self._functions[name] = self._look_up(name, *_types(self._kind, name))
-        returned = self._functions[name](*values)
-        if "Instantiate" in name:
-            if not returned:
-                self.stage = "failed"
-                raise CosimError(self.name, "instantiate", self.box.time, self._reason())
-        elif returned:
-            self.judge(returned, name[4:])
-        return returned
+    def symbol(self, name: str) -> str:
+        """Return the name of an FMI function in the library, by its name without prefix."""
+        return self.prefix + name
 
     def function(self, name: str) -> Any:
-        """Return an FMI function by its name without prefix; it takes ctypes arguments."""
-        if name not in self._functions:
-            self._functions[name] = self._look_up(self.prefix + name, None, c_int)
-        return self._functions[name]
+        """Return fmpy's method of an FMI function, by its name without prefix; it accepts ctypes arguments."""
+        return getattr(self.fmu, self.prefix + name)
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function with ctypes arguments; CosimError when its status is above warning."""
-        self.run([(self.function(name), (self.argument, *arguments), name)])
+        self.run([(self.function(name), (self.fmu.component, *arguments), name)])
 
     def run(self, calls: Sequence[Call]) -> None:
         """Make calls one after the other."""
         for function, arguments, name in calls:
-            status = function(*arguments)
+            try:
+                status = function(*arguments)
+            except FMICallException as error:
+                status = error.status
             if status:
                 self.judge(status, name)
 
@@ -157,10 +141,19 @@ class Library:
         return self.description.source in self._corrupt
 
 
-@cache
-def _types(kind: type[_FMU], name: str) -> tuple[list[Any], Any]:
-    """Return the types of the arguments and of the result of a function, as fmpy declares them."""
-    declared = signature(getattr(kind, name))
-    types = [p.annotation for p in declared.parameters.values()][1:]
-    result = declared.return_annotation
-    return [get_args(t)[0] if isinstance(t, UnionType) else t for t in types], c_int if result is int else result
+def watch_calls(fmu: Any, name: str, prefix: str, watch: Watch) -> None:
+    """Wrap the functions of fmpy's instance of the component `name`, so that all methods of the instance use them."""
+    for each in dir(fmu):
+        if each.startswith(prefix) or each == "freeLibrary":
+            call = each.removeprefix(prefix)
+            setattr(fmu, each, watch(name, call[0].lower() + call[1:], getattr(fmu, each)))
+
+
+def _loaded(load: Callable[[], Any]) -> Any:
+    """Return fmpy's instance of an FMU."""
+    with _LOADING:
+        here = os.getcwd()
+        try:
+            return load()
+        finally:
+            os.chdir(here)  # fmpy stays in the folder of a library that it cannot load

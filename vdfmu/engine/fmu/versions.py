@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t, c_ubyte, c_uint, c_uint32
+from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_ubyte, c_uint, c_uint32
 from typing import Any
 
 import numpy as np
-from fmpy import fmi1, fmi2
-from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy import fmi1, fmi2, fmi3
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.base.standards import FMI_1, FMI_2
-from vdfmu.engine.fmu.access import Call, Transfer
-from vdfmu.engine.fmu.description import Description
+from vdfmu.engine.fmu.access import Call, Transfer, shared
 from vdfmu.engine.fmu.instance import Instance, Starts
-from vdfmu.engine.fmu.library import Library
+from vdfmu.engine.fmu.library import Library, status_of
 from vdfmu.engine.fmu.messages import boxes, on_message
 from vdfmu.engine.fmu.variables import INTEGERS, FmuVariable
 from vdfmu.engine.package.system import Value
@@ -42,8 +40,10 @@ class Instance2(Instance):
     """An instance of an FMU of FMI 2.0."""
 
     kinds = fmi2.FMU2Slave, fmi2.FMU2Model
-    prefix, sized, derivatives_name, update_name = "fmi2", False, "GetDerivatives", "newDiscreteStates"
+    prefix, sized, derivatives_name = "fmi2", False, "GetDerivatives"
+    state_name, deserialize = "FMUstate", "DeSerializeFMUstate"
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
+    module = fmi2
 
     def _make(self) -> None:
         default = fmi2.defaultCallbacks
@@ -58,55 +58,59 @@ class Instance2(Instance):
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Instance.prepare`."""
         self.tolerance = tolerance = tolerance or self.description.tolerance
-        times = c_double(tolerance or 0.0), c_double(start), c_int(1), c_double(stop)
-        self.call("SetupExperiment", c_int(tolerance is not None), *times)
+        self.call("SetupExperiment", tolerance is not None, tolerance or 0.0, start, True, stop)
         self.set_all(values)
 
     def _value_call(self, moved: Transfer) -> Call:
         count, _ = moved.counts
-        function = moved.around(self.function(moved.verb + moved.native))
-        return function, (self.argument, byref(moved.references), count, moved.pointer), moved.name
+        function, values = (
+            moved.around(self.function(moved.verb + moved.native)),
+            moved.array(self.kind_of(moved.native)),
+        )
+        return function, (self.fmu.component, moved.references, count, values), moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         self.step = clock, size
-        return self.function("DoStep"), (self.argument, clock, size, c_int.from_param(1)), "doStep"
+        return self.function("DoStep"), (self.fmu.component, clock, size, _KEEP), "doStep"
 
     def rate_call(self, variables: Sequence[FmuVariable], starts: Floats, slopes: Floats, clock: c_double) -> Call:
         """See `Instance.rate_call`."""
         if self.integrator:
             return super().rate_call(variables, starts, slopes, clock)
         references = (c_uint * len(variables))(*(v.reference for v in variables))
-        values = byref(c_double.from_buffer(slopes))  # pyright: ignore[reportArgumentType]
+        values = shared(c_double, slopes)
         return self._first_order("SetRealInputDerivatives", len(variables), references, values)
 
     def _slope_call(self, moved: Transfer) -> Call:
         references, name = moved.references, "GetRealOutputDerivatives"
-        function, arguments, call = self._first_order(name, len(references), references, moved.pointer)
+        function, arguments, call = self._first_order(name, len(references), references, moved.array(c_double))
         return moved.around(function), arguments, call
 
     def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
         """Return the call that gets or sets n first derivatives by time."""
-        arguments = self.argument, references, c_size_t.from_param(n), (c_int * n)(*([1] * n)), values
+        arguments = self.fmu.component, references, n, (c_int * n)(*([1] * n)), values
         return self.function(name), arguments, name[0].lower() + name[1:]
 
     def has_ended(self) -> bool:
         """See `Instance.has_ended`."""
         before, ended, time = len(self.box.pending), c_int(), c_double(math.nan)
-        try:
-            if self.function("GetBooleanStatus")(self.argument, c_int(_TERMINATED), byref(ended)):
-                ended.value = 0
-            elif ended.value:
-                self.function("GetRealStatus")(self.argument, c_int(_LAST_SUCCESSFUL_TIME), byref(time))
-        except CosimError:  # the library lacks these functions
-            pass
-        if not ended.value:
+        status = status_of(self.function("GetBooleanStatus"), self.fmu.component, _TERMINATED, byref(ended))
+        if status or not ended.value:
             del self.box.pending[before:]  # messages of these calls do not explain the discarded step
             return False
+        status_of(self.function("GetRealStatus"), self.fmu.component, _LAST_SUCCESSFUL_TIME, byref(time))
         if not math.isnan(time.value):  # else it does not report the time
             begin, size = self.step
             self.check_end(begin.value, size.value, time.value)
         self.box.ended[self.name] = time.value
         return True
+
+    def updated(self) -> tuple[bool, bool, float]:
+        """See `Instance.updated`."""
+        info = fmi2.fmi2EventInfo()
+        self.call("NewDiscreteStates", byref(info))
+        after = info.nextEventTime if info.nextEventTimeDefined else math.inf
+        return bool(info.newDiscreteStatesNeeded), bool(info.terminateSimulation), after
 
 
 class Instance1(Instance2):
@@ -118,10 +122,21 @@ class Instance1(Instance2):
     kinds = fmi1.FMU1Slave, fmi1.FMU1Model
     prefix, end_name = "fmi1", "TerminateSlave"
     dtypes = Instance2.dtypes | {"Boolean": np.int8}
+    module = fmi1
     has_ended = Library.has_ended
 
-    def _symbol(self, name: str) -> str:
-        return f"{self.description.identifier}_{name.replace('fmi1', 'fmi')}"
+    def symbol(self, name: str) -> str:
+        """See `Library.symbol`."""
+        return f"{self.description.identifier}_fmi{name}"
+
+    @staticmethod
+    def mend(fmu: Any) -> None:
+        """See `Library.mend`; fmpy 0.3.32 declares statuses as texts, and would read a warning as an address."""
+        if isinstance(fmu, fmi1.FMU1Slave):
+            for name in ("InitializeSlave", "DoStep", "GetRealOutputDerivatives", "SetRealInputDerivatives"):
+                function = getattr(fmu.dll, f"{fmu.modelIdentifier}_fmi{name}")
+                function.restype = c_int
+            fmu.fmi1SetRealInputDerivatives = function  # fmpy 0.3.32 calls InitializeSlave
 
     def _make(self) -> None:
         default = fmi1.defaultCallbacks
@@ -129,8 +144,9 @@ class Instance1(Instance2):
         if addLoggerProxy is not None:
             addLoggerProxy(byref(callbacks))
         self.fmu.instantiate(functions=callbacks, loggingOn=True)
-        boxes[self.fmu.component] = boxes.pop(self.token)
-        self.token = self.fmu.component
+        if self.fmu.component:
+            boxes[self.fmu.component] = boxes.pop(self.token)
+            self.token = self.fmu.component
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Instance.prepare`; FMI 1.0 has no tolerance."""
@@ -148,13 +164,13 @@ class Instance1(Instance2):
     def exit_initialization(self, stepped: bool = True) -> None:
         """Initialize the instance, once."""
         if self.stage == "instantiated":
-            start, stop = map(c_double, self._span)
-            self.call("InitializeSlave", start, c_char(fmi1.fmi1True), stop)  # fmpy takes its status for a text
+            start, stop = self._span
+            self.call("InitializeSlave", start, fmi1.fmi1True, stop)
             self.stage = "initialized"
 
     def reset(self) -> None:
         """See `Instance.reset`; FMI 1.0 resets without terminating."""
-        self.fmu.reset()
+        self.call("ResetSlave")
         self.stage, self._values = "instantiated", None
 
 
@@ -164,7 +180,7 @@ _CLOSE = 1e-9
 """Part of a step that an early return may omit by rounding."""
 _RETURNS = 1000
 """Most early returns from a communication step."""
-_KEEP = c_bool.from_param(True)
+_KEEP = True
 """Argument of doStep: no state from before the step is restored."""
 _CHANGED = 2
 """Value of fmi3IntervalQualifier."""
@@ -173,13 +189,14 @@ _CHANGED = 2
 class Instance3(Instance):
     """An instance of an FMU of FMI 3.0."""
 
-    kinds = FMU3Slave, FMU3Model
-    prefix, sized = "fmi3", True
-    derivatives_name, update_name = "GetContinuousStateDerivatives", "updateDiscreteStates"
+    kinds = fmi3.FMU3Slave, fmi3.FMU3Model
+    prefix, sized, derivatives_name = "fmi3", True, "GetContinuousStateDerivatives"
+    state_name, deserialize = "FMUState", "DeserializeFMUState"
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{name: np.dtype(name.lower()) for name in INTEGERS},
     }  # fmt: skip
+    module = fmi3
 
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
     """Begin and end of a step, its last update, and the time on the line at which the inputs are held [s]."""
@@ -204,36 +221,38 @@ class Instance3(Instance):
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
         """See `Instance.prepare`."""
         self.tolerance = tolerance = tolerance or self.description.tolerance
-        self._experiment = tolerance, start, stop
+        self._experiment = tolerance is not None, tolerance or 0.0, start, True, stop
         structure = [(v, x) for v, x in values if v.causality == "structuralParameter"]
         if structure:
-            self.fmu.enterConfigurationMode()
+            self.call("EnterConfigurationMode")
             self.set_all(structure)
-            self.fmu.exitConfigurationMode()
+            self.call("ExitConfigurationMode")
         self.set_all([pair for pair in values if pair not in structure])
 
     def enter_initialization(self) -> None:
         """See `Instance.enter_initialization`."""
-        self.fmu.enterInitializationMode(*self._experiment)
+        self.call("EnterInitializationMode", *self._experiment)
 
     def _value_call(self, moved: Transfer) -> Call:
         count, n = moved.counts
-        sizes = [byref(c_char.from_buffer(moved.sizes))] if moved.native == "Binary" else []  # pyright: ignore[reportArgumentType]
-        arguments = self.argument, byref(moved.references), count, *sizes, moved.pointer, n
+        sizes = [shared(c_size_t, moved.sizes)] if moved.native == "Binary" else []
+        arguments = self.fmu.component, moved.references, count, *sizes, moved.array(self.kind_of(moved.native)), n
         return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step = self.function("DoStep")
         self.flags, self.reached = (c_ubyte * 4)(), c_double()
         """Answers of doStep: output flags, of which an FMU may set any bit, and the last successful time [s]."""
-        self._answers = *(byref(self.flags, i) for i in (_EVENT, _END, _EARLY)), byref(self.reached)
+        flags = (c_bool.from_buffer(self.flags, i) for i in (_EVENT, _END, _EARLY))
+        self._answers = *map(byref, flags), byref(self.reached)
 
         def do_step(component: Any, clock: c_double, size: c_double, keep: Any) -> int:
             if self.updates:
                 self._run_line(clock.value, clock.value + size.value)
-            return self.complete(step(component, clock, size, keep, *self._answers), clock, size)
+            status = status_of(step, component, clock, size, keep, *self._answers)
+            return self.complete(status, clock, size)
 
-        return do_step, (self.argument, clock, size, _KEEP), "doStep"
+        return do_step, (self.fmu.component, clock, size, _KEEP), "doStep"
 
     def complete(self, status: int, clock: c_double, size: c_double) -> int:
         """Complete a step by its status, `flags` and time `reached`; return the last status."""
@@ -253,7 +272,7 @@ class Instance3(Instance):
                 reason = f"it returned early at t = {begin:.9g} s, where it began, without an event"
                 raise self._failure("doStep", reason)
             begin, rest = last, (c_double(last), c_double(end - last))
-            status = self.function("DoStep")(self.argument, *rest, _KEEP, *self._answers)
+            status = status_of(self.function("DoStep"), self.fmu.component, *rest, _KEEP, *self._answers)
         raise self._failure("doStep", f"it returned early {_RETURNS} times in a step, the last at t = {begin:.9g} s")
 
     def _run_line(self, begin: float, end: float) -> None:
@@ -290,7 +309,7 @@ class Instance3(Instance):
     def _slope_call(self, moved: Transfer) -> Call:
         orders = (c_int * len(moved.references))(*([1] * len(moved.references)))
         count, size = moved.counts
-        arguments = self.argument, byref(moved.references), count, orders, moved.pointer, size
+        arguments = self.fmu.component, moved.references, count, orders, moved.array(c_double), size
         return moved.around(self.function("GetOutputDerivatives")), arguments, "getOutputDerivatives"
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
@@ -314,28 +333,42 @@ class Instance3(Instance):
 
     def sizes(self) -> tuple[int, int]:
         """See `Instance.sizes`."""
-        return self.fmu.getNumberOfContinuousStates(), self.fmu.getNumberOfEventIndicators()
+        states, indicators = c_size_t(), c_size_t()
+        self.call("GetNumberOfContinuousStates", byref(states))
+        self.call("GetNumberOfEventIndicators", byref(indicators))
+        return states.value, indicators.value
+
+    def updated(self) -> tuple[bool, bool, float]:
+        """See `Instance.updated`."""
+        flags, after = [c_bool() for _ in range(5)], c_double()
+        self.call("UpdateDiscreteStates", *map(byref, flags), byref(after))
+        again, end, _, _, defined = (flag.value for flag in flags)
+        return again, end, after.value if defined else math.inf
 
     def set_clocks(self, references: Sequence[int]) -> None:
         """Activate input clocks."""
-        if references:
-            self.fmu.setClock(references, [True] * len(references))
+        if n := len(references):
+            self.call("SetClock", (c_uint32 * n)(*references), n, (c_bool * n)(*[True] * n))
 
     def clocks(self, references: Sequence[int]) -> list[bool]:
         """Return whether each output clock ticks."""
-        return self.fmu.getClock(references) if references else []
+        if n := len(references):
+            ticks = (c_bool * n)()
+            self.call("GetClock", (c_uint32 * n)(*references), n, ticks)
+            return list(ticks)
+        return []
 
     def intervals(self, references: Sequence[int]) -> list[float | None]:
         """Return the intervals of clocks [s]; None if unchanged."""
         n = len(references)
         intervals, qualifiers = (c_double * n)(), (c_int * n)()
-        self.call("GetIntervalDecimal", (c_uint32 * n)(*references), c_size_t(n), intervals, qualifiers)
+        self.call("GetIntervalDecimal", (c_uint32 * n)(*references), n, intervals, qualifiers)
         new = [x if q == _CHANGED else None for x, q in zip(intervals, qualifiers, strict=True)]
         if not all(x is None or 0.0 <= x < math.inf for x in new):
             raise self._failure("getIntervalDecimal", f"expected the interval of a clock, got {new} s")
         return new
 
 
-def class_of(description: Description) -> type[Instance]:
-    """Return the class of instances of an FMU, by its version of FMI."""
-    return {FMI_1.name: Instance1, FMI_2.name: Instance2}.get(description.version.name, Instance3)
+def class_of(version: str) -> type[Instance]:
+    """Return the class of instances of FMUs of a version of FMI."""
+    return {FMI_1.name: Instance1, FMI_2.name: Instance2}.get(version, Instance3)

@@ -71,7 +71,9 @@ def tried(
     watch: Watch | None = None,
 ) -> str:
     """Initialize an instance, with `begin` in initialization mode, and return the result of an attempt."""
-    instance = class_of(description)("FMU", description, folder, MessageBox(lambda message: None), set(), watch)
+    instance = class_of(description.version.name)(
+        "FMU", description, folder, MessageBox(lambda message: None), set(), watch
+    )
     instance.event_mode = attempt is _event_mode
     instance.box.time = start
     try:
@@ -130,9 +132,7 @@ def _state(instance: Instance, start: float, step: float, serialized: bool = Fal
     make_step(instance, start, step)
     state, time = instance.saved_state(), start + step
     if serialized:
-        content = instance.fmu.serializeFMUState(state)
-        instance.free_state(state)
-        state = instance.fmu.deserializeFMUState(content)
+        state = instance.copied_state(state)
     make_step(instance, time, step)
     first, outputs = _outputs(instance)
     instance.restore_state(state)

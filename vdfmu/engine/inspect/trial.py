@@ -18,22 +18,20 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
-from unittest.mock import patch
 
 import fmpy
 import numpy as np
 import numpy.typing as npt
 from fmpy import fmi1, fmi2
-from fmpy.fmi1 import (
-    _FMU,  # pyright: ignore[reportPrivateUsage]
-    FMICallException,
-)
+from fmpy.fmi1 import FMICallException
 
 from vdfmu.base.errors import StorageError, VdfmuError
 from vdfmu.base.files import read_json, temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
+from vdfmu.engine.fmu.library import watch_calls
+from vdfmu.engine.fmu.versions import Instance3, class_of
 from vdfmu.engine.inspect.abilities import try_abilities
 from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.package.limits import package_limit, unpack_limit
@@ -59,8 +57,6 @@ _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
 """Last line of the error output of a process without space."""
-_STATUS_AS_TEXT = ("fmi1InitializeSlave", "fmi1DoStep")
-"""Functions whose status FMPy declares as a text: it would read a warning as an address."""
 _MOST = 20
 """Most messages of a unit, from the first."""
 _TEXT = 1000
@@ -156,15 +152,13 @@ class _Said:
             self.messages.append(text if len(self.messages) < _MOST else f"more than {_MOST} messages")
 
     def stay(self) -> None:
-        """Take messages of FMI 1.0 and 2.0 from now on.
-
-        FMPy has a place for the logger of the process. The logger of its last simulation stays there after its memory
-        has been freed.
-        """
+        """Receive the messages of FMI 1.0 and 2.0 from now on, from the default callbacks of FMPy."""
+        fmi1.defaultCallbacks.logger = fmi1.fmi1CallbackLoggerTYPE(self)
         fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self)
         with contextlib.suppress(ImportError, OSError):  # as FMPy: the library exists for some platforms
             from fmpy.logging import addLoggerProxy
 
+            addLoggerProxy(ctypes.byref(fmi1.defaultCallbacks))
             addLoggerProxy(ctypes.byref(fmi2.defaultCallbacks))
 
 
@@ -195,9 +189,10 @@ class Phase:
 
         def watched(*arguments: Any) -> Any:
             self._note(f"{call} of {self._task}")
-            result = function(*arguments)
-            self._note(self._task)
-            return result
+            try:
+                return function(*arguments)
+            finally:
+                self._note(self._task)
 
         return watched
 
@@ -210,38 +205,38 @@ def _refuse_negative(call: str) -> None:
 
 def _run_unit(path: Path, phase: Phase) -> Findings:
     """Make ten steps of an FMU, compare with its reference results, try all other declared calls."""
-    plain = _FMU._call  # pyright: ignore[reportPrivateUsage]
-
-    def call(fmu: Any, name: str, *arguments: Any) -> Any:
-        if name in _STATUS_AS_TEXT:
-            fmu._functions[name].restype = ctypes.c_int
-        return phase.watch("", name[4].lower() + name[5:], partial(plain, fmu, name))(*arguments)
-
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
-    if description.coSimulation is None and description.modelExchange is None:
+    part = description.coSimulation or description.modelExchange
+    if part is None:
         return Findings([finding("RUN006", "not run: it has neither co-simulation nor model exchange")])
     experiment = description.defaultExperiment
     start = float(experiment.startTime) if experiment and experiment.startTime else 0.0
     step = float(experiment.stepSize) if experiment and experiment.stepSize else 1e-3
     try:
-        load = phase.watch("", "load", fmi1.cdll.LoadLibrary)
-        with patch.object(_FMU, "_call", call), patch.object(fmi1.cdll, "LoadLibrary", load):
-            results = fmpy.simulate_fmu(  # without validation, which the check has done, and never in another process
-                str(path), validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
-                logger=said, fmi_call_logger=_refuse_negative, debug_logging=True,
-                remote_platform=None,  # pyright: ignore[reportArgumentType]
-            )  # fmt: skip
+        folder, kind = fmpy.extract(str(path)), class_of(str(description.fmiVersion))
+        load = partial(
+            kind.kinds[description.coSimulation is None], guid=description.guid, modelIdentifier=part.modelIdentifier,
+            unzipDirectory=folder, fmiCallLogger=_refuse_negative,
+        )  # fmt: skip
+        fmu = phase.watch("", "load", load)()
+        kind.mend(fmu)
+        watch_calls(fmu, "", kind.prefix, phase.watch)
+        said.stay()
+        fmu.instantiate(loggingOn=True, **({"logMessage": said} if kind is Instance3 else {}))
+        results = fmpy.simulate_fmu(  # without validation, which the check has done
+            folder, validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
+            model_description=description, fmu_instance=fmu,
+        )  # fmt: skip
+        fmu.freeInstance()
     except Exception as error:  # of a foreign unit, so any
         _raise_if_full(error)
         text = f"{STEPS} steps of {step:g} s failed: {'; '.join([*said.messages, str(error)])}"
         return Findings([finding("RUN001", text)])
-    said.stay()
     if said.messages:
         return Findings([finding("RUN001", f"{STEPS} steps of {step:g} s gave: {text}") for text in said.messages])
     findings = Findings()
-    kind = description.coSimulation or description.modelExchange
-    if kind is not None and kind.canBeInstantiatedOnlyOncePerProcess:
+    if part.canBeInstantiatedOnlyOncePerProcess:
         findings.report("RUN004", "reference results not compared: the unit can be instantiated only once per process")
     else:
         phase("the comparison with the reference results")

@@ -240,7 +240,9 @@ def _changed(components: Components, name: str, values: Mapping[str, Value]) -> 
     checked = components.checked
     description = checked.descriptions[name]
     description = replace(description, exchange=bool(description.states), event_mode=False)
-    instance = class_of(description)(name, description, components.folders[description.source], components.box, set())
+    instance = class_of(description.version.name)(
+        name, description, components.folders[description.source], components.box, set()
+    )
     starts = {v.name: (v, value) for v, value in checked.starts.get(name, ())}
     starts |= {each: (description.variables[each], value) for each, value in values.items()}
     try:
@@ -249,7 +251,7 @@ def _changed(components: Components, name: str, values: Mapping[str, Value]) -> 
         instance.enter_initialization()
         instance.exit_initialization(stepped=False)
         if description.exchange:
-            instance.fmu.enterContinuousTimeMode()
+            instance.call("EnterContinuousTimeMode")
         yield instance
     finally:
         instance.close()

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import FmuError
 from vdfmu.engine.fmu.access import TEXTS, Ends, Transfer
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.versions import Instance3
@@ -64,14 +63,11 @@ class _Master(Structure):
 @lru_cache
 def _library() -> CDLL | None:
     """Return the compiled loop; None without a compiler or room."""
-    from vdfmu.base.compile import SHOWN, loaded
+    from vdfmu.base.compile import own_library
 
-    source = Path(__file__).with_suffix(".c").read_bytes()
-    try:
-        library = loaded({"compiled.c": SHOWN.encode() + source}, "compiled")
-    except FmuError:
-        return None
-    library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
+    library = own_library(Path(__file__).with_suffix(".c"))
+    if library is not None:
+        library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
     return library
 
 
@@ -251,7 +247,7 @@ class CompiledSteps:
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
         """Add an action, a call of the FMI function if it has a name."""
-        function = cast(instance.function(name), c_void_p).value if name else None
+        function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value if name else None
         every = self._exchange.checked.multiples.get(instance.name, 1)
         self._actions.append(_Action(function=function, component=instance.fmu.component, every=every, **fields))
         self._judges.append((instance, judge))

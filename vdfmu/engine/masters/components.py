@@ -104,7 +104,7 @@ class Components:
         continuous = self.checked.how.continuous
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
-            kind = class_of(description)
+            kind = class_of(description.version.name)
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             instance.event_mode = description.event_mode and not continuous and not own_steps
             instance.updates = description.updates_inputs and continuous

@@ -9,6 +9,7 @@ from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
+from fmpy.fmi1 import FMICallException
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
@@ -76,7 +77,11 @@ class SampledStepper(Stepper):
         for gather in self.opening:
             gather()
         for instance, function, arguments, name in self._calls:
-            if status := function(*arguments):
+            try:
+                status = function(*arguments)
+            except FMICallException as error:
+                status = error.status
+            if status:
                 instance.judge(status, name)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
+from ctypes import CDLL, c_size_t, c_void_p
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.arrays import Floats, scipy_part
+from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import MOST_FAULTS, CsvFile, open_csv, repeated
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json, write_whole
@@ -21,6 +23,10 @@ from vdfmu.engine.results.formats import Format, Stream
 from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 
 _BLOCK = 512
+_LONGEST = 25
+"""Most characters of a number and its separator: -1.2345678901234567E-308."""
+_TYPES = c_void_p, c_size_t, c_size_t, c_void_p, c_void_p
+"""Types of the arguments of ``write_lines``."""
 
 
 def write_csv(results: Recorded, path: Path) -> None:
@@ -92,11 +98,7 @@ def csv_lines(time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArra
     if not len(time):
         return ""
     if all(signal.kind == "real" for signal in signals):
-        table = np.column_stack([time, data["real"][rows][:, [signal.column for signal in signals]]])
-        characters = np.frombuffer(text := bytearray(_numbers(table.T)), np.uint8)
-        ends = np.flatnonzero(characters == ord("\n")).reshape(table.shape)
-        characters[ends[:, :-1]] = ord(",")
-        return text.decode()
+        return _lines(np.column_stack([time, data["real"][rows][:, [signal.column for signal in signals]]]))
     texts = {kind: _texts(array[rows]) for kind, array in data.items()}
     columns = [*_texts(time[:, None]), *(texts[s.kind][s.column] for s in signals)]
     return "".join(line + "\n" for line in map(",".join, zip(*columns, strict=True)))
@@ -106,28 +108,51 @@ def _texts(array: NDArray[Any]) -> list[list[str]]:
     """Return the texts of the numbers of each column of an array (m, n)."""
     if array.dtype.kind != "f" or not array.size:
         return [list(map(str, column)) for column in array.T.tolist()]
-    texts = _numbers(array).decode().splitlines()
-    return [texts[first : first + len(array)] for first in range(0, array.size, len(array))]
+    return [line.split(",") for line in _lines(array.T).splitlines()]
 
 
-def _numbers(array: Floats) -> bytes:
-    """Return a line for each number of an array (m, n), column by column, five times as fast as Python.
+def _lines(table: Floats) -> str:
+    """Return a line for each row of a table (m, n), numbers in their shortest form, ten times as fast as Python."""
+    library = _library()
+    if library is None:
+        return _lines_of_scipy(table)
+    numbers, text = np.ascontiguousarray(table, np.float64), np.empty(_LONGEST * table.size, np.uint8)
+    size = library.write_lines(numbers.ctypes.data, *numbers.shape, _powers().ctypes.data, text.ctypes.data)
+    return text[:size].tobytes().decode()
 
-    Uses the compiled part of `scipy.io.mmwrite`, since scipy.io takes 0.2 s to import.
-    """
+
+def _lines_of_scipy(table: Floats) -> str:
+    """Return the same text as `_lines` without a compiler; scipy.io takes 0.2 s to import."""
+    from scipy.io import mmwrite
+
     stream = io.BytesIO()
-    try:
-        core = scipy_part("scipy.io._fast_matrix_market._fmm_core")
-        core.write_body_array(core.open_write_stream(stream, core.header(comment="", symmetry="general"), 1, -1), array)
-    except (AttributeError, ImportError, RuntimeError, TypeError, ValueError):  # another version of scipy
-        from scipy.io import mmwrite
+    mmwrite(stream, table.T, symmetry="general")  # a line for each number, after three lines of a head
+    numbers = stream.getvalue().decode().splitlines()[3:]
+    n = table.shape[1]
+    return "".join(",".join(numbers[first : first + n]) + "\n" for first in range(0, table.size, n))
 
-        stream = io.BytesIO()
-        mmwrite(stream, array, symmetry="general")
-    stream.seek(0)
-    for _ in range(3):  # its head
-        stream.readline()
-    return stream.read()
+
+@cache
+def _library() -> CDLL | None:
+    """Return the compiled ``shortest.c``; None without a compiler or room."""
+    from vdfmu.base.compile import own_library
+
+    library = own_library(Path(__file__).with_name("shortest.c"))
+    if library is not None:
+        library.write_lines.argtypes, library.write_lines.restype = _TYPES, c_size_t
+    return library
+
+
+@cache
+def _powers() -> NDArray[np.uint64]:
+    """Return 10^k for k from -292 to 324, (617, 2): 128 bits from the first one on, rounded up, high and low half."""
+
+    def power(k: int) -> int:
+        number = 10 ** abs(k)
+        bits = number.bit_length()
+        return -(-(number << 128) >> bits) if k >= 0 else -(-(1 << (127 + bits)) // number)
+
+    return np.array([divmod(power(k), 2**64) for k in range(-292, 325)], np.uint64)
 
 
 FORMAT = Format(lambda: None, write_csv, read_csv, Stream(csv_head, csv_lines))

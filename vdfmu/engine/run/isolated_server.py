@@ -46,9 +46,10 @@ class Server:
 
             def noted(*arguments: Any) -> Any:
                 running.value = number
-                returned = function(*arguments)
-                running.value = -number
-                return returned
+                try:
+                    return function(*arguments)
+                finally:
+                    running.value = -number
 
             return noted
 

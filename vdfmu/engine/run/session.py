@@ -14,7 +14,7 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from vdfmu.base.errors import LOG, CosimError, VdfmuError
+from vdfmu.base.errors import LOG, CosimError, UsageError, VdfmuError
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.process import is_contained
@@ -23,6 +23,7 @@ from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.components import Components, failure_message
 from vdfmu.engine.masters.observer import Observed, Pace, Tap
+from vdfmu.engine.options import AUTO, FMPY, C
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
@@ -43,11 +44,12 @@ class Session:
 
     def __init__(
         self, checked: Checked, log: Callable[[LogMessage], None] | None, isolate: bool | None, limits: Limits,
-        coupling: tuple[float | None, float | None] = (None, None),
+        coupling: tuple[float | None, float | None] = (None, None), stepper: str = AUTO,
     ) -> None:  # fmt: skip
         self.checked, self.box, self._limits, self._coupling = checked, MessageBox(log), limits, coupling
         self.resting = False
         """Whether no run uses the components."""
+        self.stepper = stepper
         self.plan: RunPlan | None = None
         """Plan of the last run, if the next run may take it."""
         self.isolated = isolate
@@ -166,8 +168,10 @@ class RunPlan:
             names, memory, places = exchange.reals(tap.wanted)
             tap.begin(grid, names)
             self.blocks += [Blocks(tap, grid, names, memory, places)] if names else []
-        why = obstacle(self.stepper, exchange)
-        self.how = f"Python: {why}" if why else "C"
+        why = "chosen" if session.stepper == FMPY else obstacle(self.stepper, exchange)
+        if why and session.stepper == C:
+            raise UsageError(f"stepper: must be {FMPY} or {AUTO} here, got {C}. The steps cannot be made in C: {why}.")
+        self.how = f"{FMPY}: {why}" if why else C
         self.compiled = None if why else CompiledSteps(exchange, grid, [self.rows, *self.blocks])
         self.lasts = self.compiled is not None and self.compiled.lasting and grid.n <= ROWS
         box, advance = session.box, self.stepper.advance

@@ -16,7 +16,7 @@ from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
 from vdfmu.engine.masters.observer import Tap
-from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
+from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
@@ -109,6 +109,7 @@ class Simulator:
         if tolerance is not None and not 0.0 < tolerance < np.inf:
             raise UsageError(f"tolerance must be positive and finite, got {tolerance}")
         check_coupling(options["algorithm"] or DEFAULT, options["adaptive"], options["convergence"])
+        read_stepper(options["stepper"])
         self._options, self._limits = options, Limits(options["wait_limit"], options["memory_limit"])
         self._checked: Checked | None = None
         self._session: Session | None = None
@@ -315,6 +316,7 @@ class Simulator:
         options = self._options
         self._session = Session(
             checked, options["log"], options["isolate"], self._limits, (options["adaptive"], options["convergence"]),
+            options["stepper"],
         ).__enter__()  # fmt: skip
         return self._session
 

@@ -236,6 +236,7 @@ class ScenarioRun:
         scenario = self.scenario
         settings: SimulatorOptions = {
             **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
+            "stepper": self._options["stepper"],
         }  # fmt: skip
         with Simulator(package or self.package, **settings) as simulator:
             return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)

@@ -152,7 +152,7 @@ KEYS: Mapping[str, Any] = {
     "algorithm": TEXT,  # master algorithm of the run
     "order": _LINES,  # components in the order of their steps
     "isolated": FLAG,  # whether each component had a separate process
-    "stepper": TEXT,  # language of the loop over the steps, with the reason if it is Python
+    "stepper": TEXT,  # loop over the steps, fmpy or c, with the reason if it is fmpy
     "core": TEXT,  # how the processes of a distributed run exchanged values
     "ended": {"component": TEXT, "time": NUMBER},  # event that ended the run before its stop time, and its time [s]
     "notes": _LINES,  # notes on the run
