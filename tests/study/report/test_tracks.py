@@ -65,8 +65,8 @@ def loops_of(checked: Checked, parameters: dict[str, float] | None = None) -> Al
 
 
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
-    one = {**GAIN, "targets": [{"unit": "controller", "name": name} for name in ("K_p[2]", "K_v[2]")]}
-    (track,) = tracks_of(planar, [one])
+    second = {**GAIN, "targets": [{"unit": "controller", "name": name} for name in ("K_p[2]", "K_v[2]")]}
+    (track,) = tracks_of(planar, [second])
     loops = loops_of(planar)
     # a track ends at the last place that is found stable, 25 / 16 notches before one that is not; margins lie between
     # frequencies 10^(4 / 400) apart, which is below that

@@ -16,9 +16,9 @@ import numpy as np
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, with_part
-from vdfmu.engine.linear.loops import SLOW, Loop, Margins, fastest_mode, loop_of_part, moving, opened_at
+from vdfmu.engine.linear.loops import SLOW, Loop, Margins, Tied, fastest_mode, loop_of_part, moving, opened_at
 from vdfmu.engine.linear.system import LinearSystem, Places, cut
-from vdfmu.engine.linear.tied import Tied, with_tied
+from vdfmu.engine.linear.tied import with_tied
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value

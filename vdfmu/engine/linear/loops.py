@@ -336,6 +336,17 @@ def moving(system: LinearSystem, opened: Sequence[str] = ()) -> StateSpace:
     return system.continuous(opened) if system.how.continuous else system.sampled(opened)
 
 
+class Tied(NamedTuple):
+    """Groups of a component: states as functions of outputs, and states as rates of these outputs.
+
+    An example is the torque of a spring, the position of its rotor and the rotor's speed.
+    """
+
+    state: str
+    output: str
+    rate: str
+
+
 def _separated(A: Floats, sampled: bool) -> tuple[Any, Any, Any]:
     """Return the eigenvalues of a matrix, right eigenvectors, and left ones as rows: pairs have product 1.
 

@@ -5,22 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
+from vdfmu.engine.linear.loops import Tied
 from vdfmu.engine.linear.system import LinearSystem
-
-
-class Tied(NamedTuple):
-    """Groups of a component: states as functions of outputs, and states as rates of these outputs.
-
-    An example is the torque of a spring, the position of its rotor and the rotor's speed.
-    """
-
-    state: str
-    output: str
-    rate: str
 
 
 def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:

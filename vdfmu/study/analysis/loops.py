@@ -19,8 +19,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import with_options
 from vdfmu.base.progress import doing
 from vdfmu.engine.linear.growth import Along, Growth, Poses
-from vdfmu.engine.linear.loops import SLOW, Margins
-from vdfmu.engine.linear.tied import Tied
+from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged

@@ -26,7 +26,7 @@ def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
         if rows:
             title = ("" if len(runs) == 1 else f"{escape(name)}: ") + checks_line(run.summary)
             state = state_of(run.summary)
-            shown = "" if state == GOOD else " open"
+            shown = "" if state == GOOD or len(runs) > 1 else " open"  # of several runs, figures come first
             yield (
                 f'<details class="checks {state}" data-run="{k}"{shown}><summary>{title}</summary>'
                 f"<ul>{rows}</ul></details>"
