@@ -57,7 +57,7 @@ def test_fmpy_has_a_method_for_each_function_that_the_engine_calls():
 
 @pytest.mark.parametrize("verb", ["Get", "Set"])
 def test_values_are_arrays_with_their_references_before_them(verb):
-    """`Instance2._value_call` and `Instance3._value_call` put the arguments in this order."""
+    """`Instance._call_of` puts the arguments in this order."""
     two = [*inspect.signature(getattr(FMU2Slave, f"fmi2{verb}Real")).parameters]
     three = [*inspect.signature(getattr(FMU3Slave, f"fmi3{verb}Float64")).parameters]
     binary = [*inspect.signature(getattr(FMU3Slave, f"fmi3{verb}Binary")).parameters]

@@ -101,15 +101,6 @@ class Transfer:
             rest = [held(self._kind, value) for reference in lengths for value in values_of(reference)]
             self._put(range(len(rest)), rest)
 
-    @property
-    def counts(self) -> tuple[int, int]:
-        """Numbers of references and of values."""
-        return len(self.references), self.memory.size
-
-    def array(self, kind: Any) -> Any:
-        """Return the memory as an array of a type of ctypes."""
-        return shared(kind, self.memory)
-
     def around(self, function: Callable[..., int]) -> Callable[..., int]:
         """Return the function of a call, wrapped to move the values."""
         if self.direct:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from ctypes import byref, c_double, c_size_t, c_uint, c_void_p
+from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
 from typing import Any
 
 import numpy as np
@@ -37,12 +37,12 @@ class Instance(Library):
     """An instance of an FMU; `vdfmu.engine.fmu.versions` has its classes for each version of FMI."""
 
     sized: bool
-    """Whether the directional derivative takes the number of its values."""
+    """Whether functions with arrays receive the number of their values."""
     end_name = "Terminate"
     """Function that terminates a simulation."""
-    derivatives_name = state_name = deserialize = ""
-    """Function that gets the derivatives of the states, the word for the state of an FMU in names of functions, and the
-    function that makes a state of bytes."""
+    derivatives_name = slopes_name = state_name = deserialize = ""
+    """Functions that get the derivatives of states and of outputs, the word for the state of an FMU in names of
+    functions, and the function that makes a state of bytes."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
     """NumPy types by the types in the names of the functions."""
     module: Any
@@ -79,16 +79,8 @@ class Instance(Library):
         """Set the experiment, and values before the initialization."""
         raise NotImplementedError
 
-    def _value_call(self, moved: Transfer) -> Call:
-        """Return the call that gets or sets values of one type."""
-        raise NotImplementedError
-
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         """Return the call of a step of co-simulation from `clock` by `size` [s]."""
-        raise NotImplementedError
-
-    def _slope_call(self, moved: Transfer) -> Call:
-        """Return the call that gets the derivatives of real outputs by time."""
         raise NotImplementedError
 
     def updated(self) -> tuple[bool, bool, float]:
@@ -135,7 +127,9 @@ class Instance(Library):
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
         """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
         places = range(len(variables))
-        return self._slope_call(Transfer("Get", variables, places, values, np.float64, self._last_set, self._failure))
+        moved = Transfer("Get", variables, places, values, np.float64, self._last_set, self._failure)
+        orders = [(c_int * len(moved.references))(*([1] * len(moved.references)))]
+        return self._call_of(moved, self.slopes_name, c_double, orders)
 
     def set_time(self, time: float) -> None:
         """Set the time of a model-exchange component, and the inputs that follow lines."""
@@ -268,7 +262,19 @@ class Instance(Library):
         chosen: Callable[[FmuVariable], bool] = lambda v: True,
     ) -> list[Call]:
         """Return the calls that get or set the chosen variables of one kind, with the values `values`, in place."""
-        return [self._value_call(moved) for moved in self.transfers(verb, variables, values, chosen)]
+        return [
+            self._call_of(
+                moved, moved.verb + moved.native, self.kind_of(moved.native),
+                [shared(c_size_t, moved.sizes)] if moved.native == "Binary" else [],
+            )
+            for moved in self.transfers(verb, variables, values, chosen)
+        ]  # fmt: skip
+
+    def _call_of(self, moved: Transfer, name: str, kind: Any, more: Sequence[Any]) -> Call:
+        """Return the call of a function that gets or sets values, with `more` arguments before them."""
+        values = shared(kind, moved.memory), *[moved.memory.size][: self.sized]
+        arguments = self.fmu.component, moved.references, len(moved.references), *more, *values
+        return moved.around(self.function(name)), arguments, name[0].lower() + name[1:]
 
     def transfers(
         self, verb: str, variables: Sequence[FmuVariable], values: NDArray[Any], chosen: Callable[[FmuVariable], bool]

@@ -13,7 +13,7 @@ from fmpy import fmi1, fmi2, fmi3
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
 from vdfmu.base.standards import FMI_1, FMI_2
-from vdfmu.engine.fmu.access import Call, Transfer, shared
+from vdfmu.engine.fmu.access import Call, shared
 from vdfmu.engine.fmu.instance import Instance, Starts
 from vdfmu.engine.fmu.library import Library, status_of
 from vdfmu.engine.fmu.messages import boxes, on_message
@@ -41,7 +41,7 @@ class Instance2(Instance):
 
     kinds = fmi2.FMU2Slave, fmi2.FMU2Model
     prefix, sized, derivatives_name = "fmi2", False, "GetDerivatives"
-    state_name, deserialize = "FMUstate", "DeSerializeFMUstate"
+    slopes_name, state_name, deserialize = "GetRealOutputDerivatives", "FMUstate", "DeSerializeFMUstate"
     dtypes = {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32, "String": np.uintp}  # noqa: RUF012
     module = fmi2
 
@@ -61,14 +61,6 @@ class Instance2(Instance):
         self.call("SetupExperiment", tolerance is not None, tolerance or 0.0, start, True, stop)
         self.set_all(values)
 
-    def _value_call(self, moved: Transfer) -> Call:
-        count, _ = moved.counts
-        function, values = (
-            moved.around(self.function(moved.verb + moved.native)),
-            moved.array(self.kind_of(moved.native)),
-        )
-        return function, (self.fmu.component, moved.references, count, values), moved.name
-
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         self.step = clock, size
         return self.function("DoStep"), (self.fmu.component, clock, size, _KEEP), "doStep"
@@ -78,18 +70,9 @@ class Instance2(Instance):
         if self.integrator:
             return super().rate_call(variables, starts, slopes, clock)
         references = (c_uint * len(variables))(*(v.reference for v in variables))
-        values = shared(c_double, slopes)
-        return self._first_order("SetRealInputDerivatives", len(variables), references, values)
-
-    def _slope_call(self, moved: Transfer) -> Call:
-        references, name = moved.references, "GetRealOutputDerivatives"
-        function, arguments, call = self._first_order(name, len(references), references, moved.array(c_double))
-        return moved.around(function), arguments, call
-
-    def _first_order(self, name: str, n: int, references: Any, values: Any) -> Call:
-        """Return the call that gets or sets n first derivatives by time."""
-        arguments = self.fmu.component, references, n, (c_int * n)(*([1] * n)), values
-        return self.function(name), arguments, name[0].lower() + name[1:]
+        orders = (c_int * len(variables))(*([1] * len(variables)))
+        arguments = self.fmu.component, references, len(variables), orders, shared(c_double, slopes)
+        return self.function("SetRealInputDerivatives"), arguments, "setRealInputDerivatives"
 
     def has_ended(self) -> bool:
         """See `Instance.has_ended`."""
@@ -191,7 +174,7 @@ class Instance3(Instance):
 
     kinds = fmi3.FMU3Slave, fmi3.FMU3Model
     prefix, sized, derivatives_name = "fmi3", True, "GetContinuousStateDerivatives"
-    state_name, deserialize = "FMUState", "DeserializeFMUState"
+    slopes_name, state_name, deserialize = "GetOutputDerivatives", "FMUState", "DeserializeFMUState"
     dtypes = {  # noqa: RUF012
         "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
         **{name: np.dtype(name.lower()) for name in INTEGERS},
@@ -232,12 +215,6 @@ class Instance3(Instance):
     def enter_initialization(self) -> None:
         """See `Instance.enter_initialization`."""
         self.call("EnterInitializationMode", *self._experiment)
-
-    def _value_call(self, moved: Transfer) -> Call:
-        count, n = moved.counts
-        sizes = [shared(c_size_t, moved.sizes)] if moved.native == "Binary" else []
-        arguments = self.fmu.component, moved.references, count, *sizes, moved.array(self.kind_of(moved.native)), n
-        return moved.around(self.function(moved.verb + moved.native)), arguments, moved.name
 
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step = self.function("DoStep")
@@ -305,12 +282,6 @@ class Instance3(Instance):
         """
         self._held = self._at + 0.5 * length + self._late / length
         self.line(self._held)
-
-    def _slope_call(self, moved: Transfer) -> Call:
-        orders = (c_int * len(moved.references))(*([1] * len(moved.references)))
-        count, size = moved.counts
-        arguments = self.fmu.component, moved.references, count, orders, moved.array(c_double), size
-        return moved.around(self.function("GetOutputDerivatives")), arguments, "getOutputDerivatives"
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
         """Evaluate the output flags of a step; False if more than a rounding error of the step remains."""
