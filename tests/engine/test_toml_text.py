@@ -3,7 +3,7 @@
 import tomllib
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vdfmu.base.toml_file import toml_text
@@ -15,6 +15,7 @@ TABLES = st.one_of(VALUES, st.dictionaries(TEXTS, st.dictionaries(TEXTS, VALUES,
 
 
 @given(TABLES)
+@example({"": ["\x00"]})
 def test_a_table_is_read_back_as_it_was(table):
     assert tomllib.loads(toml_text(table)) == table
 

@@ -128,13 +128,15 @@ def toml_value(value: Any, rounding: float = 0.0) -> str:
         return str(value).lower()
     if not hasattr(value, "__len__"):
         return repr(int(value)) if isinstance(value, int) else repr(float(value))
-    import numpy as np  # not for a list of names
+    import numpy as np  # not for a number
 
-    whole = np.asarray(value)
-    if whole.dtype.kind in "Uib":
+    # an array of texts drops a NUL at their ends
+    whole = np.asarray(value, dtype=object if any(isinstance(each, str) for each in value) else None)
+    if whole.dtype.kind in "Oib":
         return f"[{', '.join(map(toml_value, whole.tolist()))}]"
-    array = np.asarray(value, dtype=float)
-    clean = np.where(np.abs(array) <= rounding * np.abs(array).max(initial=0.0), 0.0, array)
+    clean = np.asarray(value, dtype=float)
+    if rounding:
+        clean = np.where(np.abs(clean) <= rounding * np.abs(clean).max(initial=0.0), 0.0, clean)
     return f"[{', '.join(toml_value(entry, rounding) for entry in clean)}]"
 
 

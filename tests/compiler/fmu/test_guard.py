@@ -35,16 +35,22 @@ def test_an_fmu_of_another_version_or_of_other_sources_is_refused_before_its_con
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    (None, "FileNotFoundError"), ("", "JSONDecodeError"), ("{}", "KeyError: 'unit'"), ("[1, 2]", "TypeError"),
+    ("", "JSONDecodeError"), ("{}", "KeyError: 'unit'"), ("[1, 2]", "TypeError"),
     ("null", "TypeError"), ("\x00\x01", "JSONDecodeError"),
 ])  # fmt: skip
 def test_a_damaged_content_file_is_refused(copy_of, words_of_refusal, text, words):
     folder = copy_of("plant")
-    path = folder / "resources" / "vdfmu.json"
-    path.unlink() if text is None else path.write_text(text)
+    (folder / "resources" / "vdfmu.json").write_text(text)
     said = words_of_refusal(folder)
     assert f"unit: instantiate failed: resources/vdfmu.json cannot be used: {words}" in said
     assert said.endswith("Build the FMU again.")
+
+
+def test_a_lost_content_file_is_said(copy_of, words_of_refusal):
+    """Without it, an FMU is that of the file in ``fmu_src``, if its description says so."""
+    folder = copy_of("plant")
+    (folder / "resources" / "vdfmu.json").unlink()
+    assert words_of_refusal(folder).endswith("or has lost its content file. Build the FMU again.")
 
 
 @pytest.mark.parametrize(("values", "words"), [

@@ -102,7 +102,7 @@ class UnitSlave(Fmi2Slave):
         ):  # some importers leave it out
             raise FmuError(
                 f"{self.unit}.fmu was built with another vdfmu, or other sources of it, than this Python has, "
-                f"{__version__}. Build the FMU again with `pythonfmu build`."
+                f"{__version__}, or has lost its content file. Build the FMU again."
             )
         return content
 
