@@ -1,5 +1,6 @@
 """`judge`: against closed forms, sampled laws, and systems that it must not decide."""
 
+import re
 from dataclasses import replace
 from html import unescape
 
@@ -185,8 +186,8 @@ def test_a_run_says_what_judge_says(tmp_path, lags):
     expected = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, sampled=False)
     assert (judgement["verdict"], judgement["text"]) == (expected.verdict, expected.text)
     state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[expected.verdict]
-    sentence = expected.text.partition(". ")[0]
-    assert ("Coupling error", state, sentence, expected.text) in [each[1:5] for each in checks_of(results.summary)]
+    sentence, _, more = expected.text.partition(". ")
+    assert ("Coupling error", state, sentence, more) in [each[1:5] for each in checks_of(results.summary)]
     assert expected.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     package = str(lags.write(tmp_path / "lags.ssp"))
     for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
@@ -216,11 +217,37 @@ def test_options_of_the_judgement_are_refused_before_a_run(tmp_path, lags, of, o
     assert not (tmp_path / "out").exists()
 
 
-def test_a_system_that_leaves_its_order_is_not_decided():
+class Lead(Unit):
+    """A lag of 0.1 s with a gain, from 1 on."""
+
+    sampled = False
+    y = State("1")
+    y_dot = Derivative(y)
+    u, y_0, k = Input("1"), Parameter("1", start=1.0), Parameter("1")
+    shown = Output("1")
+
+    def derivatives(self) -> None:
+        """Follow the input."""
+        self.y_dot = 10.0 * (self.k * self.u - self.y)
+
+    def outputs(self) -> None:
+        """Show the state."""
+        self.shown = self.y
+
+
+@pytest.mark.parametrize(("k", "kind"), [(3.0, "coarse"), (10.0, "growth")])
+def test_a_loop_that_leaves_its_order_is_not_decided_and_its_radius_is_named(k, kind):
+    """Two lags with gains k and -k: stable in continuous time, and not if they exchange every 20 ms."""
+    links = {"a.shown": "b.u", "b.shown": "a.u"}
+    judged = vdfmu.connect({"a": Lead, "b": Lead}, links, values={"a.k": -k, "b.k": k}).judge(0.01, stop=1.0, step=0.02)
+    assert (judged.verdict, judged.kind) == (OPEN, kind)
+    assert re.search(r"The loop at [ab]\.u", judged.text), judged.text
+
+
+def test_declared_units_stay_sampled_where_the_others_are_taken_as_continuous():
     system = vdfmu.load("planar_tracking")
-    judged = system.judge(0.01, stop=0.2, step=0.02, sampled=False)
-    assert judged.verdict == OPEN
-    assert "The loop at plant.tau" in judged.text
+    texts = {str(system.judge(0.01, stop=0.05, sampled=sampled)) for sampled in (None, False)}
+    assert len(texts) == 1 and texts.pop().startswith("Right to ")
 
 
 def test_the_rule():

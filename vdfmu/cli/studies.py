@@ -140,6 +140,6 @@ def tune(
     for name, before, after in tuned.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
-    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs, {tuned.missed} values without the margin.")
+    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs.")
     page = study.report()
     say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)

@@ -161,7 +161,7 @@ def judge(
     declared = [name for name in unclear if checked.descriptions[name].samples]
     undeclared = [name for name in unclear if checked.descriptions[name].samples is None]
     if sampled is False:
-        return case.judged(flat)
+        return case.judged(keeping_steps(flat, declared, grid.step))
     if sampled or not undeclared:
         return case.judged(keeping_steps(flat, unclear if sampled else declared, grid.step))
     return _of_two(undeclared, *(case.judged(keeping_steps(flat, names, grid.step)) for names in (unclear, declared)))

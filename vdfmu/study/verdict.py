@@ -50,8 +50,8 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
     name = "Stability"
     if (lacking := summary.get("stability")) is not None:
         state = DOUBTFUL if lacking.get("expected") else UNJUDGED
-        sentence = f"stability not judged: {lacking['reason'].partition('. ')[0]}"
-        yield Check("stability", name, state, sentence, lacking["reason"])
+        reason, _, more = lacking["reason"].partition(". ")
+        yield Check("stability", name, state, f"stability not judged: {reason}", more)
         return
     if (excited := figures.get("excited")) is not None:
         yield Check(
@@ -66,17 +66,24 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
         return
     if not figures.keys() & {"margin", "growth", "open"}:
         return
-    yield Check("stability", name, GOOD, "stable")
+    grown = [*_growth(figures, limits)]
+    if all(check.state == GOOD for check in grown):
+        yield Check("stability", name, GOOD, "stable")
     if (silent := figures.get("open")) is not None:
         yield Check("feedback", "Feedback", DOUBTFUL, f"nothing is fed back to {silent['place']}")
         return
-    if (growth := figures.get("growth")) is not None:
-        times = {"time": _at(growth["at_s"]), "until": _at(growth["until_s"])}
-        yield limits["growth"].check(growth["value"], place=growth["place"], **times)
+    yield from grown
     for key in ("margin", "delay"):
         if (figure := figures.get(key)) is not None:
             more = finer if key == "margin" else ""
             yield limits[key].check(figure["value"], more, place=figure["place"], time=_at(figure["at_s"]))
+
+
+def _growth(figures: Summary, limits: Limits) -> Iterator[Check]:
+    """Yield the check of the largest growth of a disturbance along the run."""
+    if (growth := figures.get("growth")) is not None:
+        times = {"time": _at(growth["at_s"]), "until": _at(growth["until_s"])}
+        yield limits["growth"].check(growth["value"], place=growth["place"], **times)
 
 
 def explain(error: CosimError | Interrupted, poses: Poses) -> dict[str, Any]:
@@ -163,11 +170,9 @@ def _coupling(summary: Summary) -> Iterator[Check]:
     judgement: Summary | None = summary.get("judgement")
     if judgement is not None:
         state = {RIGHT: GOOD, WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
-        sentence = judgement["text"].partition(". ")[0]
+        sentence, _, more = judgement["text"].partition(". ")
         numbers = judgement.get("error", math.nan), judgement["wanted"]
-        yield Check(
-            "coupling", LIMITS["coupling"].name, state, sentence, judgement["text"], *numbers, "the error asked for"
-        )
+        yield Check("coupling", LIMITS["coupling"].name, state, sentence, more, *numbers, "the error asked for")
 
 
 def _independent(summary: Summary) -> Iterator[Check]:

@@ -95,9 +95,9 @@ def _chosen_of(study: StudyTable, judged: Sequence[JudgedPoint]) -> tuple[Check,
     if best.state == GOOD:
         phrases = [f"best point {point}"] if best is first else [f"best good point {point}", better]
         return Check("best", "Best point", GOOD, phrases[0]), [*phrases, *margin]
-    bound = len(judged) == MOST
-    tried = f"none of the {len(judged)} best points is good" + (f"; no more than {MOST} were judged" if bound else "")
-    state = FAILED if best.state == FAILED and not bound else DOUBTFUL
+    left_out = int(np.isfinite(study.values()).sum()) - len(judged)
+    tried = f"none of {len(judged)} points is good" + (f"; the other {left_out} were not judged" if left_out else "")
+    state = FAILED if best.state == FAILED and not left_out else DOUBTFUL
     link = " " if best.why.startswith("unstable") else ": "
     sentence = f"best {name} {quantity(best.value, unit)} (point {best.point}){link}{best.why.partition(' (limit')[0]}"
     more = "; ".join([tried, *([better] if best is not first else [])])
@@ -162,10 +162,12 @@ def _of_search(
         checks.append(Check("best", name, chosen.state, how))
         margin = chosen.margin
         phrases += [f"modulus margin {margin:.2g}"] if math.isfinite(margin) and not demanded else []
-    ranked = [] if study.robots > 1 else [_ranking(study, values)]
-    lines += [*_robots(study, search, values), *ranked, _influence(study)]
+    lines += [*_robots(study, search, values), _influence(study)]
     if count := len(search.infeasible):
-        lines.append(f"{count} of {len(study)} runs {'misses' if count == 1 else 'miss'} a limit or the margin.")
+        lines.append(
+            f"{count} of {len(study)} runs cannot be chosen: they fail, miss a limit or the margin, or have an element "
+            "of the cost that is larger than at the start."
+        )
     phrases += [check.sentence for check in checks if check.key == "margin" and check.state == GOOD]
     return Answer(verdict_of(checks, phrases), tuple(filter(None, [*lines, *failed])), point)
 
@@ -255,8 +257,6 @@ def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator
 
 def _ranking(study: StudyTable, values: Floats) -> str:
     points, allowed = study["point"], np.isfinite(values)
-    if study.search:
-        allowed &= ~np.isin(points, [*study.search.infeasible])
     finite = np.sort(values[allowed])
     if len(finite) < 2:
         return ""

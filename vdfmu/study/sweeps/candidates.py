@@ -15,7 +15,9 @@ from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.table import StudyTable
 
 MOST = 8
-"""Most points that run again to find the best good one, and most of its neighbours."""
+"""Best points that run again to find the best good one, before ranks are left out; and most neighbours of a point."""
+_FARTHER, _BACK = 2, 3
+"""Then the next rank over the last, and most halvings of the ranks left out before a good point."""
 
 
 class JudgedPoint(NamedTuple):
@@ -33,13 +35,28 @@ class JudgedPoint(NamedTuple):
 
 
 def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
-    """Judge points in the order of their values (n,) until one is good, or not judged, or `MOST` are judged."""
-    points, judged = study["point"], list[JudgedPoint]()
-    for place in np.argsort(values, kind="stable")[: min(MOST, int(np.isfinite(values).sum()))]:
-        judged.append(judge_point(study, int(points[place]), float(values[place])))
-        if judged[-1].state in (GOOD, UNJUDGED):
+    """Judge points in the order of their values (n,) until one is good, or not judged.
+
+    After the `MOST` best, ranks are left out, ever more of them. Half of those before the first good point are then
+    looked back for, so that at most 25 points run of a hundred thousand.
+    """
+    points, finite = study["point"], int(np.isfinite(values).sum())
+    places = np.argsort(values, kind="stable")[:finite].tolist()
+    judged: dict[int, JudgedPoint] = {}
+
+    def decided(rank: int) -> bool:
+        judged[rank] = judge_point(study, int(points[places[rank]]), float(values[places[rank]]))
+        return judged[rank].state in (GOOD, UNJUDGED)
+
+    before, rank = -1, 0
+    while rank < finite and not decided(rank):
+        before, rank = rank, rank + 1 if rank < MOST - 1 else _FARTHER * rank
+    for _ in range(_BACK if rank < finite else 0):
+        middle = (before + rank) // 2
+        if middle <= before:
             break
-    return judged
+        before, rank = (before, middle) if decided(middle) else (middle, rank)
+    return [judged[rank] for rank in sorted(judged)]
 
 
 def judge_point(study: StudyTable, point: int, value: float, without: Sequence[str] = ()) -> JudgedPoint:

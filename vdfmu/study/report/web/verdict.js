@@ -97,7 +97,7 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
     ...energyChecks(simulation, figures),
     ...first.filter((one) => one.sentence === NOT_HERE),
     plain("reference", "scipy reference", UNJUDGED, "no scipy reference: not solved here"),
-    plain("independent", "model in NumPy", UNJUDGED, "the model in NumPy is not evaluated here"),
+    plain("independent", "NumPy model", UNJUDGED, "the NumPy model is not run here"),
   ];
   return verdictOf(checks, [...resultsOf(simulation, figures, loops, checks)], longest);
 }
@@ -117,16 +117,15 @@ function* loopChecks({ rows, figures: { excited, open }, split }, loops, why) {
     yield plain("stability", name, FAILED, `unstable ${since(begin)}, ${place}`, more);
     return;
   }
-  yield plain("stability", name, GOOD, "stable");
+  const { growth: g, margin, delay } = loops,
+    grown =
+      g && check(rows.growth, g.value, { place: g.place, time: at(g.at_s), until: at(g.until_s) });
+  if (!grown || grown.state === GOOD) yield plain("stability", name, GOOD, "stable");
   if (open) {
     yield plain("feedback", "Feedback", DOUBTFUL, `nothing is fed back to ${open.place}`);
     return;
   }
-  const { growth, margin, delay } = loops;
-  if (growth) {
-    const { value, place, at_s: begin, until_s: until } = growth;
-    yield check(rows.growth, value, { place, time: at(begin), until: at(until) });
-  }
+  if (grown) yield grown;
   for (const [key, figure] of Object.entries({ margin, delay }))
     if (figure)
       yield check(rows[key], figure.value, { place: figure.place, time: at(figure.at_s) });
