@@ -121,11 +121,13 @@ def invoked(tmp_path, monkeypatch):
 
 
 @pytest.mark.heavy
-def test_quiet_leaves_one_line_of_a_run_and_verbose_adds_what_is_done(invoked):
+def test_quiet_leaves_the_verdict_and_the_files_of_a_run_and_verbose_adds_what_is_done(invoked):
     words = ("run", "planar_tracking", "--stop", "0.01", "--no-reference")
     quiet = invoked(*words, "--quiet")
     files = "report.html, results.csv, summary.json, system.ssp"
-    assert quiet == ([f"Written to results/planar_tracking: {files}"], [])
+    verdict, *rest = quiet[0]
+    assert verdict.startswith("✓ Good: modulus margin ") and quiet[1] == []
+    assert rest == [f"Written to results/planar_tracking: {files}"]
     output, said = invoked("--verbose", *words)
     assert quiet[0][-1] in output[-3:] and output[-1] == "Open results/planar_tracking/report.html"
     assert len(output) > 10

@@ -138,4 +138,6 @@ def test_an_imported_or_shipped_arm_moves_well_at_once(arm, shipped):
     late = np.abs(np.diff(torque, axis=0)).max(axis=0)
     error = np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0)
     assert (error < late / np.array(scenario.sections["controller"]["K_p"])).all()
-    assert np.abs(results["plant.q"][-1] - scenario.sections["trajectory"]["q_end"]).max() < 1e-4
+    # a thousandth of the motion: K_p is as low as friction that falls with speed asks for
+    ends = [np.array(scenario.sections["trajectory"][name]) for name in ("q_start", "q_end")]
+    assert np.abs(results["plant.q"][-1] - ends[1]).max() < 1e-3 * np.abs(ends[1] - ends[0]).max()
