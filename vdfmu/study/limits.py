@@ -112,12 +112,12 @@ ROWS = (
     ),
     Limit(
         "ratio", "Gear ratio", 0.05, DOUBTFUL, "%",
-        "{place}: the link moves {factor} times as far as the rotor, so its ratio is {ratio}, not {ell}",
+        "{place}: ratio {ratio}, not {ell}: the link moves {factor} times as far as the rotor",
         "springs and encoders make a difference of a few per mille", failed=0.1,
     ),
     Limit(
         "torque", "Size of the torques", 10.0, FAILED, "1",
-        "torques are {factor} times those of the robot file: {cause}",
+        "torques are {factor} times the robot file's: {cause}",
         "friction makes torques two to three times as large as the links do, and a mass is not off by ten",
     ),
     Limit(

@@ -12,10 +12,10 @@ from vdfmu.study.identify.verdict import gain
 
 FAULTS = {
     "none": ({}, GOOD, "residual torque"),
-    "ratio": ({"q": 100.0 / 120.0}, FAILED, "joint 1: the link moves 0.833 times as far as the rotor, so its"),
-    "mN.m": ({"tau": 1e3}, FAILED, "torques are 1e+03 times those of the robot file: mN.m were read as N.m"),
-    "kN.m": ({"tau": 1e-3}, FAILED, "torques are 0.001 times those of the robot file: kN.m were read as N.m"),
-    "side": ({"tau": 100.0}, FAILED, "torques are 1e+02 times those of the robot file: they are link-side"),
+    "ratio": ({"q": 100.0 / 120.0}, FAILED, "joint 1: ratio 120, not 100: the link moves 0.833 times as far"),
+    "mN.m": ({"tau": 1e3}, FAILED, "torques are 1000 times the robot file's: mN.m were read as N.m"),
+    "kN.m": ({"tau": 1e-3}, FAILED, "torques are 0.001 times the robot file's: kN.m were read as N.m"),
+    "side": ({"tau": 100.0}, FAILED, "torques are 100 times the robot file's: they are link-side"),
     "sign": ({"tau": -1.0}, FAILED, "tau[1] has another sign: its friction would drive the joint"),
     "time": ({"t": 1e-3}, FAILED, "joint 1 moves at"),
     "model": ({"friction": 0.6}, DOUBTFUL, "joint 2 has a residual of"),
