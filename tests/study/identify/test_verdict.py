@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from tests.conftest import invoked
-from tests.study.identify.recorded import noisy
+from tests.study.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.identify.design import exact_log
-from vdfmu.study.identify.verdict import gain
+from vdfmu.study.identify.fit import identified_robot, identify, score
+from vdfmu.study.identify.verdict import gain, verdict
 
 FAULTS = {
     "none": ({}, GOOD, "residual torque"),
@@ -38,6 +39,28 @@ def write(log, path, t=1.0, q=1.0, tau=1.0, friction=0.0):
                            for i in (1, 2))]  # fmt: skip
     np.savetxt(path, columns, delimiter=",", header=",".join(heads), comments="", fmt="%.12g")
     return path
+
+
+@pytest.mark.parametrize(("ell", "prior", "state", "words"), [
+    ([100, 100], 0.2, GOOD, "residual torque"),
+    pytest.param([105, 105], 0.2, GOOD, "residual torque", marks=pytest.mark.heavy),
+    ([120, 120], 0.2, DOUBTFUL, "torques are 1.2 times the file's: is the gear ratio 100, not 120? (limit 1.1)"),
+    pytest.param([50, 50], 0.2, FAILED, "times the file's: is the gear ratio 100, not 50? (limit 1.6)",
+                 marks=pytest.mark.heavy),
+    # links of the file that may be off so far have no scale
+    pytest.param([120, 120], 0.5, GOOD, "residual torque", marks=pytest.mark.heavy),
+    ([120, 100], 0.2, DOUBTFUL, "no bodies have the identified parameters, so the file's links are kept"),
+])  # fmt: skip
+def test_a_wrong_ratio_that_only_scales_torques_shows_by_the_links(ell, prior, state, words, log, robot):
+    """A log of rotors that are divided by the true ratio does not show a wrong one: it only scales the torques."""
+    log = thinned(log, 2)
+    wrong = robot.with_parameters(ell=np.array(ell, dtype=float))
+    fit = identify(log, wrong, prior=prior)
+    judged = verdict(fit, log.checks, wrong, score(fit, wrong, log, log))
+    assert judged["state"] == state and words in judged["headline"], judged
+    made, notes = identified_robot(fit, wrong, "log.csv")
+    kept = words.startswith("no bodies")
+    assert not notes and np.array_equal(made.mass, robot.mass) == kept
 
 
 @pytest.mark.heavy
