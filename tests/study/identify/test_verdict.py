@@ -4,21 +4,22 @@ import numpy as np
 import pytest
 
 from tests.conftest import invoked
-from tests.study.identify.recorded import noisy
+from tests.study.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.identify.design import exact_log
-from vdfmu.study.identify.verdict import gain
+from vdfmu.study.identify.fit import identified_robot, identify, score
+from vdfmu.study.identify.verdict import gain, verdict
 
 FAULTS = {
     "none": ({}, GOOD, "residual torque"),
-    "ratio": ({"q": 100.0 / 120.0}, FAILED, "joint 1: the link moves 0.833 times as far as the rotor, so its"),
-    "mN.m": ({"tau": 1e3}, FAILED, "torques are 1e+03 times those of the robot file: mN.m were read as N.m"),
-    "kN.m": ({"tau": 1e-3}, FAILED, "torques are 0.001 times those of the robot file: kN.m were read as N.m"),
-    "side": ({"tau": 100.0}, FAILED, "torques are 1e+02 times those of the robot file: they are link-side"),
+    "ratio": ({"q": 100.0 / 120.0}, FAILED, "joint 1: ratio 120, not 100: the link moves 0.833 times as far"),
+    "mN.m": ({"tau": 1e3}, FAILED, "torques are 1000 times the robot file's: mN.m were read as N.m"),
+    "kN.m": ({"tau": 1e-3}, FAILED, "torques are 0.001 times the robot file's: kN.m were read as N.m"),
+    "side": ({"tau": 100.0}, FAILED, "torques are 100 times the robot file's: they are link-side"),
     "sign": ({"tau": -1.0}, FAILED, "tau[1] has another sign: its friction would drive the joint"),
     "time": ({"t": 1e-3}, FAILED, "joint 1 moves at"),
-    "model": ({"friction": 0.6}, DOUBTFUL, "joint 2 has a residual of"),
+    "model": ({"friction": 0.6}, DOUBTFUL, "has a residual of 38"),
 }  # fmt: skip
 """Factors of a log, the state of its identification, and what its headline says."""
 
@@ -38,6 +39,28 @@ def write(log, path, t=1.0, q=1.0, tau=1.0, friction=0.0):
                            for i in (1, 2))]  # fmt: skip
     np.savetxt(path, columns, delimiter=",", header=",".join(heads), comments="", fmt="%.12g")
     return path
+
+
+@pytest.mark.parametrize(("ell", "prior", "state", "words"), [
+    ([100, 100], 0.2, GOOD, "residual torque"),
+    pytest.param([105, 105], 0.2, GOOD, "residual torque", marks=pytest.mark.heavy),
+    ([120, 120], 0.2, DOUBTFUL, "torques are 1.2 times the file's: is the gear ratio 100, not 120? (limit 1.1)"),
+    pytest.param([50, 50], 0.2, FAILED, "times the file's: is the gear ratio 100, not 50? (limit 1.6)",
+                 marks=pytest.mark.heavy),
+    # links of the file that may be off so far have no scale
+    pytest.param([120, 120], 0.5, GOOD, "residual torque", marks=pytest.mark.heavy),
+    ([120, 100], 0.2, DOUBTFUL, "no bodies have the identified parameters, so the file's links are kept"),
+])  # fmt: skip
+def test_a_wrong_ratio_that_only_scales_torques_shows_by_the_links(ell, prior, state, words, log, robot):
+    """A log of rotors that are divided by the true ratio does not show a wrong one: it only scales the torques."""
+    log = thinned(log, 2)
+    wrong = robot.with_parameters(ell=np.array(ell, dtype=float))
+    fit = identify(log, wrong, prior=prior)
+    judged = verdict(fit, log.checks, wrong, score(fit, wrong, log, log))
+    assert judged["state"] == state and words in judged["headline"], judged
+    made, notes = identified_robot(fit, wrong, "log.csv")
+    assert not notes
+    assert np.array_equal(made.mass, robot.mass) == any(check["key"] == "bodies" for check in judged["checks"])
 
 
 @pytest.mark.heavy

@@ -203,8 +203,30 @@ def test_without_a_verdict_there_is_no_line_and_numbers_that_are_not_known_have_
         ("Time at a limit", "69 %", "torque limit of joint 1, since 0.621 s"),
         ("Contact force", "85.8 N", "at the tool, since 0.53 s"),
     ]
-    long = verdict_of([Check("end", "Runs to its end", "failed", "plant " * 40)])
-    assert len(long["headline"]) <= LONGEST and long["headline"].endswith("…")
+
+
+@pytest.mark.parametrize(("sentence", "headline"), [
+    ("plant " * 40, "Failed: " + "plant " * 13 + "…"),
+    # at the last clause of the second half
+    ("joint 1: ratio 120, not 100: the link moves 0.833 times as far as the rotor (limit 5 %), 10 others",
+     "Failed: joint 1: ratio 120, not 100: the link moves 0.833 times as far as the rotor …"),
+    ("joint 2: a drive that swings at 0.335 Hz looks like a stiffness per arc minute. Drives have 10 to 100 Hz",
+     "Failed: joint 2: a drive that swings at 0.335 Hz looks like a stiffness per arc minute …"),
+    # a comma before a number is that of a list
+    ("the robot file's links predict the torque better at each of the joints 1, 2, 3, 4, 5, 6, 7, 8",
+     "Failed: the robot file's links predict the torque better at each of the joints 1, 2, 3, …"),
+])  # fmt: skip
+def test_a_headline_is_cut_between_clauses_or_words(sentence, headline):
+    assert verdict_of([Check("end", "Runs to its end", "failed", sentence)])["headline"] == headline
+
+
+def test_a_headline_ends_with_a_whole_number_wherever_it_is_cut():
+    for shift in range(LONGEST // 2):
+        text = f"{'x' * shift} link 1000.5 N.m and 2e-13 rad at 120, 100 of 4999 rows; then 12345 more of 67890"
+        line = verdict_of([Check("end", "Runs to its end", "failed", text)])["headline"]
+        assert len(line) <= LONGEST
+        words = {word.strip(",;") for word in text.split()}
+        assert {word.strip(",;") for word in line.removesuffix(" …").removeprefix("Failed: ").split()} <= words
 
 
 def test_the_line_in_the_terminal_has_a_colour_and_key_figures_are_those_of_the_results(planar):

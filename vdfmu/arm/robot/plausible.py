@@ -70,7 +70,7 @@ def _acceleration(robot: Robot) -> Floats:
     return robot.tau_stall * robot.ell / robot.I_m if robot.limits else np.zeros(0)
 
 
-_DRIVES = "Drives have 10 to 100 Hz: check K_f0, K_w0 and I_m."
+_DRIVES = "Drives have 10 to 100 Hz: check the units of K_f0, K_w0 and I_m."
 _MOTORS = "Motors reach 5e3 to 3e5: check tau_stall and I_m."
 CHECKS = (
     Plausibility(lambda robot: robot.mass, 0.0, _HEAVY, "a mass of {:g} kg", "", "looks like grams. Give it in kg."),
@@ -80,8 +80,8 @@ CHECKS = (
     ),
     Plausibility(
         lambda robot: _frequency(robot, 1.0 / deformation_derivative(robot, np.zeros(robot.n))), _SOFT, math.inf,
-        "a rotor that swings on its spring with {:.3g} Hz",
-        f"looks like a stiffness per arc minute, or I_m in another unit. {_DRIVES}", "",
+        "a drive that swings at {:.3g} Hz",
+        f"looks like a stiffness per arc minute. {_DRIVES}", "",
     ),
     Plausibility(
         lambda robot: _frequency(robot, robot.K_f0), 0.0, _STIFF,
@@ -131,8 +131,8 @@ def tool_notes(robot: Robot) -> Iterator[str]:
     if joints:
         named = " and ".join(robot.joint_labels[i - 1] for i in joints[::-1])
         yield (
-            f"the tool lies on the axis of joint {named}, so its position does not depend on it, and neither does the "
-            "torque of a payload. Give tool_offset, or tool_on_last_axis = true if the tool is a flange there."
+            f"the tool lies on the axis of joint {named} and does not move with it. A payload there has no torque "
+            "about it. Give tool_offset, or tool_on_last_axis = true if the tool is a flange there."
         )
 
 

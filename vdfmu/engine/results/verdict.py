@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,6 +14,12 @@ UNJUDGED = "not judged"
 SIGNS = {GOOD: "\u2713", DOUBTFUL: "!", FAILED: "\u2717", UNJUDGED: "\u2013"}
 LONGEST = 90
 """Most characters of a headline."""
+_KEPT = rf"^.{{{LONGEST // 2},{LONGEST - 2}}}"
+CUT = re.compile(rf"{_KEPT}(?=[;:.] |, [A-Za-z]| \()|{_KEPT}(?= )|^.{{{LONGEST - 2}}}")
+"""Start of a longer text: up to the last clause of its second half, else up to a word, so that no number changes.
+
+A comma before a number may be part of a list, such as ``joints 1, 2``. The pages use the same pattern.
+"""
 
 
 class Check(NamedTuple):
@@ -85,7 +92,8 @@ def unjudged_phrase(checks: Iterable[Check]) -> list[str]:
 
 def _short(text: str) -> str:
     text = " ".join(text.split())
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1].rstrip()}\u2026"
+    kept = CUT.match(text) if len(text) > LONGEST else None
+    return f"{kept[0]} \u2026" if kept else text
 
 
 def checks_of(summary: Mapping[str, Any]) -> list[Check]:

@@ -17,7 +17,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.plausible import FASTEST
 from vdfmu.base.arrays import Floats
-from vdfmu.base.measure import LARGEST_NUMBER
+from vdfmu.base.measure import LARGEST_NUMBER, number
 from vdfmu.engine.results.verdict import FAILED, GOOD, Check
 from vdfmu.study.identify.problem import regressor
 from vdfmu.study.limits import LIMITS
@@ -324,5 +324,5 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot) -> list
     }
     nearest = min(causes, key=lambda factor: abs(np.log(max(ratio, 1e-300) / factor)))
     cause, way = causes[nearest] if _ALMOST > abs(np.log(max(ratio, 1e-300) / nearest)) else ("check the unit", "")
-    check = LIMITS["torque"].check(max(ratio, 1.0 / max(ratio, 1e-300)), way, factor=f"{ratio:.2g}", cause=cause)
+    check = LIMITS["torque"].check(max(ratio, 1.0 / max(ratio, 1e-300)), way, factor=number(ratio, 2), cause=cause)
     return checks if check.state == GOOD else [check, *checks]

@@ -16,6 +16,7 @@ linear, are worked out at all samples before it. The robot file counts as a meas
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -92,6 +93,8 @@ class Identified:
     seen: npt.NDArray[np.bool_]
     """(n,): Joints whose links are measured."""
     base: BaseParameters
+    prior: float
+    """Errors of the links of the robot file, as a share."""
 
     def interval(self, factor: float = NORMAL_95) -> tuple[Floats, Floats]:
         """Return the ends of the confidence intervals, 95 % by default."""
@@ -163,6 +166,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
         problem.start[shown], estimate.held, estimate.weak, level, stiffness,
         np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, held, lag, band, t, problem.tau,
         errors[0], errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
+        prior,
     )  # fmt: skip
 
 
@@ -183,9 +187,8 @@ def _numbers(chosen: Any) -> str:
 def identified_robot(fit: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
     """Return the robot with the identified values, whose sources name the log, and notes.
 
-    Base parameters leave the parameters of the links open: the nearest to the robot file are taken, of the same shape
-    if possible. If these are not parameters of bodies, the links stay as they are. `robot` is the start of the
-    identification, and `where` names the log, for sources.
+    The links are those of `with_identified_links`. If these are no bodies, which is a check of the verdict, the links
+    stay as they are. `robot` is the start of the identification, and `where` names the log, for sources.
     """
     values = dict(zip(fit.names, fit.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
@@ -200,23 +203,21 @@ def identified_robot(fit: Identified, robot: Robot, where: str) -> tuple[Robot, 
                 source = f"{text}, +- {NORMAL_95 * deviation[each]:.2g} (95 %)"
                 sources[path] = f"{source}, near {sources.get(path, 'the robot')}" if each in fit.weak else source
     made = robot.with_parameters(**arrays)
-    links = _links(fit, robot)
     if robot.payload:
         notes.append("the links stay as they are: the payload is identified with the last of them")
     else:
-        try:
-            bodies = check_robot(made.with_parameters(**links))
-        except ModelError as error:
-            notes.append(f"the links stay as they are, since no bodies have the identified parameters: {error}")
-        else:
-            made = bodies
+        with suppress(ModelError):
+            made = with_identified_links(fit, made)
             nearest = f"{text}: with its base parameters, nearest to the robot file"
-            sources |= {PARAMETERS[name].path: nearest for name in links}
+            sources |= {PARAMETERS[name].path: nearest for name in ("mass", "centroid", "inertia")}
     return replace(check_robot(made), sources=sources), notes
 
 
-def _links(fit: Identified, robot: Robot) -> dict[str, Floats]:
-    """Mass, centre of mass and inertia of the links, with the base parameters and nearest to the robot file."""
+def with_identified_links(fit: Identified, robot: Robot) -> Robot:
+    """Return the robot with links of the identified base parameters, which leave masses and inertias open.
+
+    The nearest to those of the robot are taken, of the same shape if possible. ModelError if these are no bodies.
+    """
     phi, ways = body_parameters(robot), link_errors(robot, 1.0)
     base, matrix = fit.values[fit.links], fit.base.matrix
     steps: Any = np.linalg.lstsq(matrix @ ways, base - matrix @ phi, rcond=None)[0]
@@ -225,7 +226,8 @@ def _links(fit: Identified, robot: Robot) -> dict[str, Floats]:
     rows = [[I[0], I[1], I[3]], [I[1], I[2], I[4]], [I[3], I[4], I[5]]]
     about_origin = np.moveaxis(np.array(rows), -1, 0)
     square = np.einsum("ni,ni->n", c, c)[:, None, None] * np.eye(3) - np.einsum("ni,nj->nij", c, c)
-    return {"mass": m, "centroid": c, "inertia": about_origin - m[:, None, None] * square}
+    inertia = about_origin - m[:, None, None] * square
+    return check_robot(robot.with_parameters(mass=m, centroid=c, inertia=inertia))
 
 
 def robot_text(robot: Robot, head: str) -> str:

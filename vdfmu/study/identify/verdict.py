@@ -13,8 +13,10 @@ import numpy as np
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import ModelError
+from vdfmu.base.measure import number
 from vdfmu.engine.results.verdict import DOUBTFUL, GOOD, STATES, Check, verdict_of
-from vdfmu.study.identify.fit import Identified, LogScore
+from vdfmu.study.identify.fit import PRIOR, Identified, LogScore, with_identified_links
 from vdfmu.study.limits import LIMITS, Limit
 
 _DRAWS = 999
@@ -39,7 +41,10 @@ def gain(error: Floats, null: Floats) -> tuple[float, float]:
 
 def verdict(fit: Identified, log_checks: tuple[Check, ...], robot: Robot, score: LogScore) -> dict[str, Any]:
     """Return the entry ``verdict`` of an identification, scored on its own log or on another."""
-    checks = [*log_checks, *_residual(robot, score), *_links(robot, score), *_springs(robot, score)]
+    checks = [
+        *log_checks, *_scale(fit, robot, score), *_bodies(fit, robot), *_residual(robot, score),
+        *_links(robot, score), *_springs(robot, score),
+    ]  # fmt: skip
     shares = 100.0 * score.torque_left / score.torque
     results = [f"residual torque {shares.min():.3g} to {shares.max():.3g} %"]
     if fit.weak:
@@ -51,6 +56,41 @@ def _worst(row: Limit, values: Mapping[str, float], more: str = "") -> Check:
     """Return the check of the place with the worst value."""
     place = max(values, key=lambda name: (STATES.index(row.state(values[name])), values[name]))
     return row.check(values[place], more, place=place)
+
+
+def _scale(fit: Identified, robot: Robot, score: LogScore) -> Iterator[Check]:
+    """Yield the common scale of the links over the robot file's, if it is off: that of a ratio or a torque constant.
+
+    It is the factor of the file's links whose torques come nearest to those of the identified ones, each joint's as a
+    share of its whole torque. A file that is expected to be further off than most says nothing about a scale.
+    """
+    p = score.rows.problem
+    weighted = p.filtered.Y / score.torque[:, None]
+    file, identified = (weighted @ x[p.places["links"]] for x in (p.start, fit.x))
+    scale = float((file * identified).sum() / max((file**2).sum(), 1e-300))
+    if scale <= 0.0 or fit.prior > PRIOR:  # without gravity and motion, or with another sign, there is none
+        return
+    ell = float(robot.ell[0])
+    if np.ptp(robot.ell) > 0.0:
+        cause = "check the gear ratios"
+    elif any(name in fit.weak for name in fit.base.names):  # near the file's, so the ratio is further off
+        cause = f"check the gear ratio, {ell:.3g}"
+    else:
+        cause = f"is the gear ratio {ell / scale:.3g}, not {ell:.3g}?"
+    more = "or check the torque constant; if the masses of the robot file are guesses, say --prior 0.5"
+    check = LIMITS["scale"].check(max(scale, 1.0 / scale), more, factor=number(scale), cause=cause)
+    if check.state != GOOD:
+        yield check
+
+
+def _bodies(fit: Identified, robot: Robot) -> Iterator[Check]:
+    """Yield that no bodies have the identified parameters, if so."""
+    try:
+        if not robot.payload:
+            with_identified_links(fit, robot)
+    except ModelError as error:
+        text = "no bodies have the identified parameters, so the file's links are kept"
+        yield Check("bodies", "Bodies", DOUBTFUL, text, f"check the gear ratio of each joint; {error}")
 
 
 def _residual(robot: Robot, score: LogScore) -> Iterator[Check]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.robot.parameters import section
-from vdfmu.engine.results.verdict import LONGEST
+from vdfmu.engine.results.verdict import CUT, LONGEST
 from vdfmu.study.limits import LIMITS, Limit, read_limits
 from vdfmu.study.run.key_figures import comparable, least_sizes
 from vdfmu.study.run.summary import LIMITED, limits_of
@@ -82,4 +82,5 @@ def rules_of(summary: Mapping[str, Any], command: str) -> dict[str, Any]:
         "limited": LIMITED,
         "floor": ENERGY_FLOOR,
         "longest": LONGEST,
+        "cut": CUT.pattern,
     }

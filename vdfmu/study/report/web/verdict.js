@@ -40,7 +40,7 @@ export function check(row, value, /** @type {Record<string, any>} */ places, mor
 const plain = (key, name, state, sentence, more = "") => ({ key, name, state, sentence, more });
 
 /** State, headline, results and checks: the headline is the sentence of the worst check, the first of several. */
-export function verdictOf(checks, results, longest) {
+export function verdictOf(checks, results, longest, cut) {
   const judged = checks.filter((one) => one.state !== UNJUDGED),
     names = checks.filter((one) => one.state === UNJUDGED).map(({ name }) => lower(name));
   const state = judged.length
@@ -57,7 +57,7 @@ export function verdictOf(checks, results, longest) {
   const line = `${upper(state)}: ${headline}`;
   return {
     state,
-    headline: line.length <= longest ? line : `${line.slice(0, longest - 1).trimEnd()}…`,
+    headline: line.length <= longest ? line : `${line.match(cut)[0]} …`,
     results: (state === GOOD ? phrases.slice(told) : phrases).join("; "),
     checks,
   };
@@ -73,7 +73,7 @@ const since = (time) => (time ? `from ${at(time)} on` : "from the start");
  * of the slider, null with a reason, `why`, where no track has them; `failure` is the message of a run that stopped.
  */
 export function judge(simulation, { figures, loops, why, failure, end }) {
-  const { rows, kept, longest } = simulation,
+  const { rows, kept, longest, cut } = simulation,
     remarks = kept.filter(({ key }) => key !== "stability"),
     stability = kept.filter(({ key }) => key === "stability");
   const ofLoops = stability.length ? stability : [...loopChecks(simulation, loops, why)];
@@ -81,7 +81,7 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
     const unit = /^(\w+): /.exec(failure)?.[1] ?? "the run",
       stopped = end === null ? failure : `${unit} failed at ${at(end)}`;
     const ran = plain("end", "Runs to its end", FAILED, stopped, failure);
-    return verdictOf([...(loops?.unstable ? ofLoops : []), ran], [], longest);
+    return verdictOf([...(loops?.unstable ? ofLoops : []), ran], [], longest, cut);
   }
   const limited = [...limitChecks(rows, figures)],
     loop = loops?.unstable ?? loops?.margin;
@@ -99,7 +99,7 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
     plain("reference", "scipy reference", UNJUDGED, "no scipy reference: not solved here"),
     plain("independent", "NumPy model", UNJUDGED, "the NumPy model is not run here"),
   ];
-  return verdictOf(checks, [...resultsOf(simulation, figures, loops, checks)], longest);
+  return verdictOf(checks, [...resultsOf(simulation, figures, loops, checks)], longest, cut);
 }
 
 function* loopChecks({ rows, figures: { excited, open }, split }, loops, why) {
