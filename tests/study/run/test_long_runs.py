@@ -115,7 +115,7 @@ def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "reference_blocks", watched)
     results = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out")
     assert len(results) == 2001
-    assert lengths == [BLOCK, 2001 - BLOCK] * 2
+    assert lengths == [BLOCK, 2001 - BLOCK + 1] * 2  # with the last row before, for differences
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 

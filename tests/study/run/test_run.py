@@ -12,6 +12,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import CosimError, ModelError, UsageError
+from vdfmu.base.platforms import native_available
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package import read as reading
 from vdfmu.engine.plan import checker
@@ -92,8 +93,8 @@ def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
         np.testing.assert_array_equal(again["plant.q[2]"], results["plant.q[2]"])
     for wrong, words in (
         ([1.0, 2.0, 3.0], r"'controller\.K_p': expected one value, or 2 for K_p\[1\] to K_p\[2\], got 3"),
-        ([1.0, None], r"'controller\.K_p': expected a value of type Real, got None"),
-        ({}, r"'controller\.K_p': expected a value of type Real, got {}"),
+        ([1.0, None], r"'controller\.K_p': expected a number in N\.m/rad, got None"),
+        ({}, r"'controller\.K_p': expected a number in N\.m/rad, got {}"),
     ):
         with pytest.raises(UsageError, match=words):
             vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
@@ -109,14 +110,14 @@ def test_jacobi_is_compared_with_the_delayed_reference():
 def with_references(monkeypatch, folder, change):
     """Put a co-simulation with other parameters in the place of scipy's references, which take minutes of split."""
 
-    def reference(name, description, *, step, stop, groups, progress, substeps):
+    def reference(name, description, *, step, stop, groups, progress, substeps, overlap):
         scenario, values = description.scenario, description.values
         package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
         r = vdfmu.simulate(package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters)
         signals = {key: r[key] for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
         for first in range(0, len(r), BLOCK):
-            rows = slice(first, first + BLOCK)
+            rows = slice(max(first - overlap, 0), first + BLOCK)
             yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
 
     monkeypatch.setattr(import_module("vdfmu.study.run.scenario_run"), "reference_blocks", reference)
@@ -290,7 +291,7 @@ def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
     options = {"out": tmp_path / "out", "stop": 0.01, "reference": False, "backend": "python"}  # no compiler here
     vdfmu.run("planar_tracking", **options)
     kept = list((tmp_path / "cache" / "fmus").iterdir())
-    assert len(kept) == 4
+    assert len(kept) == (8 if native_available() else 4)  # the loops are those of native ones
     for fmu in kept:
         data = bytearray(fmu.read_bytes())
         data[len(data) // 2] ^= 0xFF

@@ -237,7 +237,8 @@ def test_provenance_and_columns_are_in_the_file(wild, tmp_path):
     assert again.facts == made.facts == json.loads((tmp_path / "study" / "sweep.json").read_bytes())
     assert again.facts["n"] == 40 and again.facts["vdfmu"] == vdfmu.__version__
     assert again.axes == ["unit.at"] and again.measures == ["end", "count"]
-    assert again.to_pandas().shape == (40, 7)
+    # point, axis, failed, failed_at, failed_in, kind, wall_s and two measures
+    assert again.to_pandas().shape == (40, 9)
     with pytest.raises(UsageError, match="no column 'ende'; did you mean end"):
         again["ende"]
 
