@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.conftest import invoked, ran, refused
+from tests.conftest import heavy, invoked, ran, refused
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
@@ -163,7 +163,7 @@ def test_a_unit_declares_whether_it_is_sampled(sampled):
         assert str(judged) == str(undeclared.judge(0.001, step=1e-3, algorithm=algorithm, sampled=sampled))
 
 
-@pytest.mark.parametrize("name", ["tracking", "planar_tracking"])
+@pytest.mark.parametrize("name", ["planar_tracking", *heavy("tracking")])
 def test_shipped_scenarios_are_decided(name):
     """Controller and feedforward are sampled at 1 kHz, plant and motion are continuous."""
     judged = vdfmu.load(name).judge(0.01, stop=0.1)

@@ -12,6 +12,7 @@ import pytest
 
 from tests.compiler.conftest import Unit as PythonUnit
 from tests.compiler.native.binding import Instance, same_bits
+from tests.conftest import heavy
 from vdfmu.arm.fmus import build_fmus
 
 H = 1e-3
@@ -75,7 +76,7 @@ def test_the_python_unit_gives_the_same_numbers(native, python_folders, unit_nam
     assert np.all(np.abs(actual - expected) <= 1e-12 * scale)
 
 
-@pytest.mark.parametrize("robot", ["planar_2dof", "manipulator_6dof"])
+@pytest.mark.parametrize("robot", ["planar_2dof", *heavy("manipulator_6dof")])
 def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(native, native_fmu, version, robot):
     """CVODE of fmpy at relative tolerance 1e-10, the unit's own solver at 1e-10: the issue asks for 1e-7 rad."""
     # fmpy gives CVODE the absolute tolerance 1e-10 times the nominal values, 1. Errors of some thousand steps add up

@@ -301,6 +301,7 @@ def callees(step):
     return [step.instruction_MX(k).which_function() for k in calls]
 
 
+@pytest.mark.heavy
 def test_the_stages_of_a_step_solve_for_no_acceleration_and_grow_linearly_along_the_chain():
     names = [function.name() for function in callees(step_of(Plant, load_robot("manipulator_6dof")))]
     # The first of the six stages is at the start, where the matrix of the step gives the accelerations.

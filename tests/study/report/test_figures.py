@@ -12,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import vdfmu
+from tests.conftest import heavy
 from vdfmu.base import style
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
@@ -137,7 +138,7 @@ def test_a_joint_has_one_look_in_all_figures_and_many_joints_differ(made):
 # --- that they can be read, and set in a paper -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("width", ["85mm", "16cm", "5in"])
+@pytest.mark.parametrize("width", ["85mm", *heavy("16cm", "5in")])
 def test_a_figure_has_the_width_asked_for_8_pt_and_no_title_or_caption(made, tmp_path, width):
     results, robot = made.results(3), made.scenario(MIXED).robot
     results.summary["arm"] = arm_of(robot, {})

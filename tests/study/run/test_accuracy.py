@@ -39,6 +39,7 @@ def lacking(T: float, h: float) -> float:
     return float(ARM.I_m[0] * np.abs(np.diff(places, 2)).max() / h**2)
 
 
+@pytest.mark.heavy
 def test_a_run_says_what_the_inverse_leaves_out_and_that_stiff_springs_depend_on_the_tolerance():
     _, (note,) = run({"trajectory.T": 0.25}, 0.3)
     assert "motor 1 in a step, for its rotors are coupled and the motion is fast" in note
