@@ -73,7 +73,7 @@ def answer_of(study: StudyTable) -> Answer:
         return Answer(verdict_of(checks, [phrase]), tuple(filter(None, [spread, influence, *sentences])))
     judged = candidates(study, values)
     best = best_of(judged)
-    check, phrases = _chosen_of(study, judged)
+    check, phrases = _chosen_of(study, values, judged)
     lines = [_best(study, values, best.point), *([_sentence(check.more)] if check.more else [])]
     lines += [*_edges(study, best.point), *_around(study, values, best)]
     lines += filter(None, [_ranking(study, values), _influence(study)])
@@ -84,7 +84,7 @@ def _sentence(phrase: str) -> str:
     return f"{phrase[:1].upper()}{phrase[1:]}."
 
 
-def _chosen_of(study: StudyTable, judged: Sequence[JudgedPoint]) -> tuple[Check, list[str]]:
+def _chosen_of(study: StudyTable, values: Floats, judged: Sequence[JudgedPoint]) -> tuple[Check, list[str]]:
     """Return the check of the best of the judged points, and what a good one came to."""
     (name, unit), best, first = _named(study), best_of(judged), judged[0]
     point = f"{best.point} ({name} {quantity(best.value, unit)})"
@@ -95,7 +95,7 @@ def _chosen_of(study: StudyTable, judged: Sequence[JudgedPoint]) -> tuple[Check,
     if best.state == GOOD:
         phrases = [f"best point {point}"] if best is first else [f"best good point {point}", better]
         return Check("best", "Best point", GOOD, phrases[0]), [*phrases, *margin]
-    left_out = int(np.isfinite(study.values()).sum()) - len(judged)
+    left_out = int(np.isfinite(values).sum()) - len(judged)
     tried = f"none of {len(judged)} points is good" + (f"; the other {left_out} were not judged" if left_out else "")
     state = FAILED if best.state == FAILED and not left_out else DOUBTFUL
     link = " " if best.why.startswith("unstable") else ": "

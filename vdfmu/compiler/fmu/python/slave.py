@@ -96,10 +96,10 @@ class UnitSlave(Fmi2Slave):
     def _read(self, resources: Path, built: bool) -> Content:
         if self.standard is None or (resources / CONTENT_FILE).is_file():
             return Content.read(resources, self.unit)
-        content, description = self.standard(), resources.parent / "modelDescription.xml"
-        if (
-            built and description.is_file() and content.guid not in read_text(description)
-        ):  # some importers leave it out
+        content = self.standard()
+        description = resources.parent / "modelDescription.xml"
+        described = built and description.is_file()  # some importers do not unpack it
+        if described and content.guid not in read_text(description):
             raise FmuError(
                 f"{self.unit}.fmu was built with another vdfmu, or other sources of it, than this Python has, "
                 f"{__version__}, or has lost its content file. Build the FMU again."
