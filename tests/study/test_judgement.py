@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from benchmarks.judge_units import Step
 from tests.conftest import heavy, invoked, ran, refused
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
@@ -44,17 +45,6 @@ class Switch(Unit):
     def outputs(self) -> None:
         """Switch."""
         self.y = where(self.u < 0.5, 1.0, 0.0)
-
-
-class Step(Unit):
-    """A step."""
-
-    y = Output("1", text="step")
-    at = Parameter("s", text="its time", start=0.5)
-
-    def outputs(self) -> None:
-        """Step."""
-        self.y = where(self.t > self.at, 1.0, 0.0)
 
 
 class Fast(Unit):
