@@ -80,7 +80,7 @@ def build(
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
     from vdfmu.compiler.fmu.build import unit_name
-    from vdfmu.study.run.scenario_run import prepare
+    from vdfmu.study.run.prepare import prepare
     from vdfmu.system.package.write import build_parts, left_out
     from vdfmu.system.scenario.replace import robot_for
     from vdfmu.system.scenario.values import start_values
@@ -152,7 +152,7 @@ def _container(
     chosen = _load(system, robot, settings, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
-    from vdfmu.study.run.scenario_run import prepare
+    from vdfmu.study.run.prepare import prepare
     from vdfmu.system.package.write import cached_fmus, write_ssp
 
     chosen = prepare(chosen, step=step)

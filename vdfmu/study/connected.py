@@ -29,7 +29,7 @@ from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.judgement import Judgement, judge
-from vdfmu.study.run.scenario_run import judge_results
+from vdfmu.study.run.conclude import judge_results
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.replace import unfolded

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -26,7 +27,13 @@ from vdfmu.study.report.content import write_pictures
 from vdfmu.study.report.page import write_failed, write_report
 from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
-from vdfmu.study.run.scenario_run import ScenarioRun, prepare
+from vdfmu.study.run.case import Case, describe
+from vdfmu.study.run.conclude import conclude
+from vdfmu.study.run.loops import RunLoops
+from vdfmu.study.run.measure import Measures
+from vdfmu.study.run.pack import write_package
+from vdfmu.study.run.prepare import prepare
+from vdfmu.study.run.simulate import co_simulate
 from vdfmu.study.verdict import calculated_checks
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
@@ -60,36 +67,44 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     CosimError, vdfmu.engine.run.Interrupted
         A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
     """
-    scenario = prepare(scenario, **pick(ScenarioOptions, options))
+    case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
     known_formats(options["formats"])
     width = known_pictures(options["pictures"], options["width"])
-    out = options["out"]
-    folder = Path(out or "") if out is not None else Path("results") / scenario.name
-    place = (
-        temporary_folder("vdfmu_run_") if out is False else replacing_results(folder, RUN_OUTPUTS, options["overwrite"])
-    )
-    job = ScenarioRun(scenario, options)
-    with place as made:
-        made = Path(made)
-        job.pack(made)
-        program = None if out is False else keep_program(job.system, job.package)
+    with _folder_of(case) as folder:
+        package = write_package(case, folder)
+        program = keep_program(case.system, package) if case.written else None
+        loops, measures = RunLoops(case, package), Measures(case)
         try:
-            results = job.simulate()
+            results = co_simulate(case, package, loops.poses, [*measures.taps, *loops.taps])
         except (CosimError, Interrupted) as error:
-            if out is not False:
-                write_failed(scenario.name, job.package, made, error, program, simulate=bool(options["simulate"]))
+            if case.written:
+                write_failed(case.scenario.name, package, folder, error, program, simulate=bool(options["simulate"]))
             raise
-        summary = results.summary
-        job.judge(results)
-        if out is False:
-            return results
-        with doing("figures"):
-            write_pictures(results, scenario.robot, made, options["pictures"], width)
-        with doing("page"):
-            shown = ShownRun(scenario.name, results, summary, job.package, job.poses, program)
-            write_report([shown], made / NAME, simulate=bool(options["simulate"]))
-        write_summary(summary, made)
+        measures.add(results)
+        if case.written:
+            write_summary(results.summary, folder)  # references may take long, and may be stopped
+        conclude(case, package, results, loops)
+        if case.written:
+            with doing("figures"):
+                write_pictures(results, case.scenario.robot, folder, options["pictures"], width)
+            with doing("page"):
+                shown = ShownRun(case.scenario.name, results, results.summary, package, loops.poses, program)
+                write_report([shown], folder / NAME, simulate=bool(options["simulate"]))
+            write_summary(results.summary, folder)
         return results
+
+
+@contextmanager
+def _folder_of(case: Case) -> Generator[Path]:
+    """Yield the folder that a run writes; its files replace those of an earlier run at the end."""
+    out = case.options["out"]
+    if not case.written:
+        with temporary_folder("vdfmu_run_") as place:
+            yield Path(place)
+        return
+    folder = Path(out or "") if out is not None else Path("results") / case.scenario.name
+    with replacing_results(folder, RUN_OUTPUTS, case.options["overwrite"]) as place:
+        yield Path(place)
 
 
 def judge_run(

@@ -18,7 +18,7 @@ from vdfmu.study.analysis.loops import Judged, grown, judged, margins_along, run
 from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.study.tuning.problem import make_problem
 from vdfmu.study.verdict import loop_checks, loop_sentences
 from vdfmu.system.package.description import SystemDescription

@@ -12,7 +12,7 @@ import vdfmu
 from tests.compiler.wasm.linked import linked
 from tests.conftest import heavy
 from tests.study.batch.scenarios import POSITION, REST, switched_file
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import SystemProgram, write_module
 from vdfmu.system.scenario.values import system_values

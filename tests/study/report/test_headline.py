@@ -22,7 +22,7 @@ from vdfmu.study.report.page import report_page, run_command
 from vdfmu.study.report.parts import MOST_TILES, page_title, tiles_of
 from vdfmu.study.report.sheets import facts, verdict_table, verdict_text
 from vdfmu.study.report.shown_run import ShownRun
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.study.run.summary import run_facts
 from vdfmu.study.verdict import verdict
 

@@ -16,7 +16,7 @@ import vdfmu
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 

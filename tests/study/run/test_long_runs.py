@@ -9,7 +9,7 @@ import vdfmu
 from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.report import content
-from vdfmu.study.run import scenario_run as study
+from vdfmu.study.run import references as comparison
 from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as references
@@ -112,7 +112,7 @@ def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
             lengths.append(len(part.t))
             yield part
 
-    monkeypatch.setattr(study, "reference_blocks", watched)
+    monkeypatch.setattr(comparison, "reference_blocks", watched)
     results = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out")
     assert len(results) == 2001
     assert lengths == [BLOCK, 2001 - BLOCK + 1] * 2  # with the last row before, for differences

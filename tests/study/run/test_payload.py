@@ -7,7 +7,7 @@ from scipy.optimize import root
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.files import data_path
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario

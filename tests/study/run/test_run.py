@@ -120,7 +120,7 @@ def with_references(monkeypatch, folder, change):
             rows = slice(max(first - overlap, 0), first + BLOCK)
             yield Reference(name, r.time[rows], {key: array[rows] for key, array in signals.items()})
 
-    monkeypatch.setattr(import_module("vdfmu.study.run.scenario_run"), "reference_blocks", reference)
+    monkeypatch.setattr(import_module("vdfmu.study.run.references"), "reference_blocks", reference)
 
 
 @pytest.mark.heavy
@@ -271,7 +271,7 @@ def test_a_run_reads_its_package_once(tmp_path, monkeypatch):
 
 def test_no_name_of_a_package_hides_a_module():
     names = [module.name for module in pkgutil.walk_packages(vdfmu.__path__, "vdfmu.")]
-    assert "vdfmu.study.run.scenario_run" in names
+    assert "vdfmu.study.run.prepare" in names
     for name in names:
         if name != "vdfmu.cli.__main__":  # runs the command line
             parent, _, last = name.rpartition(".")

@@ -17,8 +17,8 @@ from vdfmu.engine.results.verdict import checks_of, headline_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import linearized, packaged
 from vdfmu.study.analysis.loops import TIED, margins_along
-from vdfmu.study.run import scenario_run
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run import loops
+from vdfmu.study.run.prepare import prepare
 
 SLOW = '''
 from vdfmu.unit import JOINTS, Input, Output, Parameter, Sampled, Unit
@@ -66,7 +66,7 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
 
 
 def test_a_run_again_has_its_loops_from_the_cache_and_another_gain_end_or_master_has_its_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(scenario_run, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
     times: list[float] = []
     take = Poses.take
     monkeypatch.setattr(Poses, "take", lambda self, k, time, each: times.append(time) or take(self, k, time, each))

@@ -17,7 +17,7 @@ from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.program import UnitFunctions
 from vdfmu.engine.masters.observer import Reading
 from vdfmu.engine.results.results import Results
-from vdfmu.study.run import scenario_run as study
+from vdfmu.study.run import measure, pack
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.witness import Witness
@@ -167,7 +167,7 @@ def test_a_parameter_that_is_not_the_scenarios_is_found(cache, monkeypatch):
         values = {**values, "plant": values["plant"] | {"mass[2]": 1.5}}
         return write_ssp(scenario, fmus, path, values, **options)
 
-    monkeypatch.setattr(study, "write_ssp", write)
+    monkeypatch.setattr(pack, "write_ssp", write)
     assert faults()[0] == "plant.mass[2] at t = 0 s: expected 1, got 1.5"
 
 
@@ -256,7 +256,7 @@ def refuse(*_, **__):
 
 def test_it_shares_nothing_and_takes_little_time(monkeypatch, calls):
     made = []
-    monkeypatch.setattr(study, "Witness", lambda *arguments: made.append(Witness(*arguments)) or made[0])
+    monkeypatch.setattr(measure, "Witness", lambda *arguments: made.append(Witness(*arguments)) or made[0])
     results = vdfmu.run("tracking", stop=0.1, reference=False, backend="python", out=False)
     for place in (UnitFunctions, Functions):
         monkeypatch.setattr(place, "casadi_function", refuse)

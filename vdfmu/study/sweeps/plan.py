@@ -299,7 +299,7 @@ def of_scenario(
     scenario: Any, axes: Sequence[Axis], switched: Mapping[str, Any], options: ScenarioOptions, engine: str = "fmu"
 ) -> WiredSystem:
     """Build and pack a scenario with a combination of options."""
-    from vdfmu.study.run.scenario_run import prepare
+    from vdfmu.study.run.prepare import prepare
     from vdfmu.system.package.write import cached_fmus, write_ssp
     from vdfmu.system.scenario.values import system_values
 

@@ -23,7 +23,7 @@ from vdfmu.engine.linear.growth import Along, Poses
 from vdfmu.engine.linear.linearise import can_change
 from vdfmu.study.analysis.loops import judged, run_along
 from vdfmu.study.options import ProblemOptions, ScenarioOptions, TuneOptions
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.study.sweeps.axes import Axis, is_option, read_axes
 from vdfmu.study.sweeps.job import Row
 from vdfmu.study.sweeps.ledger import Ledger

@@ -22,7 +22,7 @@ from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
 from vdfmu.study.analysis.loops import Judged
 from vdfmu.study.options import METHODS, ProblemOptions, ScenarioOptions, TuneOptions
-from vdfmu.study.run.scenario_run import prepare
+from vdfmu.study.run.prepare import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.study import check_workers
 from vdfmu.study.sweeps.table import TUNED

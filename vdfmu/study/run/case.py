@@ -1,0 +1,105 @@
+"""Describe the system of a run: its values, the kind of its FMUs, its limits, and the facts of its summary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from vdfmu.base.platforms import compiler_version
+from vdfmu.base.standards import PYTHON_FMI
+from vdfmu.base.text import nearest
+from vdfmu.compiler.fmu.build import build_notes, choose_backend
+from vdfmu.engine.run import LogMessage
+from vdfmu.study.judgement import check_wanted
+from vdfmu.study.limits import Limit, own_limits, read_limits
+from vdfmu.study.options import ScenarioRunOptions
+from vdfmu.study.run.scene import arm_of, scene_of
+from vdfmu.study.run.summary import ArmLimits, limits_of, run_facts
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.check import model_notes, remarks
+from vdfmu.system.scenario.values import system_values
+
+_LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
+_JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
+
+
+class Case(NamedTuple):
+    """A prepared scenario with the options of its run: all that the later stages read."""
+
+    scenario: Scenario
+    options: ScenarioRunOptions
+    system: SystemDescription
+    backend: str
+    """Kind of the FMUs."""
+    limits: Mapping[str, Limit]
+    """Limits of the verdict, by name."""
+    arm_limits: list[ArmLimits]
+    facts: dict[str, Any]
+    """The entries of the summary that are set before the run."""
+
+    @property
+    def written(self) -> bool:
+        """Whether the run writes files."""
+        return self.options["out"] is not False
+
+
+def describe(scenario: Scenario, options: ScenarioRunOptions) -> Case:
+    """Return the case of a scenario of :func:`vdfmu.study.run.prepare.prepare`, with notes in the log.
+
+    Raises
+    ------
+    UsageError, ModelError
+        For values, limits or options that do not fit the system.
+    """
+    check_wanted(options["judge"], options["sampled"], scenario.adaptive)
+    native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
+    backend = choose_backend("native" if native else options["backend"])
+    system = SystemDescription(scenario, system_values(scenario, options["settings"]))
+    for text in _notes(scenario, options, backend):
+        note(options, text)
+    of_file = read_limits(scenario.limits, "[limits] of the scenario")
+    limits = read_limits(options["limits"] or {}, "--limit", of_file)
+    facts = _facts(system, options, backend, limits)
+    return Case(scenario, options, system, backend, limits, limits_of(system), facts)
+
+
+def note(options: ScenarioRunOptions, text: str) -> None:
+    """Write a note into the log of a run."""
+    if (log := options["log"]) is not None:
+        log(LogMessage("", 0.0, "note", "", text))
+
+
+def _notes(scenario: Scenario, options: ScenarioRunOptions, backend: str) -> Iterator[str]:
+    robot, settings = scenario.robot, options["settings"]
+    yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
+    yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
+    with_values = {*(settings or ()), *(name for table in scenario.inputs for name in table.names)}
+    with_values |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
+    groups = {name.partition("[")[0] for name in with_values}
+    for end, names in scenario.system.unfed.items():
+        if end not in groups:
+            way_out = nearest(end.partition(".")[2], names) if names else "Give it by --set or --input."
+            yield f"{end}: not connected, keeps its start value. {way_out}"
+    for text in (*model_notes(scenario, settings), *build_notes(robot, backend)):
+        yield f"{(robot or scenario).name}: {text}"
+
+
+def _facts(
+    system: SystemDescription, options: ScenarioRunOptions, backend: str, limits: Mapping[str, Limit]
+) -> dict[str, Any]:
+    scenario, settings = system.scenario, options["settings"]
+    robot = scenario.robot
+    return run_facts(scenario) | {
+        "backend": backend,
+        **({"compiler": compiler_version()} if backend == "native" else {}),
+        "fmi": options["fmi_version"],
+        "settings": {key: str(value) for key, value in (settings or {}).items()},
+        "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
+        "left_out": list(scenario.system.dropped),
+        "joined": list(scenario.system.joined),
+        **({"own_limits": changed} if (changed := own_limits(limits)) else {}),
+        **remarks(scenario, settings, system.values, options["stop"] is not None),
+        **({} if robot is None else {"arm": arm_of(robot, system.values.get("plant", {}))}),
+        "scene": scene_of(system),
+    }

@@ -1,0 +1,79 @@
+"""Solve the references of a run and compare the run with them."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vdfmu.base.errors import UsageError
+from vdfmu.base.progress import doing, report
+from vdfmu.engine.algorithms import ALGORITHMS
+from vdfmu.engine.results.results import Results
+from vdfmu.study.run.case import Case
+from vdfmu.study.run.simulate import simulate
+from vdfmu.study.run.summary import compare, compared, has_signals
+from vdfmu.system.reference.reference import BLOCK, reference_blocks
+
+_NUDGE = 1e-9
+"""Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
+
+
+def compare_with_references(case: Case, package: Path, results: Results) -> dict[str, Any]:
+    """Solve the sampled reference of the algorithm, if it samples, and the continuous one; return the entries.
+
+    ``reference`` has the differences to each. If the first of them differs visibly from the run, the run is compared
+    with itself after an invisible change. If that shows as well, single solutions separate. Then ``separation`` has
+    their distance, and the references are compared by their statistics too.
+    """
+    scenario, differences = case.scenario, dict[str, Any]()
+    entries: dict[str, Any] = {"reference": differences}
+    foreign = [name for name, part in scenario.system.parts.items() if part.fmu is not None]
+    if foreign:
+        return {"no_reference": f"{', '.join(foreign)}: an FMU has no equations to solve here"}
+    visible = math.inf
+    if has_signals(results, "trajectory.q_d", "plant.q"):
+        visible = case.limits["reference"].value * max(
+            float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
+        )
+    how = ALGORITHMS[scenario.master]
+    # without a feedforward torque in the controller there is no compensation error: all outputs are compared
+    robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
+    wanted = {"sampled": how.reference} if how.reference else {}
+    for key, name in (wanted | {"continuous": "continuous"}).items():
+        stage = f"{name} reference"
+        report(stage, 0, 1)
+        solution = reference_blocks(
+            name, case.system, step=scenario.step, stop=scenario.stop,
+            substeps=how.substeps if key == "sampled" else 1, groups=compared(results, robot), overlap=1,
+            progress=partial(report, stage),
+        )  # fmt: skip
+        try:
+            differences[key], statistics = compare(results, solution, robot, how.substeps)
+        except UsageError as error:  # an algebraic loop, which the run may have solved
+            entries["no_reference"] = str(error).rstrip(".")
+            continue
+        if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
+            with doing("separation"):
+                separation = _separation(case, package, results)
+            if separation > visible:
+                entries["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
+        if "separation" in entries:
+            differences[key] |= statistics
+    return entries
+
+
+def _separation(case: Case, package: Path, results: Results) -> float:
+    """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE`."""
+    parameters = {
+        f"{plant}.{name}": (1.0 + _NUDGE) * value
+        for plant in case.system.resolved.plants
+        for name, value in case.system.values[plant].items()
+        if name.startswith("I_m[")
+    }
+    nudged = simulate(case, package, parameters, record=["plant.q[*]"])
+    pairs = zip(nudged.blocks(BLOCK), results.blocks(BLOCK), strict=True)
+    return max(float(np.abs(changed["plant.q"] - base["plant.q"]).max()) for changed, base in pairs)
