@@ -7,7 +7,7 @@ from time import process_time
 import numpy as np
 
 from benchmarks.report import Report, Table
-from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv
+from vdfmu.extras.learn.environments import ArmEnv, ArmVectorEnv
 
 TITLE = "Environments for learning"
 

@@ -18,10 +18,10 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.files import data_path
-from vdfmu.study.identify.fit import PRIOR, LogScore, identify, score
-from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.problem import base_parameters, link_covariance, regressor
-from vdfmu.study.identify.rows import Rows
+from vdfmu.extras.identify.fit import PRIOR, LogScore, identify, score
+from vdfmu.extras.identify.log import Log, read_log
+from vdfmu.extras.identify.problem import base_parameters, link_covariance, regressor
+from vdfmu.extras.identify.rows import Rows
 
 TITLE = "A measured arm: the KR 300, identified in several ways"
 COUNTERBALANCES = ("no counterbalance", "a spring for it", "its law given")

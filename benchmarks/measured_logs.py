@@ -19,9 +19,9 @@ from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.study.identify.fit import identify
-from vdfmu.study.identify.log import Log, read_log
-from vdfmu.study.identify.problem import regressor
+from vdfmu.extras.identify.fit import identify
+from vdfmu.extras.identify.log import Log, read_log
+from vdfmu.extras.identify.problem import regressor
 
 BAND = 4.0
 """Band of the equations [Hz]; the motions have frequencies of up to 0.7 Hz."""

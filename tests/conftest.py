@@ -26,7 +26,7 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
 from vdfmu.compiler.unit.solver import Integrator
 from vdfmu.engine.results.formats import FORMATS
-from vdfmu.study.identify.log import READERS
+from vdfmu.extras.identify.log import READERS
 
 
 class NoFiles(ModuleType):

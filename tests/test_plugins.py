@@ -14,7 +14,7 @@ import pytest
 import vdfmu
 from tests.added import installed
 from tests.docs.pages import ROOT, read_blocks
-from tests.study.identify.recorded import T, motion
+from tests.extras.identify.recorded import T, motion
 from vdfmu.arm.units import find_unit, known_units
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError

@@ -20,10 +20,8 @@ Python API
     A whole scenario: co-simulation, references, comparison, files; the moving arm of a run.
 ``simulate``, ``load_ssp``, ``Simulator``
     The master for systems of FMUs of FMI 2.0 and 3.0: one run, or many.
-``sweep``, ``tune``
-    A scenario or package at many points in a durable table, and parameters with the smallest cost.
-``Environment``, ``ArmEnv``, ``ArmVectorEnv``
-    Any system as an environment of gymnasium; a scenario as one, for one arm or many.
+``sweep``
+    A scenario or package at many points in a durable table.
 ``write_robot_page``
     The page of a robot, with sliders of its joints, for a browser.
 ``package_limit``
@@ -58,12 +56,10 @@ if TYPE_CHECKING:
     from vdfmu.study.analysis.arm_space import linearize
     from vdfmu.study.analysis.modes import Modes, natural_modes
     from vdfmu.study.connected import System, connect, load
-    from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv, Environment
     from vdfmu.study.report.page import Animation, animate
     from vdfmu.study.report.robot_page import write_robot_page
     from vdfmu.study.runs import run
     from vdfmu.study.sweeps.sweep import Sweep, sweep
-    from vdfmu.study.tuning.tune import tune
     from vdfmu.system.package.write import write_ssp
     from vdfmu.system.scenario import Scenario, load_scenario, scenario_names
 
@@ -91,19 +87,17 @@ _NAMES = {
     "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
     "vdfmu.system.package.write": ("write_ssp",),
     "vdfmu.study.sweeps.sweep": ("Sweep", "sweep"),
-    "vdfmu.study.tuning.tune": ("tune",),
-    "vdfmu.study.environment.environments": ("ArmEnv", "ArmVectorEnv", "Environment"),
 }  # fmt: skip
 _MODULES = ("drive", "motion", "plugin", "unit")
 _WHERE = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
-    "Animation", "ArmEnv", "ArmVectorEnv", "Environment", "Modes", "Results", "Robot", "Scenario", "Simulator",
+    "Animation", "Modes", "Results", "Robot", "Scenario", "Simulator",
     "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build", "build_fmus", "connect",
     "export_robot", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
     "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
     "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
-    "tune", "write_container", "write_robot_page", "write_ssp",
+    "write_container", "write_robot_page", "write_ssp",
 ]  # fmt: skip
 
 

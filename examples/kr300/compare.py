@@ -23,8 +23,8 @@ from vdfmu import Results
 from vdfmu.base import style
 from vdfmu.base.option import read_settings
 from vdfmu.engine.results.results import Signal
-from vdfmu.study.identify.fit import identify
-from vdfmu.study.identify.log import read_log
+from vdfmu.extras.identify.fit import identify
+from vdfmu.extras.identify.log import read_log
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import ShownRun
 

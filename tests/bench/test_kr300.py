@@ -13,8 +13,8 @@ from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.files import data_path
-from vdfmu.study.identify.log import Log
-from vdfmu.study.identify.problem import regressor
+from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.problem import regressor
 
 H = 0.01
 T = H * np.arange(1501)

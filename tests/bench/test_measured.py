@@ -17,7 +17,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.platforms import native_available
-from vdfmu.study.identify.problem import regressor
+from vdfmu.extras.identify.problem import regressor
 
 pytestmark = [
     pytest.mark.heavy,

@@ -12,7 +12,7 @@ import vdfmu
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.platforms import PLATFORMS
 from vdfmu.base.standards import FMI_VERSIONS, SSP_FORMATS
-from vdfmu.compiler.efmi.build import ALGORITHM, PRODUCTION
+from vdfmu.extras.efmi.build import ALGORITHM, PRODUCTION
 from vdfmu.compiler.fmu.description import model_description, model_description_3
 from vdfmu.compiler.fmu.reference_results import FOLDER
 from vdfmu.compiler.unit.interface import Interface

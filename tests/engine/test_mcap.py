@@ -19,11 +19,11 @@ from rosbags.typesys import Stores, get_typestore
 import vdfmu
 from tests.added import installed
 from tests.engine.files import assert_same_bits, hollow_results
-from tests.study.identify.recorded import M, T, motion
+from tests.extras.identify.recorded import M, T, motion
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results, Signal
-from vdfmu.study.identify.log import read_log
+from vdfmu.extras.identify.log import read_log
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mcap"
 NAMES = ("lift", "elbow")

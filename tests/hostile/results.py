@@ -16,7 +16,7 @@ import vdfmu
 from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
 from vdfmu.engine.package_run import run_system
-from vdfmu.study.identify.log import read_log
+from vdfmu.extras.identify.log import read_log
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
 from vdfmu.study.report.shown_run import read_run

@@ -16,7 +16,7 @@ from tests.hostile.results import planar
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import UsageError
 from vdfmu.base.foreign import read_foreign
-from vdfmu.study.identify.log import read_log
+from vdfmu.extras.identify.log import read_log
 
 _MIB = 2**20
 

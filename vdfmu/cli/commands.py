@@ -14,26 +14,18 @@ from rich.markup import escape
 
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.version import __version__
-from vdfmu.cli import analysis, doctor, files, identify, robots, runs, scenarios, studies, units
+from vdfmu.cli import analysis, doctor, files, robots, runs, scenarios, studies, units
 from vdfmu.cli.app import COMPLETE, App, FunctionCommand
 from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
-    "Run": (
-        (runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"),
-        (studies.app, ""),
-        (
-            studies.tune,
-            "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
-            "--spread 'plant.mass=*normal(1, 0.05)' --spread-points 3 --margin 0.5 --method local --evaluations 30",
-        ),
-    ),
+    "Run": ((runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"), (studies.app, "")),
     "Look": ((runs.report, "vdfmu report results/tracking results/soft"),),
     "Analyse": (
         (analysis.linear, "vdfmu linear tracking --master jacobi --at 2.5"),
         (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
-        (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),
     "Exchange": (
         (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
@@ -43,7 +35,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Models": ((robots.app, ""), (scenarios.app, ""), (units.app, "")),
     "Installation": ((doctor.doctor, "vdfmu doctor"),),
 }
-"""The commands in groups, each with an example; subcommands have their examples."""
+"""The commands of the core in groups, each with an example; subcommands have their examples."""
 FIRST = {
     "Run": ("run", "sweep", "tune"),
     "Look": ("report",),
@@ -77,7 +69,7 @@ def _say_first() -> None:
     console.print(f"[bold]vdfmu[/bold]  {app.help}")
     shown = table("", "", "", title=" ", show_header=False)
     for group, names in FIRST.items():
-        for name in names:
+        for name in filter(commands.__contains__, names):
             short = escape(commands[name].summary.partition(":")[0].rstrip("."))
             shown.add_row(group if name == names[0] else "", f"[bold cyan]{name}[/bold cyan]", short)
     console.print(shown)
@@ -134,8 +126,9 @@ app = App(
         ),
     ],
 )  # fmt: skip
-for panel, listed in COMMANDS.items():
-    app.add(listed, panel)
+for added in (COMMANDS, *(module.COMMANDS for module in extra_modules("commands"))):
+    for panel, listed in added.items():
+        app.add(listed, panel)
 app.commands["run"].of_files = FunctionCommand(  # pyright: ignore[reportAttributeAccessIssue]
     "run", callback=runs.run_package, example="vdfmu run a=A.fmu b=B.fmu --connect a.y=b.u --stop 1 --step 0.001"
 )

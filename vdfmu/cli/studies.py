@@ -1,4 +1,4 @@
-"""``vdfmu sweep`` and its subcommands, and ``vdfmu tune``."""
+"""``vdfmu sweep`` and its subcommands."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Annotated, Any, Unpack
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
-from vdfmu.cli.options import ForeignOption, JsonOption, ScenarioArgument, TrustOption, known_scenarios
+from vdfmu.cli.options import ForeignOption, JsonOption, TrustOption, known_scenarios
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
-from vdfmu.study.options import SweepOptions, TuneOptions
+from vdfmu.study.options import SweepOptions
 
 
 class _SweepGroup(App):
@@ -51,7 +51,7 @@ def run(
     from vdfmu.study.sweeps.sweep import sweep
 
     study = sweep(scenario, vary or (), **options)
-    _say_answer(study)
+    say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
     say_written(study.path, study.report(), more=f"; {len(study)} points")
@@ -105,41 +105,9 @@ def report(
     say_written(page)
 
 
-def _say_answer(study: Any) -> None:
+def say_answer(study: Any) -> None:
     """Print the verdict on a study, then the sentences of its answer."""
     from vdfmu.study.report.sheets import verdict_text
 
     console.print(verdict_text({"verdict": study.answer.verdict}), soft_wrap=True)
     tell(*study.answer.sentences)
-
-
-@meets_code(RUNS)
-def tune(
-    scenario: ScenarioArgument = "tracking",
-    *,
-    vary: Annotated[list[str], Option("Parameter to search: 'controller.K_p'. Repeatable.", metavar="TARGET[=FORM]",
-        more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
-        "one.")],
-    cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
-        more="Of several elements the mean of their ratios to the start, each at most 1.")],
-    **options: Unpack[TuneOptions],
-) -> None:  # fmt: skip
-    """Search parameters that minimise a cost.
-
-    The cost may have limits. After Ctrl-C or a kill the same command continues.
-    """
-    from vdfmu.study.sweeps.sweep import Sweep
-    from vdfmu.study.tuning.tune import tune as run_tune
-
-    tuned = run_tune(scenario, vary, cost, **options)
-    study = Sweep(tuned.folder)
-    _say_answer(study)
-    say_notes(tuned.notes)
-    units = study.facts["units"] | {"phase": "rad", "delay": "s"}
-    shown = table("", "before", "after", "")
-    for name, before, after in tuned.table():
-        shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
-    tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
-    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs.")
-    page = study.report()
-    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)

@@ -2,8 +2,8 @@
 
 DOORS = (
     "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "analysis.reach_file",
-    "connected", "environment.environments", "identify.design", "identify.fit", "identify.log", "identify.verdict",
+    "connected", 
     "judgement", "options", "report.drawings", "report.page", "report.robot_page", "report.sheets",
-    "report.shown_run", "run.conclude", "run.prepare", "runs", "sweeps.sweep", "tuning.tune", "verdict",
+    "report.shown_run", "run.conclude", "run.prepare", "runs", "sweeps.sweep", "verdict",
 )  # fmt: skip
 """Modules that other rooms import."""

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -162,15 +162,6 @@ class System:
     ) -> Judgement:  # fmt: skip
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.judgement.judge`."""
         return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
-
-    @checks_types
-    def environment(
-        self, actions: Mapping[str, Any], observations: Any, reward: Callable[[Any, Any], float], **options: Any
-    ) -> Any:
-        """Return the system as an environment of gymnasium, see :class:`vdfmu.Environment`."""
-        from vdfmu.study.environment.environments import Environment
-
-        return Environment(self, actions, observations, reward, **options)
 
     @checks_types
     def sweep(

@@ -46,8 +46,6 @@ def read_percent(text: str) -> float:
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw the points of a study; the last two for indices of sensitivity."""
-METHODS = ("both", "global", "local")
-"""Searches of a tuning: differential evolution with a half of the budget, then COBYQA; or one of them."""
 ENGINES = ("fmu", "batch")
 """Who runs the points of a study: FMUs, or one program of all units."""
 
@@ -180,36 +178,3 @@ class SweepOptions(PlanOptions, WorkerOptions, total=False):
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",
         typed=Path | None)]
     retry: Annotated[bool, Option("Run points that failed again.", default=False)]
-
-
-class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
-    """Options of what is tuned."""
-
-    limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
-        "Limit: 'peak(controller.tau) < 2.5'. Repeatable.",
-        "sequence of str, or mapping", "It holds for every robot. Or, in a mapping, a function of the results by its "
-        "name. Positive values break the limit.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
-    together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
-    spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
-        "As plant.mass[3]=*normal(1, 0.1). Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
-        "Uncertain parameters, as in a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
-    spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
-        default=8)]
-    combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
-    margin: Annotated[float | str | None, Option(
-        "Smallest modulus margin of a loop, or same.",
-        more="same is the margin of the start. It is the smallest min abs(1 + L) of the nominal robot over the run, "
-        "as `vdfmu linear SCENARIO` has it.", metavar="NUMBER|same", typed=str | None)]
-    engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
-        more="The robots of several values run side by side. See :func:`vdfmu.sweep`.", default="fmu")]
-
-
-class TuneOptions(ProblemOptions, WorkerOptions, total=False):
-    """Options of `vdfmu.tune`."""
-
-    method: Annotated[str, Option("Global search, local search, or both.",
-        more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",
-        default="both", choices=METHODS)]
-    evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
-    out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/tune_SCENARIO).", "path",
-        typed=Path | None)]

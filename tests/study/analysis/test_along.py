@@ -19,7 +19,7 @@ from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.prepare import prepare
-from vdfmu.study.tuning.problem import make_problem
+from vdfmu.extras.tune.problem import make_problem
 from vdfmu.study.verdict import loop_checks, loop_sentences
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario

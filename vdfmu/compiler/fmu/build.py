@@ -1,6 +1,6 @@
 """Build of the FMUs of a robot, Python or native, reproducible to the bit.
 
-Further targets: a folder of the compiler and an entry of `TARGETS`.
+Extras add targets, see `targets`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 from vdfmu.base.cache import keep_built
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.files import regular_target, require_ours, storing
 from vdfmu.base.platforms import native_available
 from vdfmu.base.progress import warn_once
@@ -46,8 +47,14 @@ class BuildTarget:
 
 FMI = "fmi"
 """The target of all units: an FMU alone."""
-TARGETS = {FMI: None, "efmi": BuildTarget("vdfmu.compiler.efmi.build", ("double", "float32"))}
-"""Name to target."""
+
+
+def targets() -> dict[str, BuildTarget | None]:
+    """Return the targets by name, with those of extras."""
+    added: dict[str, BuildTarget | None] = {FMI: None}
+    for module in extra_modules("targets"):
+        added |= module.TARGETS
+    return added
 
 
 def _build_seconds(n: int) -> float:
@@ -147,14 +154,16 @@ def _checked_target(
     name: str, precision: str, step: float, backend: str | None, units: Sequence[type[BaseUnit]]
 ) -> BuildTarget | None:
     """Return a target; UsageError for an unknown name, or a unit or options that do not go with it."""
-    if name not in TARGETS:
-        raise UsageError(f"There is no target {name!r}. There are: {', '.join(TARGETS)}.")
+    if name not in (by_name := targets()):
+        raise UsageError(f"There is no target {name!r}. There are: {', '.join(by_name)}.")
     if not 0.0 < step < math.inf:
         raise UsageError(f"step: expected a finite number above 0 s, got {step}.")
-    target = TARGETS[name]
+    target = by_name[name]
     if target is None:
         if precision != "double":
-            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Use --target efmi for another.")
+            raise UsageError(
+                f"precision: must be double for FMUs, got {precision!r}. Another needs a target that has it."
+            )
         return None
     if precision not in target.precisions:
         raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")

@@ -18,7 +18,7 @@ from vdfmu.base.files import data_path, pack_zip, read_member, regular_target, r
 from vdfmu.base.option import checks_types
 from vdfmu.base.platforms import native_available, this_platform
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
-from vdfmu.compiler.fmu.build import FMI, TARGETS, Content, choose_backend, form_of, unit_name
+from vdfmu.compiler.fmu.build import FMI, Content, choose_backend, form_of, targets, unit_name
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.package.parse import validate
 from vdfmu.engine.package.writing import to_bytes
@@ -191,7 +191,7 @@ def build_parts(
 
 def _reasons(scenario: Scenario, target: str) -> dict[str, str]:
     """Return component to the reason against building it for a target, empty if none or the target is unknown."""
-    row = TARGETS.get(target)
+    row = targets().get(target)
     return {name: row.load().reason_against(unit) if row else "" for name, unit in scenario.resolved.units.items()}
 
 

@@ -1,0 +1,305 @@
+"""Logs in the files of other tools, joints with and without an encoder behind the gear, and the faults of logs."""
+
+import re
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+import scipy.io
+from scipy.interpolate import CubicSpline
+
+import vdfmu
+from tests.extras.identify.recorded import STEP, M, T, motion
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.verdict import FAILED
+from vdfmu.engine.run import Results, Signal
+from vdfmu.extras.identify.log import read_log
+
+
+@pytest.fixture(scope="module")
+def data(robot):
+    return motion(robot, T)
+
+
+def table(data, **other):
+    arrays = dict(zip(("kappa", "q", "tau"), data, strict=True)) | other
+    return {f"{name}[{i + 1}]": column for name, each in arrays.items() for i, column in enumerate(each.T)}
+
+
+def write(path, columns, t=T, time="time"):
+    np.savetxt(
+        path, np.column_stack([t, *columns.values()]), delimiter=",", header=",".join([time, *columns]), comments="",
+        fmt="%.17g",
+    )  # fmt: skip
+    return path
+
+
+def same(log, data, rtol=1e-14):
+    for mine, other in zip((log.kappa, log.q, log.tau), data, strict=True):
+        np.testing.assert_allclose(mine, other, rtol=rtol, atol=1e-14)
+    np.testing.assert_allclose(log.t - log.t[0], T, atol=1e-9)  # stamps are whole nanoseconds
+
+
+def test_a_log_without_a_fault_is_taken_as_it_is(robot, data, tmp_path):
+    log = read_log(write(tmp_path / "log.csv", table(data)), robot)
+    for mine, other in zip((log.t, log.kappa, log.q, log.tau), (T, *data), strict=True):
+        assert mine.tobytes() == np.ascontiguousarray(other).tobytes()
+    assert log.notes == ()
+    kappa, q, tau = (each[:, [0, 0]] for each in data)  # joints that move alike are not taken for each other
+    assert read_log(write(tmp_path / "log.csv", table((kappa, q * [1, 1.001], tau))), robot).notes == ()
+
+
+def test_a_csv_of_another_tool(robot, data, tmp_path):
+    """Semicolons, decimal commas, text columns, own names, times in ms, units in brackets and in --column."""
+    kappa, q, tau = data
+    columns = [1e3 * T + 5e6, *np.rad2deg(kappa.T), *q.T, *(tau.T / -1.81)]
+    rows = [";".join(["run 1", *(f"{x:.17g}".replace(".", ",") for x in row)]) for row in zip(*columns, strict=True)]
+    head = "what;Timestamp (ms);A1 [deg];A2 [deg];se1;se2;I_1 [A];I_2 [A]"
+    (tmp_path / "log.csv").write_text("\ufeff" + "\n".join([head, *rows]), encoding="utf-8")
+    columns = {"kappa": "A{}", "q": "se{} [rad]", "tau": "I_{} [-1.81 N.m]"}
+    log = read_log(tmp_path / "log.csv", robot, columns)
+    same(log, data)
+    assert log.notes == ("times are those of Timestamp, in ms",)
+    same(read_log(tmp_path / "log.csv", robot, columns, time="Timestamp [ms]"), data)
+    with pytest.raises(UsageError, match="expected a column clock; there are what, Timestamp, A1.* Name it by --time"):
+        read_log(tmp_path / "log.csv", robot, columns, time="clock")
+    with pytest.raises(UsageError, match=r"A1: expected the unit N.m or .*, got 'deg'"):
+        read_log(tmp_path / "log.csv", robot, {**columns, "tau": "A{}"})
+
+
+def test_joints_that_a_tool_counts_from_0(robot, data, tmp_path):
+    """Columns between spaces, as RTDE of a UR has them."""
+    columns = {f"{name}_{i}": each[:, i] for name, each in zip(("p", "q", "i"), data, strict=True) for i in (0, 1)}
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([T, *columns.values()]), header=" ".join(["time", *columns]), comments="")
+    log = read_log(path, robot, {"kappa": "p_{}", "q": "q_{}", "tau": "i_{}"})
+    same(log, data)
+    assert log.notes[1] == "q: joint 1 is q_0: counted from 0" and len(log.notes) == 3
+
+
+def write_hdf5(path, columns):
+    """Write a MATLAB file of version 7.3."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            file[name] = values
+        file.create_dataset("name", data=np.array([[120]], np.uint16)).attrs["MATLAB_class"] = b"char"
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
+
+
+def test_matlab_files_of_both_versions(robot, data, tmp_path):
+    """Version 5 by scipy, with a row for each joint in a struct; version 7.3 by h5py, as MATLAB writes it."""
+    kappa, q, tau = data
+    rec = {"t": T, "pos_deg": np.rad2deg(kappa.T), "se": q.T, "torque": tau.T, "name": "x", "n": 2.0}
+    scipy.io.savemat(tmp_path / "5.mat", {"rec": rec})
+    # HDF5 has MATLAB's arrays transposed: here (m, 2)
+    write_hdf5(tmp_path / "7.mat", {"rec/t": T[None]} | {f"rec/{n}": rec[n] for n in ("pos_deg", "se", "torque")})
+    for name in ("5.mat", "7.mat"):
+        columns = {"kappa": "rec.pos_deg[{}] [deg]", "q": "rec.se[{}]", "tau": "rec.torque[{}]"}
+        log = read_log(tmp_path / name, robot, columns)
+        same(log, data)
+        assert log.notes == ("times are those of rec.t, in s",)
+    (tmp_path / "5.mat").write_bytes((tmp_path / "5.mat").read_bytes()[:400])
+    with pytest.raises(UsageError, match="expected a MATLAB file, got unreadable content"):
+        read_log(tmp_path / "5.mat", robot)
+
+
+def test_a_parquet_file_of_another_tool(robot, data, tmp_path):
+    stamps = np.datetime64("2026-01-01T00:00:00", "ns") + np.rint(T * 1e9).astype("timedelta64[ns]")
+    columns = {name.replace("kappa", "m"): column for name, column in table(data).items()}
+    pa.parquet.write_table(pa.table({"stamp": stamps, "who": ["x"] * M, **columns}), tmp_path / "log.parquet")
+    log = read_log(tmp_path / "log.parquet", robot, {"kappa": "m[{}]"})
+    same(log, data)
+    assert log.notes == ("left out: who (string)", "times are those of stamp, in ns")
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "mat"])
+def test_results_of_a_run_are_logs_in_every_form(robot, data, tmp_path, form):
+    signals = [
+        Signal(f"plant.{name}", "real", "N.m" if name[0] == "t" else "rad", i) for i, name in enumerate(table(data))
+    ]
+    Results(T, signals, {"real": np.hstack(data)}).write(tmp_path / f"log.{form}")
+    log = read_log(tmp_path / f"log.{form}", robot)
+    for mine, other in zip((log.t, log.kappa, log.q, log.tau), (T, *data), strict=True):
+        np.testing.assert_array_equal(mine, other)
+    assert log.notes == ()
+
+
+def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_path):
+    """By a column that is not there, one without numbers, and one that stands still while the rotor moves."""
+    columns = table(data)
+    for name, logged in (
+        ("not there", {k: v for k, v in columns.items() if k != "q[2]"}),
+        ("not there", {**columns, "q[2]": np.full(M, np.nan)}),
+        ("q[2]: the same in all rows", {**columns, "q[2]": np.full(M, 0.25)}),
+    ):
+        log = read_log(write(tmp_path / "log.csv", logged), robot)
+        np.testing.assert_array_equal(np.isfinite(log.q).all(axis=0), [True, False])
+        np.testing.assert_array_equal(log.q[:, 0], data[1][:, 0])
+        (note,) = log.notes
+        assert "q[2]" in note and name in note and "without encoder" in note
+    none = {k: v for k, v in columns.items() if k[0] != "q"} | {f"q[{i}]": np.zeros(M) for i in (1, 2)}
+    assert read_log(write(tmp_path / "log.csv", none), robot).q is None
+
+
+def test_wrapped_angles_are_joined_and_said(robot, data, tmp_path):
+    kappa, q, tau = data
+    theta = (kappa * robot.ell + np.pi) % (2 * np.pi) - np.pi
+    columns = table((theta, (q + 1.0) % (2 * np.pi), tau))
+    columns = {name.replace("kappa", "theta"): column for name, column in columns.items()}
+    # 4.4 rad/s times 100 is 1.8 rad in 4 ms, less than 0.4 turns
+    log = read_log(write(tmp_path / "log.csv", columns), robot)
+    for mine, other in ((log.kappa, kappa), (log.q, q)):
+        np.testing.assert_allclose(mine - mine[0], other - other[0], atol=1e-12)
+    assert re.match(r"theta\[1\]: wrapped \d+ times, first in row \d+: joined at jumps of 6.28319 rad", log.notes[0])
+    assert any(note.startswith("q[1]: wrapped") for note in log.notes)
+
+
+def resampled(robot, data, path, t, columns):
+    log = read_log(write(path, columns, t), robot)
+    return log, np.abs(log.kappa - CubicSpline(T, data[0])(log.t)).max()
+
+
+def test_missing_samples_are_bridged_as_far_as_the_motion_allows(robot, data, tmp_path):
+    left = np.delete(np.arange(M), [300, 301, 302, 900])
+    log, error = resampled(robot, data, tmp_path / "log.csv", T[left], table([x[left] for x in data]))
+    # over 16 ms: (2 pi 0.9 16e-3)^4 / 384 of 1.2 rad is 2e-7; the neighbours' steps differ, so some times more
+    assert error < 2e-6 and len(log.t) == M
+    (note,) = log.notes
+    assert "times are uneven, steps of 4 to 16 ms, 2 gaps: taken every 4 ms, by cubic splines" in note
+    left = np.delete(np.arange(M), np.arange(300, 400))
+    with pytest.raises(UsageError, match=r"kappa\[1\], row 300: .* from 1.196 s to 1.6 s there is a gap, and 0 more"):
+        resampled(robot, data, tmp_path / "log.csv", T[left], table([x[left] for x in data]))
+
+
+def test_a_clock_that_jitters_is_told_from_samples_that_do(robot, data, tmp_path):
+    random = np.random.default_rng(0)
+    t = T + 0.2 * STEP * random.uniform(-1, 1, M)
+    log, error = resampled(robot, data, tmp_path / "log.csv", t, table(data))
+    assert "the clock jitters by up to 0.8" in log.notes[0] and "these times are taken" in log.notes[0]
+    # the line through the times: their deviation 0.12 h over sqrt(m) twice, at its ends, at 6 rad/s: 7e-5 rad
+    assert error < 1.5e-4
+    log, error = resampled(robot, data, tmp_path / "log.csv", t, table(motion(robot, t)))
+    assert error < 1e-7 and len(log.notes) == 1 and "by cubic splines" in log.notes[0]
+    bursts = np.maximum.accumulate(T + random.choice([0.0, 6 * STEP], M, p=[0.8, 0.2])) + 1e-6 * np.arange(M)
+    with pytest.raises(
+        UsageError, match="the clock jitters by up to .* Log the time of the sample, not of its arrival"
+    ):
+        resampled(robot, data, tmp_path / "log.csv", bursts, table(data))
+
+
+def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path):
+    kappa, q, tau = data
+    path = tmp_path / "log.csv"
+    back = np.where(np.arange(M) == 700, T[698], T)
+    for other, t, message in (
+        ({"q": q[:, ::-1]}, T, r"q\[1\] moves with kappa\[2\], correlation 1.000.*\n.*q\[2\] moves with kappa\[1\]"),
+        ({"q": q * [1, -1]}, T, r"q\[2\] moves -1 times as far as kappa\[2\], expected 1: a sign differs: --column"),
+        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, T, r"q\[1\] moves 57.\d+ .* the link's look like degrees"),
+        ({"q": q * 0.05, "kappa": np.rad2deg(kappa * 0.05)}, T, r"q\[1\] moves 0.0174\d* .* rotor's look like degrees"),
+        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, T, "the rotor's look like the motor's, .* theta"),
+        ({"tau": tau * [1, 0]}, T, r"tau\[2\]: expected a measured torque, got 0 N.m in all rows"),
+        ({}, back, r"row 701: time: expected .* more than the 2.796 s of the row before, got 2.792"),
+        ({}, 1e3 * T, "expected a row every few ms, got one every 4 s: give the unit, --time"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            read_log(write(path, table(data, **other), t), robot)
+    same(read_log(write(path, table(data), 1e3 * T), robot, time="time [ms]"), data)
+    (check, *_) = read_log(write(path, table(data, q=0.9 * q)), robot).checks
+    assert check.key == "ratio"
+    assert "joint 1: ratio 111, not 100: the link moves 0.901 times as far as the rotor" in check.sentence
+
+
+def test_the_way_out_is_one(robot, data, tmp_path):
+    """Columns of single joints by name, with a sign; and what is named goes before what has a known name."""
+    kappa, q, tau = data
+    columns = table((kappa, q[:, ::-1] * [1, -1], tau * [1, -1])) | {"x_1": tau[:, 0], "x_2": tau[:, 1]}
+    path = write(tmp_path / "log.csv", columns)
+    names = {"q[1]": "q[2] [-1 rad]", "q[2]": "q[1]", "tau[2]": "tau[2] [-1 N.m]"}
+    same(read_log(path, robot, names), data)
+    log = read_log(path, robot, {**names, "tau_link": "x_{}"})
+    np.testing.assert_array_equal(log.tau, tau / robot.ell)
+    with pytest.raises(UsageError, match=r"columns: q\[3\]: expected some of kappa"):
+        read_log(path, robot, {"q[3]": "x_1"})
+
+
+def test_all_faults_are_named_at_once(robot, data, tmp_path):
+    kappa, q, tau = data
+    q = q[:, ::-1].copy()
+    q[50:60, 0] = np.nan
+    back = np.where(np.arange(M) == 700, T[698], T)
+    with pytest.raises(UsageError) as caught:
+        read_log(write(tmp_path / "log.csv", table((kappa, q, tau * [0, 1])), back), robot)
+    lines = str(caught.value).splitlines()
+    for line, start in zip(
+        lines,
+        ("q[1], row 51, 0.2 s: expected a finite number, got nan, and 9 more", "kappa[1], row 701: time", "tau[1]: exp",
+         "q[1] moves with kappa[2]", "q[2] moves with kappa[1]"),
+        strict=True,
+    ):  # fmt: skip
+        assert line.startswith(f"{tmp_path / 'log.csv'}: {start}")
+
+
+def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
+    path = write(tmp_path / "log.csv", table((np.rad2deg(data[0] * 0.1), data[1], data[2])))
+    arm = robot.__class__(**{**robot.__dict__, "limits": True, "q_min": np.full(2, -2.0), "q_max": np.full(2, 2.0)})
+    with pytest.raises(UsageError, match=r"kappa\[1\]: expected less than 4 from end to end, as the robot's stops are"):
+        read_log(path, arm)
+
+
+def test_torques_that_fit_otherwise_are_failed_checks(robot, data, tmp_path):
+    _, _, tau = data
+    sign = "tau[1] has another sign: its friction would drive the joint"
+    for other, sentences in (
+        (tau[:, ::-1], ["tau[1] fits joint 2 better than its own", "tau[2] fits joint 1 better than its own"]),
+        (tau * [-1, 1], [sign]),
+        (tau * robot.ell, ["torques are "]),
+    ):
+        checks = read_log(write(tmp_path / "log.csv", table(data, tau=other)), robot).checks
+        assert len(checks) == len(sentences)
+        assert all(c.sentence.startswith(start) for c, start in zip(checks, sentences, strict=True)), checks
+        assert all(check.state == FAILED for check in checks)
+
+
+def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
+    """Positions in degrees from the pose 0, -90, 90, 0, 0, 0; encoders behind the gears of axes 1 to 3 only."""
+    robot, random = vdfmu.load_robot("kr_6dof"), np.random.default_rng(0)
+    t = STEP * np.arange(600)
+    mot = np.cumsum(np.cumsum(random.normal(size=(6, 600)), axis=1), axis=1) * 1e-3
+    se = mot * np.array([1, 1, 1, 0, 0, 0])[:, None]
+    tau = random.normal(size=(6, 600))
+    rec = {"time_cont": t, "act_pos_mot_deg": mot, "act_pos_se_deg": se, "act_torque_abs_nm": tau}
+    path = tmp_path / "A.mat"
+    scipy.io.savemat(path, {"rec": rec, "para": {"u": np.array([256.9, 267.4, 252.3, 221.0, 239.6, 154.3])}})
+    log = read_log(path, robot)
+    start = np.deg2rad([0, -90, 90, 0, 0, 0])
+    np.testing.assert_allclose(log.kappa, np.deg2rad(mot.T) + start, rtol=1e-14)
+    np.testing.assert_allclose(log.q[:, :3], np.deg2rad(mot.T[:, :3]) + start[:3], rtol=1e-14)
+    assert np.isnan(log.q[:, 3:]).all()
+    np.testing.assert_array_equal(log.tau, tau.T)  # motor-side, as it is
+    said = "\n".join(log.notes)
+    for part in ("kappa is rec.act_pos_mot_deg[{}] [deg]",
+                 "from its start, at 0, -90, 90, 0, 0, 0 deg, which are added",
+                 "the ratios of the file are 256.9, 267.4", "q[4], q[5], q[6]: the same in all rows"):  # fmt: skip
+        assert part in said
+    motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * robot.ell
+    scipy.io.savemat(path, {"rec": rec, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}})
+    with pytest.raises(UsageError, match="expected a start at 0, -90, .* over the ratios, got 0, -80, 90"):
+        read_log(path, robot)
+
+
+@pytest.mark.heavy
+def test_without_h5py_a_file_of_version_7_3_is_not_read_and_the_way_is_said(tmp_path):
+    write_hdf5(tmp_path / "7.mat", {"t": T[None]})
+    code = "import sys; sys.modules['h5py'] = None; import vdfmu.cli; vdfmu.cli.main()"
+    words = ["identify", str(tmp_path / "7.mat"), "--robot", "planar_2dof"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], check=False, capture_output=True, text=True, timeout=120
+    )
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 2 and "a MATLAB file of version 7.3 needs the package h5py" in said
+    assert "'pip install vdfmu[matlab]'" in said

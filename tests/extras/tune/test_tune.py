@@ -1,0 +1,324 @@
+"""Tuning from end to end: better values within what is required, the same ones after a stop, all runs kept."""
+
+import dataclasses
+import html
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+import vdfmu
+from tests.conftest import ran
+from tests.study.sweeps.conftest import table
+from vdfmu.base.errors import UsageError
+from vdfmu.study.analysis.loops import run_along
+from vdfmu.study.sweeps.job import Job, WiredSystem
+from vdfmu.study.sweeps.sweep import Sweep
+from vdfmu.study.sweeps.worker import KILLED
+from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
+from vdfmu.extras.tune.search import search
+
+ERRORS = "rms(trajectory.q_d - plant.q)"
+SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
+SHORT = {"stop": 0.3, "spread": SPREAD, "spread_points": 2, "workers": 2}
+SEARCH = {"method": "local", "evaluations": 30}
+GAINS = ["controller.K_p", "controller.K_v"]
+MARGIN = 0.7
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    """Gains of the planar arm with a margin, which is 0.8 at its own."""
+    folder = tmp_path_factory.mktemp("tuned") / "search"
+    return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin=MARGIN, out=folder, **SEARCH, **SHORT)
+
+
+@pytest.mark.heavy
+def test_each_joint_is_better_with_the_margin(tuned):
+    assert tuned.after.feasible
+    # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
+    assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
+    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), stop=0.3)
+    settings = {name: value.tolist() for name, value in tuned.settings.items()}
+    for point, gains in ((tuned.before, {}), (tuned.after, settings)):
+        with run_along(scenario, settings=gains) as (poses, _, _):
+            # at the states of a run with these gains instead of the first ones: errors are some 1e-5 rad in either
+            np.testing.assert_allclose(point.modulus, poses.loops.modulus, rtol=0.02)
+    assert (tuned.after.modulus >= MARGIN).all()
+    assert tuned.margins[1].rate < 0.0
+
+
+@pytest.mark.heavy
+def test_a_function_of_a_script_is_a_cost(tmp_path):
+    search = vdfmu.tune(
+        "planar_tracking", ["controller.K_p"], lambda results: float(np.abs(results["controller.tau"]).max()),
+        limit={"far": lambda results: float(results["plant.q[1]"].max() - 100.0)}, together=True, method="global",
+        evaluations=2, stop=0.05, workers=1, out=tmp_path / "search",
+    )  # fmt: skip
+    assert search.after.feasible and search.after.cost[0] <= search.before.cost[0] < np.inf
+
+
+@pytest.mark.heavy
+def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
+    """To the bit: the values of the fragment are those that were run."""
+    with open(tuned.folder / "tuned.toml", "rb") as file:
+        gains = tomllib.load(file)["controller"]
+    problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_points=2, stop=0.3)
+    scenario = vdfmu.load_scenario("planar_tracking")
+    package = vdfmu.write_ssp(
+        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp"
+    )
+    costs = []
+    for factor in problem.spread["plant.mass"]:
+        results = vdfmu.simulate(
+            package, stop=0.3, step=1e-3,
+            parameters={
+                "controller.K_p": gains["K_p"], "controller.K_v": gains["K_v"],
+                "plant.mass": (factor * scenario.robot.mass).tolist(),
+            },
+        )  # fmt: skip
+        error = results["trajectory.q_d"] - results["plant.q"]
+        costs.append(np.sqrt(np.mean(error**2, axis=0)))
+    # of the mean of squares in another order: rounding
+    np.testing.assert_allclose(tuned.after.cost, np.mean(costs, axis=0), rtol=1e-12)
+
+
+@pytest.mark.heavy
+def test_all_runs_are_kept(tuned):
+    runs = Sweep(tuned.folder)
+    assert len(runs) == 2 * tuned.evaluations and not runs.failed
+    assert runs["point"].tolist() == list(range(len(runs)))
+    assert set(runs["robot"]) == {0.0, 1.0}
+    assert runs["controller.K_p[1]"][0] == 1500.0
+    assert (tuned.folder / "tuning.png").read_bytes().startswith(b"\x89PNG")
+    comparison = json.loads((tuned.folder / "tune.json").read_text())["comparison"]
+    assert {row["name"] for row in comparison} >= {"cost[2]", "error[1]", "peak_torque[2]", "modulus[1]", "delay[2]"}
+
+
+SCRIPT = """
+import sys
+import vdfmu
+vdfmu.tune("planar_tracking", eval(sys.argv[1]), sys.argv[2], **eval(sys.argv[3]))
+"""
+
+
+def test_points_of_a_search_have_the_numbers_of_an_undisturbed_one():
+    """Rows of a ledger may have gaps, as chunks end in any order: what was lost gets its own number again."""
+
+    class Kept:
+        def __init__(self, rows):
+            self.rows = rows
+
+        def reopen(self):
+            return self.rows
+
+        def add(self, rows):
+            self.rows = self.rows + rows
+
+    class Workers:
+        def run(self, chunks, tell, advance):
+            while (chunk := chunks.take(1)) is not None:
+                tell([{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": parameters["x"]}
+                      for n, _, parameters in chunk])  # fmt: skip
+
+    spread, empty = {"m": np.array([1.0, 2.0])}, np.zeros(0)
+    problem = SimpleNamespace(
+        names=["x"], robots=2, spread=spread, margin=empty, rate=0.0, over="mean", limits={},
+        loops=lambda values: None,
+        plan=SimpleNamespace(job=Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), facts={"measures": {}}),
+    )  # fmt: skip
+
+    def searched(rows):
+        ledger = Kept(rows)
+        search = Evaluations(problem, ledger, {"workers": 1, "time_limit": None, "evaluations": 9}, lambda done: None)
+        search._workers = Workers()
+        for values in ([3.0], [1.0, 4.0], [4.0, 2.0]):
+            search.scores_of([np.array([x]) for x in values])
+        return {row["point"]: (row["x"], row["m"], row["robot"], row["cost"]) for row in ledger.rows}, ledger.rows
+
+    whole, rows = searched([])
+    assert list(whole) == list(range(8)) and whole[5] == (4.0, 2.0, 1.0, 4.0)
+    for kept in ([0], [1, 2, 3], [0, 1, 5], [2, 4, 6, 7]):
+        again, _ = searched([row for row in rows if row["point"] in kept])
+        assert again == whole
+
+
+@pytest.mark.heavy
+def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
+    """By SIGKILL, four times: no run is lost or doubled, and table and result are those of an undisturbed search."""
+    folder, options = tmp_path / "search", {**SHORT, **SEARCH, "margin": MARGIN}
+    options["out"] = str(folder)
+    for runs in (2, 11, 24, 40):
+        process = subprocess.Popen(
+            [sys.executable, "-c", SCRIPT, repr(GAINS), ERRORS, repr(options)], stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )  # fmt: skip
+        while process.poll() is None and len(list(folder.glob("parts/part_*.parquet"))) < runs:
+            time.sleep(0.01)
+        assert process.poll() is None, f"it ended before {runs} files of runs were there"
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(60)
+    search = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    assert table(Sweep(folder)) == table(Sweep(tuned.folder))
+    np.testing.assert_array_equal(search.after.values, tuned.after.values)
+    for name in ("tuned.toml", "tune.json"):
+        assert (folder / name).read_bytes() == (tuned.folder / name).read_bytes()
+
+
+@pytest.mark.heavy
+def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
+    def search():
+        return vdfmu.tune(
+            "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", evaluations=3, stop=0.05,
+            workers=1, out=tmp_path / "s",
+        )  # fmt: skip
+
+    search()
+    path, before = tmp_path / "s" / "sweep.parquet", table(Sweep(tmp_path / "s"))
+    rows = pyarrow.parquet.read_table(path)
+    killed = pyarrow.array([f"{KILLED} 3 times", *[None] * (rows.num_rows - 1)], pyarrow.string())
+    place = rows.schema.get_field_index("failed")
+    pyarrow.parquet.write_table(
+        rows.set_column(place, "failed", killed).replace_schema_metadata(rows.schema.metadata), path
+    )
+    assert search().failed == 0
+    assert {
+        name: sorted(map(str, column)) for name, column in table(Sweep(tmp_path / "s")).items() if name != "point"
+    } == {name: sorted(map(str, column)) for name, column in before.items() if name != "point"}
+    path.write_bytes(path.read_bytes()[:100])
+    assert "is not whole" in search().notes[0]
+    assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
+
+
+@pytest.mark.heavy
+def test_a_larger_budget_goes_on(tmp_path):
+    def ask(budget):
+        options = {"stop": 0.1, "method": "local", "evaluations": budget, "workers": 1, "out": tmp_path}
+        vdfmu.tune("planar_tracking", ["controller.K_p[1]"], ERRORS, **options)
+        return table(Sweep(tmp_path))
+
+    first, second = ask(3), ask(6)
+    assert len(first["point"]) == 3 and len(second["point"]) == 6
+    assert {name: column[:3] for name, column in second.items()} == first
+
+
+@pytest.mark.heavy
+def test_a_start_without_margin_is_noted(tmp_path):
+    """The loops of tracking have modes that grow with one sample of delay."""
+    search = vdfmu.tune(
+        "tracking", ["controller.K_p[1]"], ERRORS, stop=2.6, margin="same", master="jacobi", evaluations=1, out=tmp_path
+    )
+    first, second = search.notes
+    assert first == "margin: a mode grows at the start, so same demands that none grows faster."
+    assert second.startswith("margin: a mode grows by 2.2 1/s at joint 3, from 0.3") and search.after.feasible
+
+
+@pytest.mark.heavy
+def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
+    """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
+    search = vdfmu.tune(
+        "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
+        out=tmp_path / "search", stop=0.5, workers=2,
+    )  # fmt: skip
+    assert search.failed == len(Sweep(search.folder).failed) > 0
+    assert search.after.feasible and search.after.cost[0] <= search.before.cost[0]
+    search = vdfmu.tune(
+        "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
+        limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "limited", **SHORT,
+    )  # fmt: skip
+    assert not search.after.feasible  # no feedback torque at all
+    assert any("no values within the limits" in note for note in search.notes)
+
+
+@pytest.mark.heavy
+def test_the_command_shows_before_and_after(tmp_path):
+    words = ["tune", "planar_tracking", "--vary", "controller.K_p[1]", "--cost", ERRORS, "--evaluations", "3"]
+    result = ran(*words, "--stop", "0.1", "--method", "local", "--out", tmp_path / "search")
+    assert re.search(r"peak_error\[1\]\s+\S+\s+\S+\s+rad", result.output)
+    assert "[controller]\nK_p = [" in result.output
+    study = Sweep(tmp_path / "search")
+    assert result.output.splitlines()[0].split(" ", 1)[1] == study.answer.sentences[0]
+    assert study.answer.sentences[0] in html.unescape((tmp_path / "search" / "report.html").read_text("utf-8"))
+    assert study.search and study.search.start == {0}
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"vary": ["controller.K_x"]}, "controller.K_x: controller has no K_x"),
+    ({"vary": ["controller.K_p=normal(1, 2)"]}, "expected lin.FROM, TO. or log.FROM, TO."),
+    ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
+    ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
+    ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
+    ({"vary": ["plant.mass"], "margin": 0.5}, "expected parameters of other components than the plant"),
+    ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
+    ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
+    ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
+    ({"method": "best"}, "method: expected both, global, local, got best"),
+    ({"combine": "all"}, "combine: expected mean or worst, got all"),
+    ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
+    ({"time_limit": -1.0}, "time_limit must be a positive, finite time in s, got -1"),
+    ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
+    ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
+    ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
+    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
+    ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
+])  # fmt: skip
+def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
+    arguments = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
+    with pytest.raises(UsageError, match=words):
+        vdfmu.tune("planar_tracking", **arguments)
+    assert not (tmp_path / "search").exists()
+
+
+@pytest.mark.heavy
+def test_the_batch_engine_gives_the_same_costs(tmp_path):
+    options = {"method": "local", "evaluations": 8, **SHORT}
+    searches = {
+        e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options) for e in ("fmu", "batch")
+    }
+    fmu, batch = (Sweep(searches[e].folder) for e in ("fmu", "batch"))
+    assert (fmu.facts["engine"], batch.facts["engine"]) == ("fmu", "batch")
+    for column in ("cost[1]", "cost[2]"):
+        # positions are equal within 1e-9 rad; the first two rows are those of the scenario's own values
+        np.testing.assert_allclose(batch[column][:2], fmu[column][:2], rtol=0.0, atol=1e-9)
+    assert len(batch) == len(fmu) == 16
+
+
+class Bowl:
+    """Evaluations of a cost that is least at 0.9, 0.9, beyond a limit on the sum of both values."""
+
+    def __init__(self, budget):
+        self.budget, self.scores, self.missed = budget, [], 0
+        self.problem = SimpleNamespace(
+            start=np.array([0.2, 0.2]), poses=None, margin=np.zeros(0), loops=lambda values: None,
+            values=lambda u: u, place=lambda values: values,
+        )  # fmt: skip
+
+    def scores_of(self, several, always=False):
+        """Return a score for each of the values, as far as the budget goes."""
+        made = []
+        for values in several:
+            if len(self.scores) == self.budget:
+                raise SpentError
+            cost, over = np.array([0.1 + np.sum((values - 0.9) ** 2)]), np.array([np.sum(values) - 1.0])
+            self.scores.append(Score(values, len(self.scores), cost, 0, over, np.zeros(0), {}))
+            made.append(self.scores[-1])
+        return made
+
+
+@pytest.mark.parametrize("method", ["global", "local", "both"])
+def test_the_best_values_are_within_the_limits_also_where_others_cost_less(method):
+    bowl = Bowl(120)
+    start, best = search(bowl, method, seed=1)
+    assert any(score.cost[0] < best.cost[0] for score in bowl.scores if not score.feasible)  # the search went beyond
+    assert best.feasible and best.values.sum() <= 1.0
+    # the least within the limit is at 0.5, 0.5: 0.1 + 2 * 0.4^2. A twentieth of the way there is left at most
+    assert best.cost[0] < 0.42 + 0.05 * (start.cost[0] - 0.42)

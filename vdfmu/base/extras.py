@@ -1,0 +1,35 @@
+"""Extras: the folders of ``vdfmu/extras``, which add to the core. The core works without each of them.
+
+An extra has what it adds in modules of agreed names: ``commands`` for the command line, ``targets`` of builds, and
+``units``. The core finds them by their files, as it finds plugins of other packages, and imports none by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from vdfmu.base.files import PACKAGE
+
+
+@cache
+def extra_modules(part: str) -> list[ModuleType]:
+    """Return the modules, or packages, of this name in the extras, in the order of the extras' names."""
+    places = {file.parent.name for file in (PACKAGE / "extras").glob(f"*/{part}.py")}
+    places |= {file.parent.parent.name for file in (PACKAGE / "extras").glob(f"*/{part}/__init__.py")}
+    return [import_module(f"{PACKAGE.name}.extras.{name}.{part}") for name in sorted(places)]
+
+
+def lazy(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a package that imports its public names, by module, when they are first used."""
+    places = {name: module for module, members in names.items() for name in members}
+
+    def attribute(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{places[name]}"), name)
+
+    return attribute

@@ -1,0 +1,328 @@
+"""Logs of the motion of an arm: columns of files of any tool, read and checked against the robot."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.csv_file import MOST_FAULTS, TIME_UNITS, columns_of, open_csv, repeated, split_unit
+from vdfmu.base.errors import UsageError
+from vdfmu.base.foreign import TITLES, Foreign, read_foreign
+from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.base.plugins import Plugins, PluginTable
+from vdfmu.engine.results.csv_file import csv_results
+from vdfmu.engine.results.mat_file import mat_results
+from vdfmu.engine.results.parquet import parquet_results
+from vdfmu.engine.results.results import Recorded
+from vdfmu.engine.results.verdict import Check
+from vdfmu.extras.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
+
+_TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
+_SECONDS = {"": 1.0, **TIME_UNITS}
+
+
+def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
+    """Return the columns of a file; `time` names the times; assumptions are noted."""
+    suffix = path.suffix.lower()
+    raw = READERS[suffix](path) if suffix in READERS else _csv(path)
+    if isinstance(raw, Foreign):
+        raw = _of_foreign(raw, notes)
+    if isinstance(raw, Recorded):
+        return {name: LogColumn(raw.time, np.asarray(raw[name], float), raw.units[name]) for name in raw}
+    if raw and all(len(column) == 3 for column in raw.values()):
+        times: dict[bytes, Floats] = {}  # columns with the same times share them
+        timed: dict[str, LogColumn] = {}
+        for name, (t, values, unit) in raw.items():
+            t = np.asarray(t, float)
+            timed[name] = LogColumn(times.setdefault(t.tobytes(), t), np.asarray(values, float), unit)
+        return timed
+    name, unit = split_unit(time)
+    name = name or next((each for each in raw if _TIME.fullmatch(each)), "")
+    if name not in raw:
+        there = f"there are {', '.join(raw)}. Name it by --time" if raw else "the file has no columns"
+        raise UsageError(f"{path}: expected a column {name or 'time'}; {there}.")
+    stamps, stated = raw[name]
+    unit = unit or stated or (match[1] if (match := re.fullmatch(r".*_(m?s|us|ns)", name)) else "")
+    if unit not in _SECONDS:
+        raise UsageError(f"{path}: {name}: expected s, ms, us or ns, got {unit!r}. Give it: --time '{name} [s]'.")
+    if stamps.dtype.kind in "iu" and len(stamps):  # times since 1970 in ns have more digits than a float
+        stamps = stamps.astype(np.int64)
+        stamps -= stamps[0]
+    t = np.asarray(stamps, float).reshape(-1) * _SECONDS[unit]
+    if name != "time":
+        notes.append(f"times are those of {name}, in {unit or 's'}")
+    return {
+        each: LogColumn(t, np.asarray(values, float).reshape(-1), unit)
+        for each, (values, unit) in raw.items()
+        if each != name and np.size(values) == len(t)
+    }
+
+
+_FileColumns = Mapping[str, tuple[Any, ...]]
+
+
+def _csv(path: Path) -> Recorded | _FileColumns:
+    with open_csv(path) as file:
+        if file.unit_row and file.names[0] == "time" and file.units[0] == "s":
+            return csv_results(path, file)
+        columns = columns_of(file, texts=True)
+    problems = [*(f"{name}: more than one column has this name" for name in repeated(file.names)), *columns.faults]
+    if len(file.units) != len(file.names):
+        problems.append(f"row 2: expected {len(file.names)} units of measurement, got {len(file.units)}")
+    if problems:
+        raise UsageError("\n".join(f"{path}: {problem}." for problem in problems[:MOST_FAULTS]))
+    return dict(zip(file.names, zip(columns.values.T, file.units, strict=True), strict=True))
+
+
+def _of_foreign(content: Foreign, notes: list[str]) -> Recorded | _FileColumns:
+    """Return the results or the columns in a file of another tool."""
+    notes += [f"left out: {', '.join(content.left_out)}"] if content.left_out else []
+    is_table = any(block.kind for block in content.blocks)
+    if "vdfmu" in content.texts:
+        return parquet_results(content) if is_table else mat_results(content)
+    if is_table:
+        split = {name: split_unit(name) for name in content.names}
+        if twice := repeated(name for name, _ in split.values()):
+            raise UsageError(
+                f"{content.path}: {', '.join(twice)}: more than one column has this name. Rename the others."
+            )
+        return {
+            split[raw][0]: (values, content.units.get(raw, split[raw][1])) for raw, values in content.arrays.items()
+        }
+    columns: dict[str, tuple[Any, str]] = {}
+    for name, value in content.arrays.items():
+        array = np.squeeze(value)
+        if array.dtype.kind == "c" or array.ndim > 2:
+            continue
+        if array.ndim < 2:
+            columns[name] = np.atleast_1d(array), ""
+        else:  # of MATLAB's arrays, some have a row for each time, some a column
+            for i, each in enumerate(array if array.shape[0] < array.shape[1] else array.T, 1):
+                columns[f"{name}[{i}]"] = each, ""
+    return columns
+
+
+PLUGINS = Plugins("logs", "reader of logs", "a function of the path of a log", callable)
+READERS: PluginTable[Callable[[Path], Recorded | Foreign | _FileColumns]] = PluginTable(
+    PLUGINS, {".csv": _csv, ".txt": _csv, **dict.fromkeys(TITLES, read_foreign)}, prefix="."
+)
+"""Readers by suffix. Each returns results, the content of a file of another tool, or columns: name to numbers and unit,
+"" for none. Columns have one length, or each has its times [s] before its numbers."""
+
+
+_PATTERNS = {
+    "kappa": ("plant.kappa[{}]", "kappa[{}]", "/joint_states.position[{}]"),
+    "theta": ("theta[{}]",),
+    "q": ("plant.q[{}]", "q[{}]"),
+    "tau": ("controller.tau[{}]", "plant.tau[{}]", "tau[{}]"),
+    "tau_link": ("tau_link[{}]", "/joint_states.effort[{}]"),
+}
+"""Quantities taken from a log, to its columns; {} is the joint, from 1."""
+_OTHER = {"kappa": "theta", "theta": "kappa", "tau": "tau_link", "tau_link": "tau"}
+"""A quantity that is not looked for if the other quantity of its side of the gear is named."""
+_KUKA = (
+    {"kappa": "rec.act_pos_mot_deg[{}] [deg]", "q": "rec.act_pos_se_deg[{}] [deg]", "tau": "rec.act_torque_abs_nm[{}]"},
+    {"kappa": "q_mot_meas[{}] [deg]", "q": "q_se_meas[{}] [deg]", "tau_link": "tau_meas[{}]"},
+    {"kappa": "y_train[{}] [deg]", "tau_link": "u_train[{}]"},
+)
+"""Forms of the public files of the KUKA KR300 R2500: a record, one of the later data set, and one of its training."""
+_START = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
+"""Pose [deg], counted as KUKA does, at the start of a record of the first form and its positions are zero."""
+_GIVES_WAY = 5.0
+"""Difference [deg] from it that the file's feedforward may have: it lets axis 5 give way by 2.9."""
+_FACTORS = {
+    "angle": {"rad": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * np.pi},
+    "length": {"m": 1.0, "mm": 1e-3},
+    "torque": {"N.m": 1.0, "Nm": 1.0, "N m": 1.0, "mN.m": 1e-3, "kN.m": 1e3},
+    "force": {"N": 1.0, "kN": 1e3},
+}
+_UNIT = re.compile(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)?\s*(.*)")
+"""A factor, if there is one, and a unit."""
+_FEWEST = 500
+"""Rows of a log."""
+
+
+class Log(NamedTuple):
+    """Samples of a motion: times (m,) [s], and (m, n) each."""
+
+    where: str
+    t: Floats
+    kappa: Floats
+    """Rotor positions divided by ell [rad or m]."""
+    tau: Floats
+    """Motor torques [N.m], motor-side."""
+    q: Floats | None
+    """Link positions [rad or m], if any are measured; NaN in all rows of a joint without an encoder behind its gear."""
+    notes: tuple[str, ...] = ()
+    """Assumptions and corrections."""
+    checks: tuple[Check, ...] = ()
+    """Faults of ratios, units, signs and the order of columns, which the log may have."""
+
+    @property
+    def step(self) -> float:
+        """Time from one row to the next [s]."""
+        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+
+def read_log(
+    path: str | os.PathLike[str], robot: Robot, columns: Mapping[str, str] | None = None, *, time: str = ""
+) -> Log:
+    """Read a log.
+
+    Parameters
+    ----------
+    path : path
+        Results of a run in any form; a CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads, with
+        units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi. The forms of the KUKA
+        KR300 R2500 files (Weigand et al. 2020, 2022) need no `columns`.
+    robot : Robot
+        Its joints, ratios and limits count; its inertias where torques are compared with the motion.
+    columns : mapping, optional
+        ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
+        ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or 0 or by its name in the robot file,
+        such as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
+        ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
+        lack an encoder behind their gears.
+    time : str, optional
+        Column of the times, with its unit: ``stamp [us]``; by default one called ``time``, ``t`` or so.
+
+    Raises
+    ------
+    UsageError
+        For a log that cannot be read, is not finite, has gaps, columns in another order, another sign or unit, or is
+        too short; with all problems.
+    """
+    path = Path(path)
+    names = dict(columns or {})
+    allowed = {*_PATTERNS, *(f"{key}[{i + 1}]" for key in _PATTERNS for i in range(robot.n))}
+    if wrong := [name for name in names if name not in allowed]:
+        raise UsageError(f"columns: {', '.join(wrong)}: expected some of {', '.join(_PATTERNS)}.")
+    if wrong := [f"{k}={name}" for k, name in names.items() if k in _PATTERNS and "{}" not in name and robot.n > 1]:
+        raise UsageError(f"columns: {', '.join(wrong)}: expected a name with {{}} for the joint.")
+    notes: list[str] = []
+    problems: list[str] = []
+    checks: list[Check] = []
+    table = read_columns(path, time, notes)
+    form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
+    record = form is _KUKA[0]
+    if form:
+        notes.append(f"KUKA KR300: {', '.join(f'{key} is {name}' for key, name in form.items())}")
+        if (there := sum(name.startswith(form["kappa"].partition("{")[0]) for name in table)) != robot.n:
+            raise UsageError(f"{path}: expected a robot of {there} joints, got one of {robot.n}.")
+    named = {key.partition("[")[0] for key in names}
+    form = {key: name for key, name in form.items() if _OTHER.get(key) not in named}
+    chosen = _chosen(table, robot, {**form, **names}, notes, problems)
+    if not problems:
+        t, arrays = even_times(chosen, _FEWEST, notes, problems)
+        for motor, wanted in (("theta", "kappa"), ("tau_link", "tau")):
+            if motor in arrays:
+                arrays[wanted] = arrays.pop(motor) / robot.ell
+        if record and arrays:
+            _shift(path, arrays, robot, notes, problems)
+        if len(t) > 1:
+            checks = check_motion(t, arrays, robot, notes, problems)
+        if not problems:
+            checks += check_torques(t, arrays, robot)
+            q = arrays.get("q")
+            none = q is None or not np.isfinite(q).any()
+            return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes), tuple(checks))
+    raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
+
+
+def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
+    """Count the positions of a record of the KUKA KR300 as KUKA does, and compare its ratios with the robot's."""
+    variables = read_foreign(path).arrays
+    ratios = np.ravel(variables.get("para.u", robot.ell))
+    if not np.allclose(ratios, robot.ell, rtol=1e-3):
+        notes.append(
+            f"KUKA KR300: the ratios of the file are {', '.join(f'{x:.6g}' for x in ratios)}, those of "
+            f"{robot.name} {', '.join(f'{x:.6g}' for x in robot.ell)}: torques are multiplied with the latter"
+        )
+    start = ", ".join(f"{x:g}" for x in _START)
+    motors = np.rad2deg(np.atleast_2d(variables.get("ref_dyn.phi_r_m_all", np.deg2rad(_START) * ratios))[0] / ratios)
+    if np.abs(motors - _START).max() > _GIVES_WAY:
+        there = ", ".join(f"{x:.3g}" for x in motors)
+        problems.append(f"ref_dyn.phi_r_m_all: expected a start at {start} deg over the ratios, got {there} deg")
+    for name in ("kappa", "q"):
+        arrays[name] += np.deg2rad(_START)
+    notes.append(f"KUKA KR300: a record counts positions from its start, at {start} deg, which are added")
+
+
+def _chosen(
+    table: Mapping[str, LogColumn], robot: Robot, columns: Mapping[str, str], notes: list[str], problems: list[str]
+) -> dict[str, list[LogColumn | None]]:
+    """Return the columns of each quantity, in SI units and without turns that were cut off; None without encoder."""
+    by_key: dict[str, list[LogColumn | None]] = {}
+    counted = [[str(i + first) for i in range(robot.n)] for first in (1, 0)]
+    joints = [counted[0], *([robot.joint_names] if all(robot.joint_names) and robot.joint_names else []), counted[1]]
+    named = {key.partition("[")[0] for key in columns}
+    for key, patterns in _PATTERNS.items():
+        if key not in named and _OTHER.get(key) in named:
+            continue
+        chosen = [split_unit(columns[key])] if key in columns else [(pattern, "") for pattern in patterns]
+        some = [
+            [
+                split_unit(columns[f"{key}[{i}]"]) if f"{key}[{i}]" in columns else (p.replace("{}", joint), unit)
+                for i, joint in enumerate(each, 1)
+            ]
+            for each in joints
+            for p, unit in chosen
+        ]
+        best = max(some, key=lambda each: sum(name in table for name, _ in each))
+        if not (any if key == "q" else all)(name in table for name, _ in best):
+            if key in named:
+                wanted = ", ".join(name for name, _ in some[0])
+                problems.append(f"{key}: expected columns {wanted}; there are {', '.join(table)}")
+            continue
+        if best[0][0] == chosen[0][0].replace("{}", "0"):
+            notes.append(f"{key}: joint 1 is {best[0][0]}: counted from 0")
+        if "/joint_states" in best[0][0]:
+            notes.append(f"{key} is {best[0][0]} and so on: as ROS has it, behind the gears; else say --column")
+        there = [name for name, _ in best if name in table and not (key == "q" and np.isnan(table[name].values).all())]
+        if lacks := [name for name, _ in best if name not in there]:
+            notes.append(f"{', '.join(lacks)}: not there, or without numbers: taken as without encoder behind the gear")
+        by_key[key] = [
+            _converted(key, name, table[name], unit, robot, i, notes, problems) if name in there else None
+            for i, (name, unit) in enumerate(best)
+        ]
+    for group in (("kappa", "theta"), ("tau", "tau_link")):
+        if not problems and not any(name in by_key for name in group):
+            looked = [p.format(1) for name in group for p in _PATTERNS[name]]
+            problems.append(
+                f"expected {' or '.join(looked)} and so on for {robot.n} joints; there are "
+                f"{', '.join(table)}. Name them by --column {group[0]}=NAME{{}}"
+            )
+    return by_key
+
+
+def _converted(
+    key: str, name: str, column: LogColumn, stated: str, robot: Robot, i: int, notes: list[str], problems: list[str]
+) -> LogColumn:
+    turns = key == "theta" or robot.joint_types[i] == "revolute"
+    kind = "angle" if turns else "length"
+    if key in ("tau", "tau_link"):
+        kind = "force" if key == "tau_link" and not turns else "torque"
+    match = _UNIT.fullmatch(stated or column.unit)
+    factor, unit = (match[1] or "1", match[2]) if match else ("1", stated)
+    if unit and unit not in _FACTORS[kind]:
+        problems.append(f"{name}: expected the unit {' or '.join(_FACTORS[kind])}, got {unit!r}")
+        return column
+    span = float(np.ptp(column.values)) if len(column.values) else 0.0
+    if not stated and not unit and robot.joint_types[i] == "revolute" and key in ("kappa", "q") and span > WIDE_ANGLE:
+        problems.append(
+            f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
+            f"{span:.4g}, as degrees do, or a motor's angle that is to be named theta; got none"
+        )
+    values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
+    if kind == "angle":
+        turn = 2.0 * np.pi
+        periods = (turn, turn / robot.ell[i]) if key == "kappa" else (turn,)
+        values = unwrapped(name, values, periods, notes, problems)
+    return column._replace(values=values)

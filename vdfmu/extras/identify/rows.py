@@ -1,0 +1,148 @@
+"""The rows of an identification: a log, filtered, differentiated and thinned."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from vdfmu.arm.drive.counterbalance import counterbalance_torque
+from vdfmu.arm.equations.harmonic_drive import deformation, kinematic_error
+from vdfmu.arm.equations.rigid_body import body_parameters
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.extras.identify.faults import fastest
+from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.problem import IdentificationProblem, Regressor, TorqueParts, base_parameters, regressor
+
+_BANDS = 3.0
+"""The band of the second filter: times the frequency below which nearly all of the velocities' power is."""
+_WIDE = 60.0
+"""The band of the first: times the second's. Friction follows speeds above the band into it, so it is wide."""
+_ORDER = 4
+_TRIM = 3.0
+"""Ends of the log that are left out, in periods of the band: transients of the filters."""
+_FEWEST = 50
+"""Rows of an identification."""
+_ZEROS, _EVEN = 8, 0.05
+"""Number of tried zeros of encoders, and largest unevenness of their steps."""
+_ENOUGH = 100
+"""Rows of a short log, by a wider band."""
+
+
+class Rows(NamedTuple):
+    """Rows of a log, and the problem that they are."""
+
+    problem: IdentificationProblem
+    t: Floats
+    """Times of the rows (k,) [s]."""
+    band: float
+    """[Hz]."""
+    lag: Floats
+    """(n,): Delay of the encoders of links that was taken out beforehand [s]."""
+
+
+def rows_of(
+    log: Log, robot: Robot, band: float | None, lag: Floats | None = None, fewest: int = _FEWEST, share: float = 1.0
+) -> Rows:
+    """Return the rows of a log, in a band narrowed by `share`. A missing delay of link encoders is estimated."""
+    h = log.step
+    if band is None:
+        last = max(fastest(column) for column in np.diff(log.kappa, axis=0).T)
+        whole = h * (len(log.t) - 1)
+        band = max(_BANDS * last, 0.5 * _ENOUGH + 2.0 * _TRIM) / whole
+        band = min(band, 0.1 / h)
+    elif band > 0.1 / h:
+        raise UsageError(f"band: expected at most a tenth of {log.where}'s rate, {0.1 / h:.4g} Hz, got {band:g} Hz.")
+    trim = int(np.ceil(_TRIM / band / h))
+    stride = max(1, int(0.5 / band / h))
+    rows = slice(trim, len(log.t) - trim, stride)
+    count = len(range(*rows.indices(len(log.t))))
+    if count < fewest:
+        raise UsageError(
+            f"{log.where}: expected a log of at least {(fewest * stride + 2 * trim) * h:.3g} s for the band of "
+            f"{band:.3g} Hz, got {log.t[-1] - log.t[0]:.3g} s."
+        )
+    first, narrow = (butter(_ORDER, f, fs=1.0 / h, output="sos") for f in (min(_WIDE * band, 0.4 / h) * share, band))
+
+    def filtered(signal: Floats) -> Floats:
+        return sosfiltfilt(narrow, signal, axis=0)[rows]
+
+    tau = log.tau * robot.ell
+    kappa = np.asarray(sosfiltfilt(first, log.kappa, axis=0), dtype=float)
+    kappa_dot = slope(kappa, h)
+    kappa_ddot = slope(kappa_dot, h)
+    error = kinematic_error(robot, kappa)
+    seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
+    q = np.zeros_like(kappa)
+    if not seen.all():  # links by the springs of the robot file, unless they are fast
+        tau_s = file_torques(robot, kappa, regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot))
+        q = kappa - error - deformation(robot, tau_s)
+    measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
+    speed = filtered(kappa_dot)
+    stretch = filtered(log.kappa - measured - error) if seen.any() else None
+    if lag is None:
+        lag = np.zeros(robot.n) if stretch is None else _lag(stretch, speed, filtered(tau))
+    smooth = sosfiltfilt(first, measured, axis=0)
+    for i in np.flatnonzero(seen):
+        q[:, i] = CubicSpline(log.t, smooth[:, i])(log.t + lag[i])
+    q_dot = slope(q, h)
+    parts = regressor(robot, q, q_dot, slope(q_dot, h), kappa_dot, kappa_ddot)
+    base = base_parameters(robot)
+    step = _step_sizes(measured)
+    torques = TorqueParts(parts.links[:, :, base.columns], parts.rotors, counterbalance_hold(robot, q))
+    problem = IdentificationProblem(
+        robot, base, h, torques, TorqueParts(*map(filtered, torques)), filtered(kappa_ddot + parts.carried),
+        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
+        lambda: [filtered(error) for error in _steps(step, q)], step, seen, filtered(q), speed,
+        kappa_dot, filtered,
+    )  # fmt: skip
+    return Rows(problem, log.t[rows], band, lag)
+
+
+def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
+    """Spring torques (m, n) that counterbalances of 1 N ask for at positions (m, n)."""
+    if not robot.counterbalance:
+        return np.zeros_like(q)
+    return -counterbalance_torque(robot.with_parameters(F_cb=np.sign(robot.F_cb)), q.T).T
+
+
+def file_torques(robot: Robot, q: Floats, parts: Regressor) -> Floats:
+    """Spring torques (m, n) that the robot file gives at positions (m, n), with its regressor there."""
+    links = parts.links @ body_parameters(robot) + parts.rotors @ (robot.I_m * robot.ell)
+    return links + counterbalance_hold(robot, q) * robot.F_cb
+
+
+def _step_sizes(measured: Floats) -> Floats:
+    """Return steps (n,) of the encoders of positions (m, n) [rad or m]; 0 if values are not multiples of one."""
+    step = np.zeros(measured.shape[1])
+    for i, column in enumerate(measured.T):
+        apart = np.diff(np.unique(column))
+        if len(apart) and np.abs(apart / apart.min() - np.rint(apart / apart.min())).max() < _EVEN:
+            step[i] = apart.min()
+    return step
+
+
+def _steps(step: Floats, q: Floats) -> list[Floats]:
+    """Errors (m, n) that encoders with these steps (n,) have along smooth positions, for other zeros."""
+    random = np.random.default_rng(0)
+    zeros = random.uniform(size=(_ZEROS, 1, q.shape[1])) * step
+    safe = np.where(step > 0.0, step, 1.0)
+    return [np.where(step > 0.0, np.rint((q + zero) / safe) * safe - zero - q, 0.0) for zero in zeros]
+
+
+def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
+    """Return by how much encoders of links are late [s], of springs that give way to the torques of motors."""
+    ones = np.ones(len(tau))
+    each = zip(stretch.T, speed.T, tau.T, strict=True)
+    return np.array([np.linalg.lstsq(np.stack([v, ones, t], axis=1), s, rcond=None)[0][0] for s, v, t in each])
+
+
+def slope(signal: Floats, h: float) -> Floats:
+    """Differentiate by central differences of fourth order, at the ends of second."""
+    rate = np.gradient(signal, h, axis=0)
+    rate[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
+    return rate

@@ -1,0 +1,12 @@
+"""A system as an environment of reinforcement learning, of the interface of gymnasium; one arm, or many at once."""
+
+from typing import TYPE_CHECKING
+
+from vdfmu.base.extras import lazy
+
+if TYPE_CHECKING:
+    from vdfmu.extras.learn.environments import ArmEnv, ArmVectorEnv, Environment
+    from vdfmu.extras.learn.tasks import TrackingTask
+
+__all__ = ["ArmEnv", "ArmVectorEnv", "Environment", "TrackingTask"]
+__getattr__ = lazy(__name__, {"environments": ("ArmEnv", "ArmVectorEnv", "Environment"), "tasks": ("TrackingTask",)})

@@ -1,0 +1,56 @@
+"""``vdfmu tune``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Unpack
+
+from vdfmu.base.option import Option
+from vdfmu.cli.app import RUNS, meets_code
+from vdfmu.cli.options import ScenarioArgument
+from vdfmu.cli.studies import say_answer
+from vdfmu.cli.terminal import say_notes, say_written, table, tell
+from vdfmu.extras.tune.options import TuneOptions
+
+
+@meets_code(RUNS)
+def tune(
+    scenario: ScenarioArgument = "tracking",
+    *,
+    vary: Annotated[list[str], Option("Parameter to search: 'controller.K_p'. Repeatable.", metavar="TARGET[=FORM]",
+        more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
+        "one.")],
+    cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
+        more="Of several elements the mean of their ratios to the start, each at most 1.")],
+    **options: Unpack[TuneOptions],
+) -> None:  # fmt: skip
+    """Search parameters that minimise a cost.
+
+    The cost may have limits. After Ctrl-C or a kill the same command continues.
+    """
+    from vdfmu.extras.tune.search import tune as run_tune
+    from vdfmu.study.sweeps.sweep import Sweep
+
+    tuned = run_tune(scenario, vary, cost, **options)
+    study = Sweep(tuned.folder)
+    say_answer(study)
+    say_notes(tuned.notes)
+    units = study.facts["units"] | {"phase": "rad", "delay": "s"}
+    shown = table("", "before", "after", "")
+    for name, before, after in tuned.table():
+        shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
+    tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
+    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs.")
+    page = study.report()
+    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)
+
+
+COMMANDS = {
+    "Run": [
+        (
+            tune,
+            "vdfmu tune tracking --vary controller.K_p --vary controller.K_v --cost 'rms(trajectory.q_d - plant.q)' "
+            "--spread 'plant.mass=*normal(1, 0.05)' --spread-points 3 --margin 0.5 --method local --evaluations 30",
+        )
+    ]
+}
+"""By group: commands and their examples."""

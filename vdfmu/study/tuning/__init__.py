@@ -1,1 +1,0 @@
-"""Tuning: parameters of a scenario that make a stated cost smallest, over a spread of robots and within limits."""
