@@ -4,6 +4,6 @@ DOORS = (
     "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "analysis.reach_file",
     "connected", "environment.environments", "identify.design", "identify.fit", "identify.log", "identify.verdict",
     "judgement", "options", "report.drawings", "report.page", "report.robot_page", "report.sheets",
-    "report.shown_run", "run.conclude", "run.prepare", "runs", "sweeps.sweep", "tuning.tune", "verdict",
+    "report.shown_run", "run.prepare", "runs", "sweeps.sweep", "tuning.tune", "verdict",
 )  # fmt: skip
 """Modules that other rooms import."""
