@@ -27,7 +27,7 @@ from vdfmu.study.report.content import write_pictures
 from vdfmu.study.report.page import write_failed, write_report
 from vdfmu.study.report.shown_run import NAME, ShownRun
 from vdfmu.study.report.simulation import keep_program
-from vdfmu.study.run.case import Case, describe
+from vdfmu.study.run.case import RunCase, describe
 from vdfmu.study.run.conclude import conclude
 from vdfmu.study.run.loops import RunLoops
 from vdfmu.study.run.measure import Measures
@@ -95,7 +95,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
 
 
 @contextmanager
-def _folder_of(case: Case) -> Generator[Path]:
+def _folder_of(case: RunCase) -> Generator[Path]:
     """Yield the folder that a run writes; its files replace those of an earlier run at the end."""
     out = case.options["out"]
     if not case.written:

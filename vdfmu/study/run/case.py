@@ -24,7 +24,7 @@ _LEFT_OUT = "left out, since the unit instead of the system's has no such signal
 _JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
 
 
-class Case(NamedTuple):
+class RunCase(NamedTuple):
     """A prepared scenario with the options of its run: all that the later stages read."""
 
     scenario: Scenario
@@ -44,7 +44,7 @@ class Case(NamedTuple):
         return self.options["out"] is not False
 
 
-def describe(scenario: Scenario, options: ScenarioRunOptions) -> Case:
+def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     """Return the case of a scenario of :func:`vdfmu.study.run.prepare.prepare`, with notes in the log.
 
     Raises
@@ -61,7 +61,7 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> Case:
     of_file = read_limits(scenario.limits, "[limits] of the scenario")
     limits = read_limits(options["limits"] or {}, "--limit", of_file)
     facts = _facts(system, options, backend, limits)
-    return Case(scenario, options, system, backend, limits, limits_of(system), facts)
+    return RunCase(scenario, options, system, backend, limits, limits_of(system), facts)
 
 
 def note(options: ScenarioRunOptions, text: str) -> None:

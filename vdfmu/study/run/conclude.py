@@ -10,7 +10,7 @@ from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.results.results import Results
 from vdfmu.study.judgement import judge
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
-from vdfmu.study.run.case import Case, describe
+from vdfmu.study.run.case import RunCase, describe
 from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.loops import RunLoops
 from vdfmu.study.run.measure import Measures
@@ -22,7 +22,7 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import robot_with
 
 
-def conclude(case: Case, package: Path, results: Results, loops: RunLoops) -> None:
+def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) -> None:
     """Add what the options ask for, references and judgement, then key figures and verdict to the summary of a run."""
     summary, scenario, values = results.summary, case.scenario, case.system.values
     if case.options["reference"]:

@@ -18,7 +18,7 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.study.analysis.loops import loops_of, poses_of
-from vdfmu.study.run.case import Case
+from vdfmu.study.run.case import RunCase
 from vdfmu.study.run.pack import write_package
 from vdfmu.study.run.simulate import simulate
 
@@ -26,7 +26,7 @@ from vdfmu.study.run.simulate import simulate
 class RunLoops:
     """The loops of a run. `taps` read along it, unless the cache has the loops of an equal run of the `package`."""
 
-    def __init__(self, case: Case, package: Path | None = None) -> None:
+    def __init__(self, case: RunCase, package: Path | None = None) -> None:
         self._case = case
         self.poses = poses_of(case.system, again=bool(case.options["simulate"]))
         self._place = None if package is None else _place_of(case, package)
@@ -65,7 +65,7 @@ def _loops_from(stored: bytes) -> dict[str, Any]:
     return {"key_figures": {name: {**figure} for name, figure in loops["key_figures"].items()}}
 
 
-def _place_of(case: Case, package: Path) -> Path | None:
+def _place_of(case: RunCase, package: Path) -> Path | None:
     """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
     scenario, algorithm = case.scenario, ALGORITHMS[case.scenario.master]
     if not algorithm.stepper.startswith("vdfmu."):

@@ -7,14 +7,14 @@ from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.results.results import Results
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
-from vdfmu.study.run.case import Case, note
+from vdfmu.study.run.case import RunCase, note
 from vdfmu.system.reference.witness import Witness
 
 
 class Measures:
     """The numbers of a run. Its `taps` read along the run, `add` adds all of them to the summary after it."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: RunCase) -> None:
         self._case = case
         self._witness = Witness(case.system)
         self._bond = PowerBond(case.scenario.robot) if case.scenario.robot else None

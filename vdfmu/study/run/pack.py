@@ -6,11 +6,11 @@ from pathlib import Path
 
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.progress import doing
-from vdfmu.study.run.case import Case
+from vdfmu.study.run.case import RunCase
 from vdfmu.system.package.write import cached_fmus, write_ssp
 
 
-def write_package(case: Case, folder: Path, backend: str | None = None) -> Path:
+def write_package(case: RunCase, folder: Path, backend: str | None = None) -> Path:
     """Write ``system.ssp`` into a folder; return its path. `backend` replaces that of the case."""
     with doing("build"), temporary_folder("vdfmu_fmus_") as place:
         fmus = cached_fmus(case.scenario, place, backend or case.backend, case.options["fmi_version"])

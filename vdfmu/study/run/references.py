@@ -13,7 +13,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import doing, report
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.results.results import Results
-from vdfmu.study.run.case import Case
+from vdfmu.study.run.case import RunCase
 from vdfmu.study.run.simulate import simulate
 from vdfmu.study.run.summary import compare, compared, has_signals
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
@@ -22,7 +22,7 @@ _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 
 
-def compare_with_references(case: Case, package: Path, results: Results) -> dict[str, Any]:
+def compare_with_references(case: RunCase, package: Path, results: Results) -> dict[str, Any]:
     """Solve the sampled reference of the algorithm, if it samples, and the continuous one; return the entries.
 
     ``reference`` has the differences to each. If the first of them differs visibly from the run, the run is compared
@@ -66,7 +66,7 @@ def compare_with_references(case: Case, package: Path, results: Results) -> dict
     return entries
 
 
-def _separation(case: Case, package: Path, results: Results) -> float:
+def _separation(case: RunCase, package: Path, results: Results) -> float:
     """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE`."""
     parameters = {
         f"{plant}.{name}": (1.0 + _NUDGE) * value

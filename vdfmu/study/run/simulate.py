@@ -16,11 +16,11 @@ from vdfmu.engine.results.folder import keep
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, Simulator
 from vdfmu.study.run import summary as numbers
-from vdfmu.study.run.case import Case
+from vdfmu.study.run.case import RunCase
 from vdfmu.study.verdict import explain, loop_checks
 
 
-def simulate(case: Case, package: Path, parameters: Any = None, **options: Any) -> Results:
+def simulate(case: RunCase, package: Path, parameters: Any = None, **options: Any) -> Results:
     """Co-simulate a package of the scenario; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
     scenario = case.scenario
     settings: SimulatorOptions = {
@@ -31,7 +31,7 @@ def simulate(case: Case, package: Path, parameters: Any = None, **options: Any) 
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
 
-def co_simulate(case: Case, package: Path, poses: Poses, taps: Sequence[Tap]) -> Results:
+def co_simulate(case: RunCase, package: Path, poses: Poses, taps: Sequence[Tap]) -> Results:
     """Co-simulate the package; return rows and summary, written beside it as the options say.
 
     A run that fails or is stopped keeps its rows and its summary in the folder ``partial``. If its loops are unstable,
@@ -58,7 +58,7 @@ def co_simulate(case: Case, package: Path, poses: Poses, taps: Sequence[Tap]) ->
         raise
 
 
-def _recorded(case: Case) -> list[str] | None:
+def _recorded(case: RunCase) -> list[str] | None:
     """Return the names of all outputs, inputs from outside and the option `record`; None without this option."""
     if not case.options["record"]:
         return None
