@@ -23,7 +23,7 @@ BUILD = """
 import sys
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
-build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python")
+build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python", folded=True)
 """
 
 

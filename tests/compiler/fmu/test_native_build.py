@@ -33,14 +33,14 @@ BUILD = """
 import sys
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
-build_fmus(load_robot("planar_2dof"), sys.argv[1], units=["trajectory", "controller"], backend="native")
+build_fmus(load_robot("planar_2dof"), sys.argv[1], units=["trajectory", "controller"], backend="native", folded=True)
 """
 INTERRUPTED = """
 import sys
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 try:
-    build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="native")
+    build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="native", folded=True)
 except KeyboardInterrupt:
     sys.exit(130)
 """
