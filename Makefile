@@ -29,7 +29,7 @@ test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emul
 
 # The compiler of the system: the guard needs nothing else. What tests start has it too.
 GUARD := $(CURDIR)/$(VENV)/guard.so
-MEMORY := tests/engine/test_memory.py tests/engine/test_ends.py tests/engine/test_kept.py
+MEMORY := tests/engine/test_memory.py tests/engine/test_ends.py tests/study/test_loaded.py
 
 test-memory: $(VENV)/test  ## run tests of FMUs in processes where freed memory is closed or overwritten (Linux): a minute
 	cc -std=c11 -shared -fPIC -o $(GUARD) tests/engine/guard.c

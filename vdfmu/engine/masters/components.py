@@ -232,10 +232,6 @@ class Components:
                 bank.memory[:] = b"" if bank.kind in TEXTS else 0
         self.box.flush()
 
-    def terminate(self) -> CosimError | None:
-        """Terminate them all; return the first failure. The others become messages."""
-        return self._first(instance.terminate() for instance in self.instances.values())
-
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure. The others become messages."""
         failure = None
