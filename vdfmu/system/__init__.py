@@ -2,7 +2,7 @@
 
 DOORS = (
     "inspect_source", "package.description", "package.drawing", "package.write", "program", "reference.reference",
-    "reference.wired", "reference.witness", "scenario", "scenario.check", "scenario.decomposed", "scenario.replace",
+    "reference.wired", "scenario", "scenario.check", "scenario.decomposed", "scenario.replace",
     "scenario.schema", "scenario.values",
 )  # fmt: skip
 """Modules that other rooms import."""

@@ -46,7 +46,6 @@ from vdfmu.study.verdict import explain, loop_checks, verdict
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
-from vdfmu.system.reference.witness import Witness
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.replace import with_units
@@ -180,12 +179,11 @@ class ScenarioRun:
     def simulate(self) -> Results:
         """Co-simulate; return rows and the numbers that need no reference. A failed run keeps its summary."""
         options, written = self._options, self._options["out"] is not False
-        compared = Witness(self.system)
         try:
             results = self._simulated(
                 progress=partial(report, "co-simulation"), log=options["log"],
                 about=self._facts, observer=options["observer"],
-                taps=self._taps(compared),
+                taps=self._taps(),
                 pace=options["pace"], record=self._recorded(),
                 stream=[self.folder / f"results.{form}" for form in options["formats"]] if written else [],
             )  # fmt: skip
@@ -199,18 +197,17 @@ class ScenarioRun:
             if written:
                 keep(error, self.folder, loop_checks({"key_figures": figures}))
             raise
-        self._measure(results, compared)
+        self._measure(results)
         if written:
             write_summary(results.summary, self.folder)
         return results
 
-    def _taps(self, compared: Witness) -> list[Tap]:
-        return [compared.probe, *([self.poses] if self._loops is None else []), *filter(None, [self._bond])]
+    def _taps(self) -> list[Tap]:
+        return [*([self.poses] if self._loops is None else []), *filter(None, [self._bond])]
 
-    def _measure(self, results: Results, compared: Witness) -> None:
+    def _measure(self, results: Results) -> None:
         """Add the numbers of a run that need no reference to its summary."""
         summary = results.summary
-        summary["witness"] = compared.summary(results)
         for note in (*numbers.start_notes(results, self.scenario), *accuracy_notes(results, self.system)):
             summary["notes"].append(note)
             self._say(note)
@@ -225,10 +222,10 @@ class ScenarioRun:
 
     def judge_made(self, results: Results, package: Path) -> None:
         """Judge a run of a package of this scenario that was made elsewhere: it is run again for what its taps see."""
-        self.package, compared = package, Witness(self.system)
-        self._simulated(self._options["settings"], record=(), taps=self._taps(compared))
+        self.package = package
+        self._simulated(self._options["settings"], record=(), taps=self._taps())
         results.summary.update({**self._facts, **results.summary})
-        self._measure(results, compared)
+        self._measure(results)
         self.judge(results)
 
     def _simulated(self, parameters: Any = None, package: Path | None = None, **options: Any) -> Results:
