@@ -48,8 +48,8 @@ test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with t
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md
 
-mutants: $(VENV)/test  ## seed faults into the package and see whether make test finds them: hours
-	$(BIN)/python -m tests.mutants $(WORDS)
+mutants: $(VENV)/test  ## seed 60 faults at random and see whether make test finds them: hours; MUTANTS="COUNT SEED WORD"
+	$(BIN)/python -m tests.mutants $(MUTANTS)
 
 claims: $(VENV)/test  ## run the commands behind the figures of README and docs, print found beside claimed: minutes
 	$(BIN)/python -m tests.docs.claims $(CLAIMS)
