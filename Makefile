@@ -29,7 +29,7 @@ test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emul
 
 # The compiler of the system: the guard needs nothing else. What tests start has it too.
 GUARD := $(CURDIR)/$(VENV)/guard.so
-MEMORY := tests/engine/test_memory.py tests/engine/test_ends.py tests/engine/test_kept.py
+MEMORY := tests/engine/test_memory.py tests/engine/test_ends.py tests/study/test_loaded.py
 
 test-memory: $(VENV)/test  ## run tests of FMUs in processes where freed memory is closed or overwritten (Linux): a minute
 	cc -std=c11 -shared -fPIC -o $(GUARD) tests/engine/guard.c
@@ -48,8 +48,8 @@ test-lowest: $(VENV)/supply  ## run the tests, except for the heavy ones, with t
 hostile: $(VENV)/test  ## try thousands of hostile inputs, print what came of them: minutes
 	$(BIN)/python -m tests.hostile --write docs/robustness.md
 
-mutants: $(VENV)/test  ## seed faults into the package and see whether make test finds them: hours
-	$(BIN)/python -m tests.mutants $(WORDS)
+mutants: $(VENV)/test  ## seed 60 faults at random and see whether make test finds them: hours; MUTANTS="COUNT SEED WORD"
+	$(BIN)/python -m tests.mutants $(MUTANTS)
 
 claims: $(VENV)/test  ## run the commands behind the figures of README and docs, print found beside claimed: minutes
 	$(BIN)/python -m tests.docs.claims $(CLAIMS)

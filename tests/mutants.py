@@ -1,11 +1,14 @@
-"""Seed faults into the package and see whether ``make test`` finds them: ``python -m tests.mutants [WORD ...]``.
+"""Seed faults and see whether ``make test`` finds them: ``python -m tests.mutants [COUNT [SEED [WORD]]]``.
 
-Each fault of `mutants.txt` is a line that is changed in a copy of the tree, where first the tests of its room run, then
-all others, until one fails. Faults are chosen at random over equations, compiler, engine, results, studies and checker,
-so a few change no result; those are marked ``same`` there. WORD chooses faults by their file.
+A fault is a changed operator or number, a negated condition or a dropped return value. COUNT of them (default 60) are
+chosen at random, by SEED, from all files whose path has WORD. Each is seeded into a copy of the tree, where first the
+tests of its room run, then all others, until one fails. Faults that no test finds are printed as missed: some of them
+change no result.
 """
 
+import ast
 import os
+import random
 import re
 import shutil
 import signal
@@ -13,38 +16,65 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-_LIST = Path(__file__).with_suffix(".txt")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
 _PATIENCE = 1200
 """Seconds after which the tests are taken to hang, which finds a fault too."""
 _NEEDED = ("vdfmu", "tests", "models", "ssp", "fmu_src", "examples", "benchmarks", "docs", "requirements")
+_OTHER: dict[type[ast.AST], Any] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And,
+    ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
+}  # fmt: skip
 
 
 class Fault(NamedTuple):
-    """A line of a file that becomes another."""
+    """A part of a file that becomes another."""
 
-    file: str
-    line: str
-    changed: str
-    same: bool
-    """Whether it changes no result."""
+    file: Path
+    line: int
+    before: str
+    after: str
+    source: str
+    """The whole file with the fault."""
 
 
-def faults() -> list[Fault]:
-    listed: list[Fault] = []
-    for block in _LIST.read_text(encoding="utf-8").strip().split("\n\n"):
-        head, line, changed = block.split("\n")
-        file, _, same = head.partition(" ")
-        fault = Fault(file, line.removeprefix("- "), changed.removeprefix("+ "), same == "same")
-        count = [each.strip() for each in (ROOT / file).read_text(encoding="utf-8").splitlines()].count(fault.line)
-        if count != 1:
-            raise ValueError(f"{_LIST.name}: {file}: expected one line {fault.line!r}, got {count}")
-        listed.append(fault)
-    return listed
+def faults(file: Path, source: str) -> Iterator[Fault]:
+    """Yield the faults of a file, in expressions and statements of one line."""
+    lines = source.encode().splitlines(keepends=True)
+    nodes = list(ast.walk(ast.parse(source)))
+    texts = {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in ast.walk(node)}
+    pairs: list[tuple[Any, str | None]] = [(node, _changed(node)) for node in nodes if id(node) not in texts]
+    conditions = (node.test for node in nodes if isinstance(node, ast.If | ast.While | ast.IfExp))
+    pairs += [(test, ast.unparse(ast.UnaryOp(ast.Not(), test))) for test in conditions if id(test) not in texts]
+    for node, changed in pairs:
+        if changed is None or node.lineno != node.end_lineno:
+            continue
+        k, begin, end = node.lineno - 1, node.col_offset, node.end_col_offset
+        before, after = lines[k][begin:end].decode(), f"({changed})" if isinstance(node, ast.expr) else changed
+        line = lines[k][:begin] + after.encode() + lines[k][end:]
+        yield Fault(file, k + 1, before, after, b"".join([*lines[:k], line, *lines[k + 1 :]]).decode())
+
+
+def _changed(node: Any) -> str | None:
+    """Return the text of a node with a fault; None if none is made of it. A text's parts have no places in 3.11."""
+    match node:
+        case ast.BinOp(left, operator, right) if type(operator) in _OTHER:
+            return ast.unparse(ast.BinOp(left, _OTHER[type(operator)](), right))
+        case ast.BoolOp(operator, values):
+            return ast.unparse(ast.BoolOp(_OTHER[type(operator)](), values))
+        case ast.Compare(left, [operator], right):
+            return ast.unparse(ast.Compare(left, [_OTHER[type(operator)]()], right))
+        case ast.Constant(int() | float() as number) if not isinstance(number, bool):
+            return repr(2 * number + 1)
+        case ast.Return(ast.expr()):
+            return "return None"
+        case _:
+            return None
 
 
 def first_failure(fault: Fault) -> str:
@@ -56,13 +86,10 @@ def first_failure(fault: Fault) -> str:
         for path in ROOT.iterdir():
             if path.is_file():
                 shutil.copy(path, tree)
-        file = tree / fault.file
-        lines = file.read_text(encoding="utf-8").split("\n")
-        (k,) = (k for k, line in enumerate(lines) if line.strip() == fault.line)
-        lines[k] = lines[k].replace(fault.line, fault.changed)
-        file.write_text("\n".join(lines), encoding="utf-8")
-        room = f"tests/{fault.file.split('/')[1]}"
-        for chosen in ([room], ["tests", f"--ignore={room}", "--ignore=tests/test_mutants.py"]):
+        file = fault.file.relative_to(ROOT)
+        (tree / file).write_text(fault.source, encoding="utf-8")
+        room = f"tests/{file.parts[1]}"
+        for chosen in ([room], ["tests", f"--ignore={room}"]):
             command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "2", "-m", "not heavy", *chosen]
             environment = os.environ | {"PYTHONPATH": place}
             run = subprocess.Popen(
@@ -80,19 +107,21 @@ def first_failure(fault: Fault) -> str:
     return ""
 
 
-def main(words: list[str]) -> int:
-    """Try the faults, and print what finds each; return how many are missed, at most 1."""
+def main(count: str = "60", seed: str = "1", word: str = "") -> int:
+    """Try faults, and print what finds each; return whether one is missed."""
+    files = sorted(file for file in (ROOT / "vdfmu").glob("*/**/*.py") if word in str(file.relative_to(ROOT)))
+    listed = [fault for file in files for fault in faults(file, file.read_text(encoding="utf-8"))]
     missed = 0
-    for fault in faults():
-        if words and not any(word in fault.file for word in words):
-            continue
+    for fault in random.Random(int(seed)).sample(listed, min(int(count), len(listed))):
         began = time.monotonic()
         test = first_failure(fault)
-        missed += not test and not fault.same
-        result = test or ("same" if fault.same else "MISSED")
-        print(f"{time.monotonic() - began:5.0f} s  {fault.file}: {fault.changed[:70]}\n         {result}", flush=True)
+        missed += not test
+        where = f"{fault.file.relative_to(ROOT)}:{fault.line}"
+        print(f"{time.monotonic() - began:5.0f} s  {where}: {fault.before[:60]}  ->  {fault.after[:60]}")
+        print(f"         {test or 'MISSED'}", flush=True)
+    print(f"{missed} missed")
     return int(missed > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(*sys.argv[1:]))

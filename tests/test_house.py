@@ -49,26 +49,17 @@ def test_rooms_import_only_rooms_below():
             assert {room, other} != {"engine", "compiler"}, f"{module} imports {target}"
 
 
-def _doors(room: str) -> tuple[str, ...]:
-    """Return the doors of a room, which its ``__init__`` names without an import."""
-    tree = _trees()[ROOT / room / "__init__.py"]
-    assert not [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)], f"{room}: imports"
-    values = [
-        node.value for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "DOORS"
-    ]
-    return ast.literal_eval(values[0])
-
-
-def test_a_room_is_entered_by_its_doors():
-    """A module that another room imports is among the doors, and each door is used."""
-    entered: dict[str, set[str]] = {room: set() for room in ROOMS[:-1]}
-    for module, imported in _imports().items():
-        for name in imported:
-            room, _, inner = name.removeprefix("vdfmu.").partition(".")
-            if room in entered and not f"{module}.".startswith(f"vdfmu.{room}."):
-                entered[room].add(inner)
-    for room, names in entered.items():
-        assert sorted(names - {""}) == sorted(_doors(room)), room
+def test_a_room_imports_nothing_at_its_start_and_nothing_private_of_another():
+    for room in ROOMS[:-1]:
+        tree = _trees()[ROOT / room / "__init__.py"]
+        assert not [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)], room
+    for path, tree in _trees().items():
+        room = f"vdfmu.{path.relative_to(ROOT).parts[0]}"
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and not f"{node.module}.".startswith(f"{room}."):
+                names = [*str(node.module).split("."), *(alias.name for alias in node.names)]
+                private = [name for name in names if name.startswith("_") and not name.endswith("__")]
+                assert not private or not str(node.module).startswith("vdfmu"), f"{path}, line {node.lineno}"
 
 
 def test_no_file_imports_itself_through_others():

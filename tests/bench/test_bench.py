@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import arms, coupling, engines, fmu_growth, native, sweeps, verdict, whole, work_precision
+from benchmarks import arms, coupling, engines, fmu_growth, measured, native, sweeps, verdict, whole, work_precision
 from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.importers import PACKAGES, missing
@@ -192,3 +192,10 @@ def test_sweeps_and_verdict(report, monkeypatch):
     verdict.run(report, quick=True)
     (row,) = report.tables[-1].rows
     assert row[1] == sum(row[2:6]) == 3
+
+
+def test_folders_of_measurements_are_asked_for(capsys):
+    with pytest.raises(SystemExit) as exit_:
+        measured.main([])
+    assert exit_.value.code == 2
+    assert "name at least one folder" in capsys.readouterr().err

@@ -16,8 +16,8 @@ from tests.engine.reference import models
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import SspError
-from vdfmu.compiler.unit.new import unit_from
 from vdfmu.engine.run import simulate
+from vdfmu.unit import table_unit
 
 H = 2.0**-6
 """Step [s], of which every time is a multiple without rounding."""
@@ -288,11 +288,9 @@ def test_values_for_components_of_a_larger_system(pack, xml, blocks):
     assert results["scenario.odd"][0]  # at the start, whether the word is gr\u00fcn
 
 
-def test_a_table_feeds_a_gain(pack, xml, blocks, tmp_path, monkeypatch):
-    """The fixture pyfmu_csv_source_sink; its source is a unit of `vdfmu unit from`, linear between the rows."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "source.csv").write_text("time,y\n0,0\n0.5,1\n1,-1\n")
-    unit = str(unit_from("source.csv")[0])
+def test_a_table_feeds_a_gain(pack, xml, blocks, tmp_path):
+    """The fixture pyfmu_csv_source_sink; its source is linear between the rows."""
+    unit = table_unit({"time": [0.0, 0.5, 1.0], "y": [0.0, 1.0, -1.0]}, name="Source")
     source = build_fmus(None, tmp_path / "fmus", units=[unit])["source"].read_bytes()
     path = pack(
         ["source Source y:output:Real",

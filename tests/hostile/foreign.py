@@ -1,4 +1,4 @@
-"""Corpus: runs, studies and functions of others that are looked at. Nothing of them runs, or is written elsewhere."""
+"""Corpus: runs and studies of others that are looked at. Nothing of them runs, or is written elsewhere."""
 
 import io
 import json
@@ -6,12 +6,10 @@ import shutil
 import subprocess
 import zipfile
 from collections.abc import Callable
-from contextlib import chdir
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import pyarrow.parquet as parquet
 from click.testing import CliRunner
 
@@ -49,13 +47,11 @@ def _packed(place: Path, change: Callable[[str, bytes], bytes]) -> Look:
 
 
 def _library(place: Path) -> Path:
-    """Return a library that writes a file when it is loaded, and has a function for CasADi."""
+    """Return a library that writes a file when it is loaded."""
     source, library = place.with_suffix(".c"), place.with_suffix(".so")
     source.write_text(
         "#include <stdio.h>\n__attribute__((constructor)) static void run(void) "
         f'{{ fclose(fopen({json.dumps(str(place.with_name("ran")))}, "w")); }}\n'
-        "int f(const double **a, double **r, long long *i, double *w, int m) { return 0; }\n"
-        "long long f_n_in(void) { return 1; }\nlong long f_n_out(void) { return 1; }\n"
     )
     subprocess.run([*CC, "-shared", "-fPIC", "-o", library, source], check=True)
     return library
@@ -139,31 +135,8 @@ def list_link(place: Path) -> Look:
     return partial(_command, "report", place)
 
 
-def _function(place: Path, function: ca.Function, *more: str) -> Look:
-    """Write a CasADi file, without a trace of its making."""
-    function.save(str(place / "f.casadi"))
-    place.with_name("ran").unlink(missing_ok=True)
-    return partial(_command, "unit", "from", place / "f.casadi", "--out", place / "f.py", *more)
-
-
-def compiled(place: Path, *more: str) -> Look:
-    """Make a unit of a CasADi file that says by which command it is compiled."""
-    place.mkdir()
-    x, compiler = ca.SX.sym("x"), f"touch {place.with_name('ran')}; {CC[0]}"
-    jit = {"jit": True, "compiler": "shell", "jit_options": {"compiler": compiler}}
-    with chdir(place):
-        return _function(place, ca.Function("f", [x], [x + 1], ["x_in"], ["y"], jit), *more)
-
-
-def external(place: Path, *more: str) -> Look:
-    """Make a unit of a CasADi file that loads a library."""
-    place.mkdir()
-    return _function(place, ca.external("f", str(_library(place))), *more)
-
-
 LOOKS = (
-    native, sources, study_code, point_code, scenario_name, page_link, folder_link, list_link, compiled,
-    external,
+    native, sources, study_code, point_code, scenario_name, page_link, folder_link, list_link,
 )  # fmt: skip
 
 
@@ -183,4 +156,4 @@ def look(number: int, folder: Path) -> None:
         assert after == before, f"changed: {sorted(str(path) for path in after.keys() ^ before.keys())}"
 
 
-CORPORA = [Corpus("runs, studies and functions of others", len(LOOKS), look, quick=len(LOOKS), seconds=120.0)]
+CORPORA = [Corpus("runs and studies of others", len(LOOKS), look, quick=len(LOOKS), seconds=120.0)]

@@ -11,7 +11,6 @@ import sys
 import zipfile
 from pathlib import Path
 
-import casadi as ca
 import pytest
 from click.testing import CliRunner
 
@@ -111,20 +110,13 @@ def unit(folder: Path, head: str) -> str:
     return "my_law.py"
 
 
-def function(folder: Path, head: str) -> str:
-    library(folder / "f")
-    ca.external("f", str(folder / "f.so")).save(str(folder / "f.casadi"))
-    (folder / "mark").unlink()
-    return "f.casadi"
-
-
 def run_of_others(folder: Path, head: str) -> str:
     native(folder / "given")
     (folder / "ran").unlink(missing_ok=True)
     return "given"
 
 
-FILES = {"ROBOT": robot, "SCENARIO": scenario, "STUDY": study, "UNIT": unit, "CASADI": function, "RUN": run_of_others}
+FILES = {"ROBOT": robot, "SCENARIO": scenario, "STUDY": study, "UNIT": unit, "RUN": run_of_others}
 
 
 def words_of(command: str, folder: Path, head: str) -> list[str]:
@@ -203,7 +195,7 @@ def test_a_command_that_computes_runs_it_in_another_process(command, head, tmp_p
     )  # fmt: skip
     said, _ = process.communicate(timeout=300)
     assert (tmp_path / "mark").exists(), said
-    if {head, *words} & {"FMU", "f.casadi"}:  # libraries do not raise
+    if head == "FMU":  # libraries do not raise
         assert process.returncode >= 0 and "Traceback" not in said, said
     else:
         assert "RuntimeError: it ran" in said.replace("\n", " ") and "Traceback" not in said, said

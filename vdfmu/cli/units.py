@@ -1,4 +1,4 @@
-"""``vdfmu unit list``, ``show``, ``new``, ``from`` and ``examples``."""
+"""``vdfmu unit list``, ``show``, ``new`` and ``examples``."""
 
 from __future__ import annotations
 
@@ -60,24 +60,6 @@ def new(
     path, test = new_unit(name, out)
     say_written(path, test)
     say(f"Build it with 'vdfmu build {path}', test it with 'python -m pytest {test}'.")
-
-
-@app.command("from", example="vdfmu unit from design.py:plant --name Plant")
-@meets_code(RUNS)
-def from_(
-    source: Annotated[str, Positional("Linear system, CasADi function or table.",
-        more="model.mat or model.npz with A, B, C, D; function.casadi; table.csv; or design.py:NAME, an object: a "
-        "system of python-control or scipy.signal, or a CasADi function.")],
-    name: Annotated[str | None, Option("Name of the unit (default after the source).")] = None,
-    out: Annotated[Path | None, Option("File to write (default after the name).")] = None,
-    trust: Annotated[bool, Option("Load function.casadi, which can run any code.")] = False,
-) -> None:  # fmt: skip
-    """Write a unit from a linear system, a function or a table."""
-    from vdfmu.compiler.unit.new import unit_from
-
-    path, *beside = unit_from(source, name, out, trust=trust)
-    say_written(path, *beside)
-    say(f"Build it with 'vdfmu build {path}'.")
 
 
 @app.command("examples", example="vdfmu unit examples")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import threading
+import weakref
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -16,15 +18,17 @@ from vdfmu.arm.fmus import build
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
-from vdfmu.base.option import checks_types
+from vdfmu.base.option import checks_types, pick
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import Report, inspect_file
+from vdfmu.engine.options import RowOptions
+from vdfmu.engine.package.archive import stamp_of
 from vdfmu.engine.package.join import Connections, join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run import KeptRuns, Simulator
+from vdfmu.engine.run import Simulator, simulate
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import scenario_of
@@ -37,6 +41,8 @@ from vdfmu.system.scenario.replace import unfolded
 Part = str | os.PathLike[str] | type[Unit]
 """An FMU, a unit's file, the name of a shipped unit, or a class of Unit."""
 
+_PLAIN = (str, int, float, type(None))
+"""Types of options that can be compared."""
 _KIND = {False: "co-simulation", True: "model exchange"}
 
 
@@ -65,7 +71,9 @@ class System:
     ) -> None:
         self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
         self._scenario = scenario
-        self._runs = KeptRuns(path)
+        self._loaded, self._simulator, self._loaded_as = ExitStack(), None, None
+        self._lock, self._process = threading.Lock(), os.getpid()
+        weakref.finalize(self, self._loaded.close)
         self._options = {key: value for key, value in (options or {}).items() if value is not None}
         checked = self._checked
         self.name = checked.system.name
@@ -107,7 +115,7 @@ class System:
         self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
         *, reference: bool = False, **options: Any,
     ) -> Results:  # fmt: skip
-        """Run the system. Its FMUs stay loaded for the next run.
+        """Run the system. FMUs that were built on this machine stay loaded for the next run.
 
         A run of a scenario has the verdict of :func:`vdfmu.run` in its summary. It is made when the summary is first
         asked for, so that a loop over thousands of runs does not wait for it.
@@ -128,12 +136,42 @@ class System:
         UsageError, SspError, CosimError
             See :func:`vdfmu.simulate`.
         """
-        results = self._runs.run(**self._with(values, stop=stop, step=step, **options))
+        results = self._simulate(self._with(values, stop=stop, step=step, **options))
         if self._scenario is not None:
             chosen: dict[str, Any] = {"settings": dict(values or {}), "stop": stop, "step": step, "out": False}
             chosen |= {"master": options.get("algorithm"), "reference": reference}
             results.judge_by(partial(self._judge_run, self._scenario, chosen))
         return results
+
+    def _simulate(self, options: dict[str, Any]) -> Results:
+        """Run the package; FMUs that were built here stay loaded for runs that differ in values and rows alone."""
+        rows: Any = pick(RowOptions, options)
+        loading: Any = {name: value for name, value in options.items() if name not in {*rows, "parameters"}}
+        plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
+        if "inputs" in loading or not plain or os.getpid() != self._process or not self._lock.acquire(False):
+            return simulate(self.path, **options)
+        try:
+            simulator = self._load(loading)
+            if not simulator.sizes.isdisjoint(options["parameters"]):
+                return simulate(self.path, **options)
+            results = simulator.run(parameters=options["parameters"], **rows)
+            if not simulator.rest():
+                self._unload()
+            return results
+        finally:
+            self._lock.release()
+
+    def _load(self, options: Any) -> Simulator:
+        loaded_as = stamp_of(self.path), options
+        if self._simulator is None or self._loaded_as != loaded_as:
+            self._unload()
+            self._simulator = self._loaded.enter_context(Simulator(self.path, **options))
+            self._loaded_as = loaded_as
+        return self._simulator
+
+    def _unload(self) -> None:
+        self._simulator = None
+        self._loaded.close()
 
     def _judge_run(self, scenario: Scenario, options: Any, results: Results) -> None:
         judge_results(results, scenario, self.path, **options)  # a method, so that the package lives as long as results

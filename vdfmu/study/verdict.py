@@ -156,7 +156,6 @@ def _cut(summary: Summary) -> Iterator[Check]:
 def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
     """Yield the checks of the numbers of a complete run against other calculations, and of its energy."""
     yield from _coupling(summary)
-    yield from _independent(summary)
     yield from _reference(summary, limits)
     bond: Summary | None = summary.get("power_bond")
     if bond is not None:
@@ -173,19 +172,6 @@ def _coupling(summary: Summary) -> Iterator[Check]:
         sentence, _, more = judgement["text"].partition(". ")
         numbers = judgement.get("error", math.nan), judgement["wanted"]
         yield Check("coupling", LIMITS["coupling"].name, state, sentence, more, *numbers, "the error asked for")
-
-
-def _independent(summary: Summary) -> Iterator[Check]:
-    """Yield whether numbers of the FMUs equal the results of their units' methods in numpy."""
-    compared: Summary | None = summary.get("witness")
-    if compared is None or not (compared["components"] or compared["faults"]):
-        return
-    faults, left_out = compared["faults"], compared["left_out"]
-    text = f"FMUs match the NumPy model: {compared['numbers']} values at {len(compared['times_s'])} times"
-    more = f"without {', '.join(left_out)}" if left_out else ""
-    if faults:
-        text, more = "FMUs differ from the NumPy model", "; ".join(faults)
-    yield Check("independent", "NumPy model", FAILED if faults else GOOD, text, more)
 
 
 def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:

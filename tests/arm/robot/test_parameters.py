@@ -17,7 +17,7 @@ from tests.conftest import ran
 from vdfmu.arm.fmus import build, build_fmus
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
-from vdfmu.arm.robot.parameters import JOINT_OPTIONS, NOT_BALANCED, NOT_INVERTED, OPTIONAL, PARAMETERS
+from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.robot import JOINT_TYPES
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.measure import measure
@@ -121,42 +121,6 @@ def test_a_new_parameter_is_one_line_and_is_shown_on_the_command_line(extended):
     shown = output(extended, "-m", "vdfmu.cli", "robot", "show", "planar_2dof")
     assert re.search(r"theta_err_phase +k_new", shown)
     assert "k_new: no source" in shown
-
-
-# Words of English, what a condition names (f_s >= f_c), what is shown or reduced in a table of a run, what is drawn.
-ELSEWHERE = {
-    "gravity", "rotation", "offset", "centroid", "mass", "inertia", "payload_mass", "payload_inertia", "ell", "I_m",
-    "c_f", "f_c", "f_s", "q_min", "q_max", "theta_err_amplitude", "tool_offset", "tool_rotation", "payload_centroid",
-}  # fmt: skip
-
-
-def without_equations(path: Path) -> str:
-    """Return the text of a file; of a unit without the equations in its docstring."""
-    text = path.read_text(encoding="utf-8")
-    return re.sub(r'""".*?"""', "", text, flags=re.DOTALL) if PACKAGE / "arm" / "units" in path.parents else text
-
-
-@pytest.mark.parametrize("name", sorted(set(PARAMETERS) - ELSEWHERE))
-def test_the_name_of_a_parameter_is_in_the_table_and_in_equations_alone(name):
-    files = {
-        path.relative_to(PACKAGE).as_posix()
-        for path in PACKAGE.rglob("*.py")
-        if re.search(rf"\b{name}\b", without_equations(path))
-    }
-    row = PARAMETERS[name]
-    table = f"arm/drive/{row.section}.py" if row.section in JOINT_OPTIONS else "arm/robot/parameters.py"
-    assert table in files
-    # gains of a first motion follow from falling friction
-    # what is estimated from a log is named where it is estimated, what laws are not told of there; letters of devices
-    # are their own; files of other tools and plain words have other names
-    named = (
-        "arm/equations/", "arm/drive/", "arm/world/", "arm/units/devices/", "arm/robot/plausible.py", "study/identify/",
-        "study/run/accuracy.py", "study/analysis/reach.py", "arm/export.py", "arm/robot/plain.py",
-    )  # fmt: skip
-    elsewhere = {path for path in files if not path.startswith(named)}
-    if row.section in JOINT_OPTIONS and name in {**NOT_INVERTED, **NOT_BALANCED}:
-        elsewhere.discard("arm/robot/parameters.py")  # which declares what inverse and balance do not know
-    assert elsewhere == {table} - {f"arm/drive/{row.section}.py"}
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

@@ -1,57 +1,32 @@
-"""Units of linear systems, CasADi functions and tables, made and written, against scipy, CasADi and numpy."""
+"""Units of linear systems, CasADi functions and tables against scipy, CasADi and numpy."""
 
 import casadi as ca
 import fmpy
 import numpy as np
 import pytest
-from scipy import io, signal
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 import vdfmu
-from tests.compiler.unit.conftest import command
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.compiler.unit.new import unit_from
 from vdfmu.unit import casadi_unit, linear_unit, table_unit
 
 A, B = np.array([[-0.2, -4.0], [1.0, 0.0]]), np.array([[1.0, 0.5], [0.0, 1.0]])
 C, D = np.array([[0.0, 1.0], [1.0, 1.0], [0.5, 0.0]]), np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 2.0]])
 MATRICES = {"A": A, "B": B, "C": C, "D": D}
-DESIGN = """
-import casadi as ca
-from scipy import signal
-
-class Labelled:
-    A, B, C, D, dt = [[-1.0]], [[1.0, 2.0]], [[1.0]], [[0.0, 0.0]], 0
-    input_labels, output_labels, state_labels = ["force", "wind"], ["speed"], ["speed"]
-
-transfer = signal.TransferFunction([1.0], [1.0, 0.2, 4.0])
-held = signal.StateSpace([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], dt=0.01)
-labelled, number = Labelled(), 3
-unsampled = signal.StateSpace([[0.5]], [[1.0]], [[1.0]], [[0.0]], dt=True)
-a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
-maps = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
-"""
+HELD = ([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01)
 x, u, p = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
 ODE = ca.vertcat(x[1], u - p * ca.sin(x[0]))
 PENDULUM = ca.Function("pendulum", [x, u, p], [ODE, x[0] ** 2], ["x", "u", "p"], ["ode", "y"])
 
 
-@pytest.fixture
-def design(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "design.py").write_text(DESIGN)
-    return tmp_path
+a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
+MAPS = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
 
 
-def made(source, name=None):
-    return find_unit(str(unit_from(source, name)[0]))
-
-
-@pytest.mark.parametrize("kind", ["mat", "npz", ""])
-def test_a_linear_system_has_the_response_of_scipy(design, kind):
-    (io.savemat if kind == "mat" else lambda file, arrays: np.savez(file, **arrays))(f"plant.{kind or 'npz'}", MATRICES)
-    unit = (made(f"plant.{kind}", "A") if kind else linear_unit(A, B, C, D))(x_0=[0.3, -0.1])
+def test_a_linear_system_has_the_response_of_scipy():
+    unit = linear_unit(A, B, C, D)(x_0=[0.3, -0.1])
     results = unit.simulate({"u": lambda t: np.array([np.sin(t), 1.0])}, stop=2.0, step=1e-2, tolerance=1e-10)
     u = np.column_stack([np.sin(results.t), np.ones_like(results.t)])
     # lsim takes lines between the samples: the error of sin is 1e-4 / 8 of its amplitude, and the gain below 2
@@ -60,18 +35,9 @@ def test_a_linear_system_has_the_response_of_scipy(design, kind):
     assert (model.A == A).all() and (model.B == B).all() and (model.C[2:] == C).all() and (model.D[2:] == D).all()
 
 
-def test_the_names_of_python_control_are_in_the_unit(design):
-    declared = made("design.py:labelled").declared
-    assert [declared[key].text for key in "uyx"] == [["force", "wind"], ["speed"], ["speed"]]
-
-
-HELD = ([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01)
-
-
-@pytest.mark.parametrize(("source", "system"), [("digital.mat", (A / 5, B, C, D, 0.5)), ("design.py:held", HELD)])
-def test_a_discrete_system_gives_the_output_of_each_sample(design, source, system):
-    io.savemat("digital.mat", {"A": A / 5, "B": B, "C": C, "D": D, "Ts": 0.5})
-    unit, dt = made(source)(), system[4]
+@pytest.mark.parametrize("system", [(A / 5, B, C, D, 0.5), HELD])
+def test_a_discrete_system_gives_the_output_of_each_sample(system):
+    unit, dt = linear_unit(*system)(), system[4]
     inputs, outputs = np.random.default_rng(1).normal(size=(20, np.shape(system[1])[1])), []
     unit.start()
     for unit.u in inputs:
@@ -83,13 +49,8 @@ def test_a_discrete_system_gives_the_output_of_each_sample(design, source, syste
         type(unit)(period=2 * dt).simulate(stop=2 * dt, step=dt)
 
 
-def test_a_casadi_function_is_a_unit_with_its_states_and_matrices_in_their_places(design):
-    PENDULUM.save("pendulum.casadi")
-    with pytest.raises(UsageError, match=r"pendulum\.casadi: a CasADi file can hold code that runs"):
-        casadi_unit("pendulum.casadi")
-    path = unit_from("pendulum.casadi", out=design / "other.py", trust=True)
-    assert path == [design / "other.py"]
-    unit = find_unit(str(path[0]))(x_0=[1.0, 0.0], p=9.81)
+def test_a_casadi_function_is_a_unit_with_its_states_and_matrices_in_their_places():
+    unit = casadi_unit(PENDULUM)(x_0=[1.0, 0.0], p=9.81)
     results = unit.simulate({"u": 0.2}, stop=1.0, tolerance=1e-12)
     end = solve_ivp(
         lambda t, x: PENDULUM(x, 0.2, 9.81)[0].full()[:, 0], (0.0, 1.0), [1.0, 0.0], "DOP853", rtol=1e-12, atol=1e-12
@@ -98,19 +59,19 @@ def test_a_casadi_function_is_a_unit_with_its_states_and_matrices_in_their_place
     assert np.abs(results["x"][-1] - end).max() < 3e-8
     assert (results["y"] == results["x"][:, 0] ** 2).all()
     a = np.random.default_rng(2).normal(size=(2, 3))
-    unit = made("design.py:maps")(a=a, b=2.0)
+    unit = casadi_unit(MAPS)(a=a, b=2.0)
     unit.outputs()
     # rounding of sums of three products of about 1
     assert np.abs(unit.s - 2.0 * a[:, ::-1].T @ [1, 2]).max() < 1e-14 and np.abs(unit.w - a @ a.T).max() < 1e-14
 
 
 @pytest.mark.parametrize("first", ["time", "x"])
-def test_a_table_is_linear_between_its_points(design, first):
+def test_a_table_is_linear_between_its_points(tmp_path, first):
     rows = np.column_stack([np.linspace(0.0, 3.0, 40) ** 2, np.random.default_rng(3).normal(size=(40, 2))])
     head = f"{first},q,w\ns,rad,rad/s"
-    np.savetxt("data.csv", rows, delimiter=",", header=head, comments="", fmt="%.17g")
+    np.savetxt(tmp_path / "data.csv", rows, delimiter=",", header=head, comments="", fmt="%.17g")
     columns = dict(zip((f"{first} [s]", "q [rad]", "w[rad/s]"), rows.T, strict=True))
-    for unit in (made("data.csv"), table_unit(columns)):
+    for unit in (table_unit(tmp_path / "data.csv"), table_unit(columns)):
         results = unit().simulate({} if first == "time" else {"x": lambda t: t}, stop=10.0, step=0.1)
         assert [unit.declared[name].unit for name in "qw"] == ["rad", "rad/s"]
         for name, column in (("q", rows[:, 1]), ("w", rows[:, 2])):
@@ -119,12 +80,13 @@ def test_a_table_is_linear_between_its_points(design, first):
 
 
 @pytest.mark.heavy
-def test_each_kind_as_an_fmu_equals_the_unit(design):
-    (design / "table.csv").write_text("T [s],a b [N.m],c\n0,1,2\n1,3,-1\n2.5,4,0\n")
-    for source, values in (("table.csv", {"T": 1.7}), ("design.py:maps", {"a": np.arange(6.0).reshape(2, 3), "b": 3.0}),
-                           ("design.py:held", {"u": [0.7]}), ("design.py:transfer", {"u": [1.0]})):  # fmt: skip
-        unit = made(source)
-        ((_, fmu),) = vdfmu.build_fmus(None, "fmus", units=[unit]).items()
+def test_each_kind_as_an_fmu_equals_the_unit(tmp_path):
+    table = {"T [s]": [0.0, 1.0, 2.5], "a b [N.m]": [1.0, 3.0, 4.0], "c": [2.0, -1.0, 0.0]}
+    transfer = signal.TransferFunction([1.0], [1.0, 0.2, 4.0]).to_ss()
+    for unit, values in ((table_unit(table), {"T": 1.7}), (linear_unit(*HELD), {"u": [0.7]}),
+                         (casadi_unit(MAPS), {"a": np.arange(6.0).reshape(2, 3), "b": 3.0}),
+                         (linear_unit(transfer.A, transfer.B, transfer.C, transfer.D), {"u": [1.0]})):  # fmt: skip
+        ((_, fmu),) = vdfmu.build_fmus(None, tmp_path, units=[unit]).items()
         names = {name: [f"{name}[{','.join(str(k + 1) for k in index)}]".replace("[]", "")
                         for index in np.ndindex(np.shape(value))] for name, value in values.items()}  # fmt: skip
         start = {key: v for name, keys in names.items() for key, v in zip(keys, np.ravel(values[name]), strict=True)}
@@ -133,7 +95,7 @@ def test_each_kind_as_an_fmu_equals_the_unit(design):
         for name in (name for name, variable in unit.declared.items() if variable.causality == "output"):
             columns = np.column_stack([rows[key] for key in rows.dtype.names if key.partition("[")[0] == name])
             # the FMU's solver has a tolerance of 1e-7
-            assert np.abs(columns - expected[name].reshape(6, -1)).max() < 1e-6, (source, name)
+            assert np.abs(columns - expected[name].reshape(6, -1)).max() < 1e-6, name
 
 
 d, q = ca.SX.sym("d", ca.Sparsity.diag(2)), ca.MX.sym("q")
@@ -162,44 +124,26 @@ def test_a_factory_refuses_what_is_no_unit(make, match):
         make()
 
 
-@pytest.mark.parametrize(("source", "content", "match"), [
-    ("none.mat", None, "there is no such file"), ("model.txt", "1", "must be model.mat"),
-    ("broken.npz", "1", "broken.npz: expected a file of numpy, got unreadable content"),
-    ("broken.casadi", "1", "broken.casadi: cannot be read"),
-    ("empty.npz", "", "empty.npz: expected a file of numpy, got unreadable content"),
-    ("empty.csv", "", "must have names"),
-    ("broken.mat", "MATLAB 5.0", "broken.mat: expected a MATLAB file"),
-    ("design.py:number", None, "must be a CasADi function, or a system with A, B, C and D, got int"),
-    ("design.py:unsampled", None, "dt must be the time between samples in s, .*got True"),
-    ("fails.py:x", "1 / 0", r"fails\.py:x: ZeroDivisionError"),
-    ("ends.py:x", "raise SystemExit(3)", r"ends\.py:x: SystemExit: 3"),
-    ("odd.csv", "a,1b\n1,2\n2,3\n", r"^odd\.csv: Odd: a variable cannot be called 1b"),
-    ("short.csv", "a,b\n1,2\n", "two rows"),
-    ("words.csv", "a,b\n1,2\n3,x\n", "words.csv: Row 3: b: expected a number, got 'x'"),
+@pytest.mark.parametrize(("content", "match"), [
+    ("", "must have names"), ("a,b\n1,2\n", "two rows"),
+    ("a,1b\n1,2\n2,3\n", "a variable cannot be called 1b"),
+    ("a,b\n1,2\n3,x\n", "Row 3: b: expected a number, got 'x'"),
 ])  # fmt: skip
-def test_a_bad_source_is_named_and_leaves_no_file(design, source, content, match):
-    if content is not None:
-        (design / source.partition(":")[0]).write_text(content)
-    before = sorted(design.iterdir())
+def test_a_bad_table_is_refused(tmp_path, content, match):
+    (tmp_path / "table.csv").write_text(content)
     with pytest.raises((UsageError, UnitError), match=match):
-        unit_from(source, trust=True)
-    assert sorted(design.iterdir()) == before
+        table_unit(tmp_path / "table.csv")
 
 
-def test_two_units_of_one_name_are_refused(design):
+def test_two_units_of_one_name_are_refused(tmp_path):
     linear, table = "linear_unit([], [], [], [k])", "table_unit({'t': [0, 1], 'y': [1, k]})"
     for name, expression in (("LinearUnit", linear), ("TableUnit", table)):
-        (design / "two.py").write_text(f"from vdfmu.unit import *\na, b = ({expression} for k in (2, 3))\n")
+        (tmp_path / "two.py").write_text(f"from vdfmu.unit import *\na, b = ({expression} for k in (2, 3))\n")
         with pytest.raises(UnitError, match=rf"two\.py: {name} must be the name of one unit, got two"):
-            find_unit("two.py")
+            find_unit(str(tmp_path / "two.py"))
 
 
-def test_odd_names_and_decimal_commas_do_no_harm_and_the_command_names_what_it_wrote(design):
-    """A quote in a name ended the text of the unit."""
-    (design / 'q"uo\\Ute.csv').write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
-    results = made('q"uo\\Ute.csv', "quoted")().simulate(stop=1.0, step=0.5)
+def test_a_table_may_have_decimal_commas_and_empty_lines(tmp_path):
+    (tmp_path / "table.csv").write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
+    results = table_unit(tmp_path / "table.csv")().simulate(stop=1.0, step=0.5)
     assert results["b"].tolist() == [1.5, 2.0, 2.5]
-    words = "unit", "from", "design.py:maps", "--name", "MyMaps"
-    done, again = command(*words), command(*words)
-    assert done.exit_code == 0 and "my_maps.casadi" in done.output and "vdfmu build my_maps.py" in done.output
-    assert again.exit_code == 1 and "not replaced" in str(again.exception)

@@ -18,7 +18,7 @@ from vdfmu.engine.results.verdict import FAILED, GOOD, UNJUDGED
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 NOT_HERE = "not judged here"
-OTHERS = {"reference", "independent"}
+OTHERS = {"reference"}
 """Checks against other calculations, which a page does not make."""
 NUMBERS = {"margin": 0.005, "delay": 0.15}
 """Largest differences of the margins of loops. A track has the states of the recorded run, at some of its rows: modulus

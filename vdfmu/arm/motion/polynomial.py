@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from vdfmu.arm.motion.arguments import of_numbers
-from vdfmu.arm.units._played import Cycle, Played
+from vdfmu.arm.motion.played import Cycle, Played
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 
@@ -35,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vdfmu.arm.units._played import {base}
+from vdfmu.arm.motion.played import {base}
 
 _TABLE = np.load(Path(__file__).with_name("motion.npy"))
 

@@ -15,8 +15,6 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import read_columns, repeated
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.files import open_regular
-from vdfmu.base.trust import before_code
 from vdfmu.compiler.scalar.generic import clip, lookup
 from vdfmu.compiler.scalar.symbol import casadi_call, shape_of
 from vdfmu.compiler.unit.declaration import Declared, Derivative, Input, Output, Parameter, Sampled, State
@@ -95,7 +93,7 @@ def linear_unit(
     return _made(LinearEquations, name, variables, f"Linear system.\n\n::\n\n    {text}\n")
 
 
-def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name: str = "CasadiUnit") -> type[Unit]:
+def casadi_unit(function: ca.Function, *, name: str = "CasadiUnit") -> type[Unit]:
     """Make the unit of a CasADi function, with the variables of its names and shapes, without units of measurement.
 
     As in CasADi's integrators, ``x`` and ``ode`` are a state and its derivative, ``p`` a parameter, ``t`` the time.
@@ -103,29 +101,18 @@ def casadi_unit(function: ca.Function | str | Path, *, trust: bool = False, name
 
     Parameters
     ----------
-    function : casadi.Function, str or Path
-        A function of scalar operations, or its file, written by ``Function.save``.
-    trust : bool
-        Load a file, although it can hold code that runs then.
+    function : casadi.Function
+        A function of scalar operations.
     name : str, optional
         Name of the class and of its FMU.
 
     Raises
     ------
     UsageError
-        For a file without `trust`, or a function that cannot be a unit.
+        For a function that cannot be a unit.
     UnitError
         For names that a unit and its variables cannot have.
     """
-    if not isinstance(function, ca.Function):
-        if not trust:
-            raise UsageError(
-                f"{function}: a CasADi file can hold code that runs. If you trust its author, give --trust, or "
-                "trust=True in Python."
-            )
-        before_code(function)
-        open_regular(function).close()  # CasADi would wait for a pipe
-        function = ca.Function.load(str(function))
     scalar = _scalar(function)
     arguments, results = scalar.name_in(), scalar.name_out()
     moves = "x" in arguments and "ode" in results

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import c_double, c_void_p
+from ctypes import c_void_p
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +21,6 @@ from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.masters.observer import reader
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
@@ -93,7 +92,6 @@ class Components:
         self._watch = watch
         self._events: Events | None = None
         self._stepper: Stepper | None = None
-        self._kept: list[list[tuple[Instance, c_void_p]]] = []
         self._start: list[tuple[Instance, c_void_p]] = []
         """States to go back to."""
 
@@ -158,32 +156,6 @@ class Components:
             for instance in self.instances.values():
                 instance.run(bank.calls(instance, "Set"))
 
-    def keep(self, names: Sequence[str]) -> None:
-        """Keep the states that components have now, for `look`."""
-        self._kept.append([(self.instances[name], self.instances[name].saved_state()) for name in names])
-
-    def look(
-        self, steps: Mapping[str, float], times: Sequence[float], end: float
-    ) -> list[dict[str, list[list[float]]]]:
-        """Return the numbers of components in the states kept at `times` [s], and after one more step.
-
-        `steps` has the length of this step [s] by component. A step of length 0 or beyond `end` [s] is left out.
-        """
-        looks: list[dict[str, list[list[float]]]] = []
-        read = {name: reader(self.instances[name]) for name in steps}
-        for time, kept in zip(times, self._kept, strict=True):
-            looks.append({})
-            for instance, state in kept:
-                instance.restore_state(state)
-                instance.free_state(state)
-                numbers = looks[-1][instance.name] = [read[instance.name]()]
-                size, instance.line = steps[instance.name], lambda time: None  # inputs hold
-                if size and instance.integrator is None and time + size <= end:
-                    instance.run([instance.step_call(c_double(time), c_double(size))])
-                    numbers.append(read[instance.name]())
-        self._kept.clear()
-        return looks
-
     def put(self, name: str, values: Sequence[tuple[str, Value]]) -> None:
         """Set variables of a component."""
         variables = self.checked.descriptions[name].variables
@@ -231,10 +203,6 @@ class Components:
             if bank.variables:
                 bank.memory[:] = b"" if bank.kind in TEXTS else 0
         self.box.flush()
-
-    def terminate(self) -> CosimError | None:
-        """Terminate them all; return the first failure. The others become messages."""
-        return self._first(instance.terminate() for instance in self.instances.values())
 
     def close(self) -> CosimError | None:
         """Terminate and free them all; return the first failure. The others become messages."""

@@ -9,18 +9,13 @@ import platform
 import time as clock
 from array import array
 from collections.abc import Callable, Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.engine.fmu.access import DTYPES, Call
-from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.base.errors import UsageError
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
@@ -89,97 +84,6 @@ class Observed(Tap):
         """Show the row."""
         self._row(time, self._memory.take(self._columns))
         self._due = clock.perf_counter() + self._period
-
-
-_PLACES = (0.0, 0.21, 0.47, 0.76, 1.0)
-"""Places of the rows in a run: uneven, since at the quarters of a motion from rest to rest some signals are zero."""
-_KINDS = ("Real", "Integer", "Boolean")
-
-Numbers = Mapping[int, float]
-"""Value reference, plus the index of an element of an array, to value."""
-
-
-class Reading(NamedTuple):
-    """The numbers of components by their names, at a row and after one more step from there."""
-
-    row: int
-    time: float
-    values: Mapping[str, Numbers]
-    after: Mapping[str, Numbers]
-
-
-class Probe(Tap):
-    """Reads all numbers of some components at five rows of a run.
-
-    It keeps their states during the run, and restores and reads them after it, so the run stays the same. From there
-    each component does one more step of its length in `steps` [s], with its inputs held; see `Components.look`.
-    """
-
-    def __init__(self, steps: Mapping[str, float]) -> None:
-        self.steps = steps
-        self.readings: list[Reading] = []
-        self.failure = ""
-        """Why readings are missing; empty if all are there."""
-        self._rows: dict[int, float] = {}
-
-    def begin(self, grid: Grid, names: Sequence[str]) -> None:
-        """Begin a run; the first row chooses the others, since multiples of steps are unknown before."""
-        self._grid, self._rows, self.readings, self.failure = grid, {0: grid.begin}, [], ""
-
-    def due(self, k: int) -> float:
-        """Return the next of the five rows."""
-        return math.inf if self.failure else min((row for row in self._rows if row >= k), default=math.inf)
-
-    def take(self, k: int, time: float, components: Any) -> None:
-        """Keep the states."""
-        exchange, n = components.exchange, self._grid.n
-        if k == 0:
-            whole = int(np.lcm.reduce(list(exchange.checked.multiples.values()) or [1]))
-            self._rows = {n if place == 1.0 else whole * round(place * n / whole): time for place in _PLACES}
-        try:
-            components.keep(list(self.steps))
-        except CosimError as error:
-            self.failure = str(error)
-        self._rows[k] = exchange.clock.value + exchange.size.value if k else time
-
-    def end(self, components: Any) -> None:
-        """Read the kept states."""
-        if self.failure:
-            return
-        try:
-            looks = components.look(dict(self.steps), list(self._rows.values()), self._grid.end)
-        except CosimError as error:
-            self.failure = str(error)
-            return
-        descriptions = components.exchange.checked.descriptions
-        places = {name: [v.reference + v.index for v in numeric(descriptions[name].variables)] for name in self.steps}
-        for (row, time), look in zip(self._rows.items(), looks, strict=True):
-            parts: list[dict[str, Numbers]] = [{}, {}]
-            for name, listed in look.items():
-                for part, numbers in zip(parts, listed, strict=False):
-                    part[name] = dict(zip(places[name], numbers, strict=True))
-            self.readings.append(Reading(row, time, *parts))
-
-
-def numeric(variables: Mapping[str, FmuVariable]) -> list[FmuVariable]:
-    """Return the variables that are numbers, or true or false, kind by kind."""
-    return [v for kind in _KINDS for v in variables.values() if v.kind == kind]
-
-
-def reader(instance: Instance) -> Callable[[], list[float]]:
-    """Return a function that gets all numbers of a component, in the order of :func:`numeric`."""
-    parts: list[tuple[NDArray[Any], list[Call]]] = []
-    for kind, group in groupby(numeric(instance.description.variables), lambda v: v.kind):
-        variables = list(group)
-        values = np.zeros(len(variables), DTYPES[kind])
-        parts.append((values, instance.access("Get", variables, values)))
-
-    def read() -> list[float]:
-        for _, calls in parts:
-            instance.run(calls)
-        return [float(value) for values, _ in parts for value in values.tolist()]
-
-    return read
 
 
 _SPIN = 2e-4

@@ -5,11 +5,10 @@ from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.run.isolated import LostProcessError
-from vdfmu.engine.run.kept import KeptRuns
 from vdfmu.engine.run.session import Interrupted
 from vdfmu.engine.run.simulator import Simulator, check_coupling, simulate
 
 __all__ = [
-    "ALGORITHMS", "Interrupted", "KeptRuns", "LogMessage", "LostProcessError", "Results", "Signal", "Simulator",
+    "ALGORITHMS", "Interrupted", "LogMessage", "LostProcessError", "Results", "Signal", "Simulator",
     "check_coupling", "check_system", "simulate",
 ]  # fmt: skip

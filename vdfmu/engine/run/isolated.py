@@ -125,8 +125,8 @@ class Isolated(Stepper):
         """Return notes on the run."""
         return self._ask("notes")
 
-    keep, look, bring_inputs, put, between_events, keep_start, to_start, derive = map(
-        _asked, ("keep", "look", "bring_inputs", "put", "between_events", "keep_start", "to_start", "derive")
+    bring_inputs, put, between_events, keep_start, to_start, derive = map(
+        _asked, ("bring_inputs", "put", "between_events", "keep_start", "to_start", "derive")
     )
     """See `Components`; for `derive` see `Server.derive`."""
 

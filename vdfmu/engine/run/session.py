@@ -122,17 +122,6 @@ class Session:
             self.box.pending.append(LogMessage("", 0.0, "note", "", note))
         self.box.flush()
 
-    def rest(self) -> CosimError | None:
-        """Terminate components that last; return the failure, with the results of the last run."""
-        assert self.results is not None and isinstance(self.components, Components)
-        self.box.time = float(self.results.time[-1])
-        failure = self.components.terminate()
-        self.resting = True
-        self.results.messages = list(self.box.kept)
-        if failure is not None:
-            failure.results = self.results
-        return failure
-
     def planned(
         self, grid: Grid, record: Sequence[str] | None, files: Sequence[Path] = (), taps: Sequence[Tap] = (),
         paced: bool = False,

@@ -180,20 +180,13 @@ class Simulator:
                 session.results = run.steps(progress)
         return session.results
 
-    @property
-    def lasts(self) -> bool:
-        """Whether components are loaded, and stay so after :meth:`rest`."""
-        return self._session is not None and self._session.lasts
-
-    def rest(self) -> None:
-        """End the last run as the end of the block does; components that last stay loaded. For errors see `run`."""
+    def rest(self) -> bool:
+        """Return whether components may stay loaded until the next run; none of them runs until then."""
         session = self._session
-        assert session is not None
-        failure = session.rest() if session.lasts else None
-        if failure is not None or not session.lasts:
-            self._free(failure)
-        if failure is not None:
-            raise failure
+        if session is None or not session.lasts:
+            return False
+        session.resting = True
+        return True
 
     @checks_types
     def reset(

@@ -8,7 +8,6 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.run import summary as numbers
 from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
 from vdfmu.study.run.case import RunCase, note
-from vdfmu.system.reference.witness import Witness
 
 
 class Measures:
@@ -16,19 +15,17 @@ class Measures:
 
     def __init__(self, case: RunCase) -> None:
         self._case = case
-        self._witness = Witness(case.system)
         self._bond = PowerBond(case.scenario.robot) if case.scenario.robot else None
 
     @property
     def taps(self) -> list[Tap]:
         """What reads along the run."""
-        return [self._witness.probe, *filter(None, [self._bond])]
+        return [] if self._bond is None else [self._bond]
 
     def add(self, results: Results) -> None:
         """Add the numbers to the summary of the results."""
         case, summary = self._case, results.summary
         scenario = case.scenario
-        summary["witness"] = self._witness.summary(results)
         for text in (*numbers.start_notes(results, scenario), *accuracy_notes(results, case.system)):
             summary["notes"].append(text)
             note(case.options, text)

@@ -86,7 +86,6 @@ _OBJECT = Record(
 _ARMS = List(_arm(False, component=TEXT, signals=Keyed(List(TEXT)), constants=Keyed(NUMBER), mounted=TEXT))
 _ESTIMATE = Record({"component": TEXT, "group": TEXT, "words": TEXT, "signals": _LINES, "true": _LINES})
 _SCENE = Record({"arms": _ARMS, "objects": List(_OBJECT)}, {"estimates": List(_ESTIMATE)})
-_WITNESS = {"components": _LINES, "left_out": _LINES, "times_s": _VECTOR, "numbers": WHOLE, "faults": _LINES}
 _FIGURES = (
     "tool_error", "joint_error", "torque", "margin", "unstable", "mode", "saturated", "path", "contact", "depth",
     "power", "cut", "delay", "growth", "excited", "open", "half_step",
@@ -163,7 +162,6 @@ KEYS: Mapping[str, Any] = {
     "communication": _STEPS,  # steps of an algorithm that repeats or adapts them, and their lengths [s]
     "held": _LINES,  # inputs that take in each step the value of their source at its beginning
     "files": _LINES,  # files of the run, replaced by a later run
-    "witness": _WITNESS,  # comparison of the run with the units' methods in numpy
     "position_units": List(("deg", "mm"), True),  # units of measurement of the position errors
     "torque_units": _UNITS,  # units of measurement of the torques
     "rms_position_error_deg": _JOINTS,  # RMS of the position errors

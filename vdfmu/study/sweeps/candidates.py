@@ -77,8 +77,8 @@ def judge_point(study: StudyTable, point: int, value: float, without: Sequence[s
     except VdfmuError as error:
         return JudgedPoint(point, value, FAILED, str(error).partition(". ")[0])
     checks = [check for check in checks_of(summary) if check.key not in without]
-    state = verdict_of(checks)["state"]
-    why = "" if state == GOOD else next(check.sentence for check in checks if check.state == state)
+    state = verdict_of(checks)["state"] if {check.state for check in checks} - {UNJUDGED} else UNJUDGED
+    why = "" if state == GOOD else next((each.sentence for each in checks if each.state == state), "no check applies")
     margin = summary["key_figures"].get("margin", {}).get("value", math.nan)
     return JudgedPoint(point, value, state, why, margin)
 

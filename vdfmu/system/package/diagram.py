@@ -1,14 +1,15 @@
 """Layout of the diagram of a system: columns of cards, a wire for each vector.
 
-A wire runs from the vector of a source to its sinks by horizontal and vertical lines: straight to the next column,
-between the cards of a column, and back below all cards. All lengths are pixels, y downwards.
+A wire runs from the vector of a source to its sinks by horizontal and vertical lines: straight to the next column, to
+all others below the cards. All lengths are pixels, y downwards.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import NamedTuple
 
 Port = tuple[str, str]
@@ -16,7 +17,7 @@ Port = tuple[str, str]
 Point = tuple[float, float]
 
 HEAD, ROW = 50.0, 24.0
-"""Heights of the head of a card, and of a connector or a wire between cards."""
+"""Heights of the head of a card, and of a connector."""
 STUB, LANE, EDGE = 124.0, 9.0, 14.0
 """Lengths of a wire before its lane, with room for its width and value, between lanes, and of margins."""
 _GAP = 30.0
@@ -95,46 +96,29 @@ def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -
 
 
 def _order(names: Sequence[str], nets: Sequence[Net]) -> list[str]:
-    """Return an order with few backward vectors: as declared, or by Eades, Lin and Smyth (1993) if fewer."""
-    edges = [(net.start[0], end) for net in nets for end in {end for end, _ in net.ends} if end != net.start[0]]
-
-    def backward(order: Sequence[str]) -> int:
-        return sum(order.index(a) > order.index(b) for a, b in edges)
-
-    first, last, left = list[str](), list[str](), list(names)
+    """Return an order in which a component follows its sources, as far as there is no loop."""
+    sources = {name: {net.start[0] for net in nets for end, _ in net.ends if end == name} - {name} for name in names}
+    order, left = list[str](), list(names)
     while left:
-        inside = [(a, b) for a, b in edges if a in left and b in left]
-        out = {name: sum(a == name for a, _ in inside) for name in left}
-        into = {name: sum(b == name for _, b in inside) for name in left}
-        sink = next((name for name in reversed(left) if not out[name] and into[name]), None)
-        if sink is not None:
-            last.insert(0, sink)
-            left.remove(sink)
-            continue
-        chosen = next((name for name in left if not into[name]), None) or max(left, key=lambda n: out[n] - into[n])
-        first.append(chosen)
-        left.remove(chosen)
-    return min(list(names), first + last, key=backward)
+        order.append(next((name for name in left if sources[name].isdisjoint(left)), left[0]))
+        left.remove(order[-1])
+    return order
 
 
 class _DiagramLayout:
-    """Heights, lanes and lines of nets between columns of cards. Gap k is right of column k."""
+    """Lanes and lines of nets between columns of cards. Gap k is right of column k."""
 
     def __init__(self, columns: Sequence[Sequence[Card]], nets: Sequence[Net]) -> None:
         self.columns, self.nets = columns, nets
-        self.cards = cards = {card.name: card for column in columns for card in column}
-        self.first = [cards[net.start[0]].column for net in nets]
-        self.last = [max(cards[end].column for end, _ in net.ends) for net in nets]
-        self.backs = [
-            [(end, port) for end, port in net.ends if cards[end].column <= first]
-            for net, first in zip(nets, self.first, strict=True)
-        ]
-        self.passes: dict[tuple[int, int], float] = {}
-        """Net and column to the height of the net between its cards."""
-        self.leaving: dict[tuple[int, int], tuple[float, list[float]]] = {}
-        """Net and gap to the height of the start, and heights of the ends."""
-        self.lanes: dict[tuple[int, int], float] = {}
+        self.cards = {card.name: card for column in columns for card in column}
+        self.around = [[end for end in net.ends if self._gap(net, end) != 1] for net in nets]
+        """Ends of each net that it reaches below all cards."""
+        self.lanes: dict[int, float] = {}
         self.entries: dict[tuple[int, int], float] = {}
+
+    def _gap(self, net: Net, end: Port) -> int:
+        """Return how many columns an end is right of its source."""
+        return self.cards[end[0]].column - self.cards[net.start[0]].column
 
     def placed(self) -> PlacedSystem:
         """Place the cards and return the wires."""
@@ -145,43 +129,30 @@ class _DiagramLayout:
         return PlacedSystem(wires, width, max([bottom, *tracks.values()]) + EDGE)
 
     def _stack(self) -> float:
-        """Stack cards near the height of their inputs, and wires between them. Return the lowest edge."""
+        """Stack cards near the height of their inputs. Return the lowest edge."""
         bottom = 0.0
-        for k, column in enumerate(self.columns):
-            wanted: list[tuple[float, int, Card | int]] = []
-            for place, card in enumerate(column):
-                heights = [
-                    self._leaves(i, k) - card.port("input", port)
-                    for i, net in enumerate(self.nets) for end, port in net.ends
-                    if end == card.name and self.first[i] < k
-                ]  # fmt: skip
-                wanted.append((sorted(heights)[len(heights) // 2] if heights else -1e9, place, card))
-            crossing = [i for i in range(len(self.nets)) if self.first[i] < k < self.last[i]]
-            wanted += [(self._leaves(i, k) - ROW / 2.0, len(column) + i, i) for i in crossing]
-            y, below = 0.0, 0.0  # `below`: distance of a wire to a card above it
-            for height, _, item in sorted(wanted, key=lambda item: item[:2]):
-                if isinstance(item, Card):
-                    item.y = max(y + (_GAP if y else 0.0), height)
-                    y, below = item.y + item.height, ROW / 3.0
-                else:
-                    self.passes[item, k] = max(y + below, height) + ROW / 2.0
-                    y, below = self.passes[item, k] + ROW / 2.0, 0.0
+        for column in self.columns:
+            y = 0.0
+            for card in column:
+                pairs = [(net, end) for net in self.nets for end in net.ends if end[0] == card.name]
+                heights = sorted(
+                    self._leaves(net) - card.port("input", end[1]) for net, end in pairs if self._gap(net, end) == 1
+                )
+                card.y = max(y + (_GAP if y else 0.0), heights[len(heights) // 2] if heights else 0.0)
+                y = card.y + card.height
             bottom = max(bottom, y)
         return bottom
 
-    def _leaves(self, i: int, column: int) -> float:
-        """Return the height of a net before a column: from its source, or in the column before."""
-        card, port = self.cards[self.nets[i].start[0]], self.nets[i].start[1]
-        return card.y + card.port("output", port) if card.column == column - 1 else self.passes[i, column - 1]
+    def _leaves(self, net: Net) -> float:
+        card = self.cards[net.start[0]]
+        return card.y + card.port("output", net.start[1])
+
+    def _goal(self, end: Port) -> float:
+        card = self.cards[end[0]]
+        return card.y + card.port("input", end[1])
 
     def _spread(self) -> float:
         """Place the columns of cards with gaps as wide as their lanes. Return the width."""
-        for i, net in enumerate(self.nets):
-            for gap in range(self.first[i], max(self.first[i] + 1, self.last[i])):
-                goals = [self._goal(end) for end in net.ends if self.cards[end[0]].column == gap + 1]
-                goals += [self.passes[i, gap + 1]] if (i, gap + 1) in self.passes else []
-                goals += [1e9] if gap == self.first[i] and self.backs[i] else []
-                self.leaving[i, gap] = (self._leaves(i, gap + 1), goals)
         x = EDGE
         for gap in range(-1, len(self.columns)):
             if gap >= 0:
@@ -189,40 +160,36 @@ class _DiagramLayout:
                 for card in self.columns[gap]:
                     card.x, card.width = x, width
                 x += width
-            leaving = {i: self.leaving[i, g] for i, g in self.leaving if g == gap}
+            leaving = {
+                i: (self._leaves(net), [1e9 if end in self.around[i] else self._goal(end) for end in net.ends])
+                for i, net in enumerate(self.nets)
+                if self.cards[net.start[0]].column == gap
+            }
             turned = [i for i, (y, goals) in leaving.items() if any(abs(goal - y) > 0.5 for goal in goals)]
             down = sorted((i for i in turned if max(leaving[i][1]) > leaving[i][0]), key=lambda i: -leaving[i][0])
             up = sorted((i for i in turned if i not in down), key=lambda i: leaving[i][0])
             x += STUB if leaving else 0.0
             for i in _lane_order([*up, *down], leaving):
-                self.lanes[i, gap] = x
+                self.lanes[i] = x
                 x += LANE
-            for i, ends in enumerate(self.backs):
+            for i, ends in enumerate(self.around):
                 if any(self.cards[end].column == gap + 1 for end, _ in ends):
-                    self.entries[i, gap] = x = x + LANE
+                    self.entries[i, gap + 1] = x = x + LANE
             x += EDGE
         return x
 
-    def _goal(self, end: Port) -> float:
-        card = self.cards[end[0]]
-        return card.y + card.port("input", end[1])
-
     def _tracks(self, bottom: float) -> dict[int, float]:
-        """Return the height of each backward path: short paths above, overlapping paths below each other."""
-        spans: dict[int, tuple[float, float]] = {}
-        for i, ends in enumerate(self.backs):
-            if ends:
-                xs = [self.lanes[i, self.first[i]]]
-                xs += [self.entries[i, self.cards[end].column - 1] for end, _ in ends]
-                spans[i] = (min(xs), max(xs))
-        taken: list[list[tuple[float, float]]] = []
+        """Return the height of each path below the cards: short paths above, overlapping paths below each other."""
+        reach = {
+            i: [self.lanes[i], *(self.entries[i, self.cards[end].column] for end, _ in ends)]
+            for i, ends in enumerate(self.around)
+            if ends
+        }
         tracks: dict[int, float] = {}
-        for i in sorted(spans, key=lambda k: spans[k][1] - spans[k][0]):
-            low, high = spans[i]
-            free = (k for k, intervals in enumerate(taken) if all(high + 4 < a or b + 4 < low for a, b in intervals))
-            level = next(free, len(taken))
-            if level == len(taken):
-                taken.append([])
+        taken = defaultdict[int, list[tuple[float, float]]](list)
+        for i in sorted(reach, key=lambda k: max(reach[k]) - min(reach[k])):
+            low, high = min(reach[i]), max(reach[i])
+            level = next(k for k in count() if all(high + 4 < a or b + 4 < low for a, b in taken[k]))
             taken[level].append((low, high))
             tracks[i] = bottom + 1.6 * EDGE + 12.0 * level
         return tracks
@@ -230,18 +197,14 @@ class _DiagramLayout:
     def _wire(self, i: int, tracks: Mapping[int, float]) -> Wire:
         """Return the lines of a net from the source to every sink."""
         net, card, lines = self.nets[i], self.cards[self.nets[i].start[0]], list[list[Point]]()
-        start = (card.x + card.width, card.y + card.port("output", net.start[1]))
+        start = (card.x + card.width, self._leaves(net))
         for end in net.ends:
             card, goal, path = self.cards[end[0]], self._goal(end), [start]
-            if end in self.backs[i]:
-                x, low, entry = self.lanes[i, self.first[i]], tracks[i], self.entries[i, card.column - 1]
+            if end in self.around[i]:
+                x, low, entry = self.lanes[i], tracks[i], self.entries[i, card.column]
                 path += [(x, start[1]), (x, low), (entry, low), (entry, goal)]
-            else:
-                for gap in range(self.first[i], card.column):
-                    y = self.leaving[i, gap][0]
-                    to = goal if gap + 1 == card.column else self.passes[i, gap + 1]
-                    if abs(to - y) > 0.5:
-                        path += [(self.lanes[i, gap], y), (self.lanes[i, gap], to)]
+            elif abs(goal - start[1]) > 0.5:
+                path += [(self.lanes[i], start[1]), (self.lanes[i], goal)]
             lines.append([*path, (card.x, goal)])
         return Wire(net, net.start[0], lines, _branches(lines))
 

@@ -1,1 +1,1 @@
-"""References of a run by scipy, without FMI and master, and a witness without trace."""
+"""References of a run by scipy, without FMI and master."""

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.arm.motion.played import Played
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import read_only, section
-from vdfmu.arm.units._played import Played
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit import JOINTS, Output, Unit
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve

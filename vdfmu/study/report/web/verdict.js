@@ -97,7 +97,6 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
     ...energyChecks(simulation, figures),
     ...first.filter((one) => one.sentence === NOT_HERE),
     plain("reference", "scipy reference", UNJUDGED, "no scipy reference: not solved here"),
-    plain("independent", "NumPy model", UNJUDGED, "the NumPy model is not run here"),
   ];
   return verdictOf(checks, [...resultsOf(simulation, figures, loops, checks)], longest, cut);
 }
