@@ -31,7 +31,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     ),
     "Look": ((runs.report, "vdfmu report results/tracking results/soft"),),
     "Analyse": (
-        (analysis.linear, "vdfmu linear tracking --master jacobi --at 2.5"),
+        (analysis.linear, "vdfmu linear tracking --algorithm jacobi --at 2.5"),
         (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
         (identify.identify, "vdfmu identify results/tracking/results.csv --robot manipulator_6dof -o identified.toml"),
     ),

@@ -64,7 +64,7 @@ def prepare(
 ) -> Scenario:
     """Load a scenario and apply options to it, with the checks of a scenario file.
 
-    Names in `settings`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
+    Names in `parameters`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def prepare(
         robot = load_robot(robot)
     if robot is not None and isinstance(scenario, Scenario):
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
-    scenario = scenario_of(scenario, robot, [*names, *(options["settings"] or ())])
+    scenario = scenario_of(scenario, robot, [*names, *(options["parameters"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
     fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
@@ -85,10 +85,10 @@ def prepare(
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     more = pick(CouplingOptions, {name: changes[name] for name in changes.keys() - fields})
     scenario = dataclasses.replace(scenario, inputs=tables, options={**scenario.options, **more})
-    if scenario.master not in ALGORITHMS:
+    if scenario.algorithm not in ALGORITHMS:
         ALGORITHMS.names()  # so that the choice has those of other packages
-        raise UsageError(f"master: expected {choice()}, got {scenario.master!r}.")
-    check_coupling(scenario.master, scenario.adaptive)
+        raise UsageError(f"algorithm: expected {choice()}, got {scenario.algorithm!r}.")
+    check_coupling(scenario.algorithm, scenario.adaptive)
     count_steps(scenario.step, scenario.stop)
     return scenario
 
@@ -117,7 +117,7 @@ class ScenarioRun:
         check_wanted(options["judge"], options["sampled"], scenario.adaptive)
         native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
         self._backend = choose_backend("native" if native else options["backend"])
-        self.system = SystemDescription(scenario, system_values(scenario, options["settings"]))
+        self.system = SystemDescription(scenario, system_values(scenario, options["parameters"]))
         for note in self._notes():
             self._say(note)
         self.limits = read_limits(
@@ -131,14 +131,17 @@ class ScenarioRun:
         scenario, robot = self.scenario, self.scenario.robot
         yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
         yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
-        with_values = {*(self._options["settings"] or ()), *(name for table in scenario.inputs for name in table.names)}
+        with_values = {
+            *(self._options["parameters"] or ()),
+            *(name for table in scenario.inputs for name in table.names),
+        }
         with_values |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
         groups = {name.partition("[")[0] for name in with_values}
         for end, names in scenario.system.unfed.items():
             if end not in groups:
                 way_out = nearest(end.partition(".")[2], names) if names else "Give it by --set or --input."
                 yield f"{end}: not connected, keeps its start value. {way_out}"
-        for note in (*model_notes(scenario, self._options["settings"]), *build_notes(robot, self._backend)):
+        for note in (*model_notes(scenario, self._options["parameters"]), *build_notes(robot, self._backend)):
             yield f"{(robot or scenario).name}: {note}"
 
     def _entries(self) -> dict[str, Any]:
@@ -148,12 +151,12 @@ class ScenarioRun:
             "backend": self._backend,
             **({"compiler": compiler_version()} if self._backend == "native" else {}),
             "fmi": options["fmi_version"],
-            "settings": {key: str(value) for key, value in (options["settings"] or {}).items()},
+            "parameters": {key: str(value) for key, value in (options["parameters"] or {}).items()},
             "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
             "left_out": list(scenario.system.dropped),
             "joined": list(scenario.system.joined),
             **({"own_limits": limits} if (limits := own_limits(self.limits)) else {}),
-            **remarks(scenario, options["settings"], self.system.values, options["stop"] is not None),
+            **remarks(scenario, options["parameters"], self.system.values, options["stop"] is not None),
             **({} if robot is None else {"arm": arm_of(robot, self.system.values.get("plant", {}))}),
             "scene": scene_of(self.system),
         }
@@ -169,7 +172,7 @@ class ScenarioRun:
 
     def _place_of_loops(self) -> Path | None:
         """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
-        scenario, algorithm = self.scenario, ALGORITHMS[self.scenario.master]
+        scenario, algorithm = self.scenario, ALGORITHMS[self.scenario.algorithm]
         if not algorithm.stepper.startswith("vdfmu."):
             return None
         facts = [source_digest("study.runs"), np.__version__, sha256(self.package.read_bytes()).hexdigest(), algorithm]
@@ -220,13 +223,13 @@ class ScenarioRun:
             summary |= numbers.tracking_errors(results, self.scenario.robot, self._limits, tau_m)
         summary |= numbers.time_at_limits(results, self._limits)
         if numbers.has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-            summary |= numbers.estimation_errors(results, ALGORITHMS[self.scenario.master].substeps)
+            summary |= numbers.estimation_errors(results, ALGORITHMS[self.scenario.algorithm].substeps)
         summary |= {"paper": dict(self.scenario.paper)} | (self._bond.summary() if self._bond else {})
 
     def judge_made(self, results: Results, package: Path) -> None:
         """Judge a run of a package of this scenario that was made elsewhere: it is run again for what its taps see."""
         self.package, compared = package, Witness(self.system)
-        self._simulated(self._options["settings"], record=(), taps=self._taps(compared))
+        self._simulated(self._options["parameters"], record=(), taps=self._taps(compared))
         results.summary.update({**self._facts, **results.summary})
         self._measure(results, compared)
         self.judge(results)
@@ -308,7 +311,7 @@ class ScenarioRun:
             visible = self.limits["reference"].value * max(
                 float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
             )
-        how = ALGORITHMS[scenario.master]
+        how = ALGORITHMS[scenario.algorithm]
         # without a feedforward torque in the controller there is no compensation error: all outputs are compared
         robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
         wanted = {"sampled": how.reference} if how.reference else {}
