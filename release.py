@@ -125,7 +125,7 @@ def _write_arm(scenario: Scenario, folder: Path, platforms: Sequence[str]) -> No
     values = system_values(scenario, {})
     for version in FMI_VERSIONS:
         build_fmus(
-            scenario.robot, folder / f"fmi{version}", start_values=values, fmi_version=version, platforms=platforms,
+            scenario.robot, folder / f"fmi{version}", parameters=values, fmi_version=version, platforms=platforms,
             progress=True,
         )  # fmt: skip
     write_reference(scenario, folder / "reference", values)

@@ -40,7 +40,10 @@ def run(report: Report, quick: bool = False) -> None:
         table.add(
             name, robot.n, float(robot.mass.sum()), _length(robot),
             natural_modes(robot, motion["q_start"], motors="held").frequency[0],
-            *(float(margins_along(scenario, master=m).judged.loops.modulus.min()) for m in ("gauss-seidel", "jacobi")),
+            *(
+                float(margins_along(scenario, algorithm=each).judged.loops.modulus.min())
+                for each in ("gauss-seidel", "jacobi")
+            ),
             float(motion["T"]), ran["largest"], ran["final"], ran["build"], ran["second"],
         )  # fmt: skip
     table.notes.append("Modes with held motors where the motion starts; errors in rad or m; times are processor times.")

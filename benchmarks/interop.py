@@ -121,7 +121,7 @@ class Tracking:
         scenario, values = self.scenario, system_values(self.scenario)
         for kind, fmi in (("python", "2.0"), ("native", "2.0"), ("native", "3.0")):
             fmus = build_fmus(
-                scenario.arm, self.fmus(kind, fmi), start_values=values, backend=kind, fmi_version=fmi, folded=True
+                scenario.arm, self.fmus(kind, fmi), parameters=values, backend=kind, fmi_version=fmi, folded=True
             )
             write_ssp(scenario, fmus, self.package(kind, fmi), version=SSP_OF_FMI[fmi])
         for step in (self.step, EXACT_STEP):

@@ -59,7 +59,7 @@ def bounce(rng: Any, folder: Path) -> Case:
     m, k, c = rng.uniform(0.5, 2.0), 10 ** rng.uniform(2.0, 3.5), 10 ** rng.uniform(-0.5, 1.0)
     system = vdfmu.connect(
         {"mass": Mass, "floor": Floor}, {"mass.x": "floor.x", "mass.v": "floor.v", "floor.F": "mass.F"},
-        values={"mass.m": m, "mass.g": 9.81, "mass.x_0": 0.5, "floor.k": k, "floor.c": c},
+        parameters={"mass.m": m, "mass.g": 9.81, "mass.x_0": 0.5, "floor.k": k, "floor.c": c},
     )  # fmt: skip
 
     def force(x: Any, mode: Any) -> Any:
@@ -81,7 +81,7 @@ def coulomb(rng: Any, folder: Path) -> Case:
     w2, mu = 10 ** rng.uniform(0.5, 2.0), rng.uniform(0.05, 0.4)
     mu *= w2
     system = vdfmu.connect({"mass": Mass, "dry": Coulomb}, {"mass.v": "dry.v", "dry.F": "mass.F"},
-                           values={"mass.k": w2, "mass.x_0": 1.0, "dry.mu": mu})  # fmt: skip
+                           parameters={"mass.k": w2, "mass.x_0": 1.0, "dry.mu": mu})  # fmt: skip
 
     def after(t: Any, x: Any, mode: Any) -> Any:
         return [x[0], 0.0], 0.0 if w2 * abs(x[0]) <= mu else -np.sign(x[0])
@@ -105,7 +105,9 @@ def stick(rng: Any, folder: Path) -> Case:
     system = vdfmu.connect(
         {"block": build(BLOCK, "3.0", folder), "drag": Drag},
         {"block.x": "drag.x", "block.v": "drag.v", "drag.F": "block.F"},
-        values={"block.m": m, "block.hold": hold, "block.drag": drag, "drag.k": k, "drag.c": c, "drag.speed": speed},
+        parameters={
+            "block.m": m, "block.hold": hold, "block.drag": drag, "drag.k": k, "drag.c": c, "drag.speed": speed,
+        },
     )  # fmt: skip
 
     def force(t: Any, x: Any) -> Any:
@@ -132,7 +134,7 @@ def thermostat(rng: Any, folder: Path) -> Case:
     high = low + rng.uniform(0.05, 0.3)
     system = vdfmu.connect(
         {"relay": build(RELAY, "3.0", folder), "room": Lags}, {"relay.y": "room.u", "room.y": "relay.u"},
-        values={"relay.low": low, "relay.high": high, **room.values},
+        parameters={"relay.low": low, "relay.high": high, **room.values},
     )  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
@@ -151,7 +153,7 @@ def sampled_thermostat(rng: Any, folder: Path) -> Case:
     high, period = low + rng.uniform(0.05, 0.3), room.stop / PERIODS
     system = vdfmu.connect(
         {"relay": SampledRelay, "room": Lags}, {"relay.y": "room.u", "room.y": "relay.u"},
-        values={"relay.low": low, "relay.high": high, "relay.period": period, **room.values},
+        parameters={"relay.low": low, "relay.high": high, "relay.period": period, **room.values},
         algorithm="gauss-seidel",
     )  # fmt: skip
 
@@ -166,7 +168,9 @@ def step(rng: Any, folder: Path) -> Case:
     """Return a step between communication points, and two lags."""
     room = House(rng)
     at = rng.uniform(0.1, 0.5) * room.stop
-    system = vdfmu.connect({"step": Step, "room": Lags}, {"step.y": "room.u"}, values={"step.at": at, **room.values})
+    system = vdfmu.connect(
+        {"step": Step, "room": Lags}, {"step.y": "room.u"}, parameters={"step.at": at, **room.values}
+    )
 
     def exact(times: Any, results: Any) -> Any:
         x = np.array([room.after(max(t - at, 0.0), [0.0, 0.0], 1.0) for t in times])
@@ -178,8 +182,10 @@ def step(rng: Any, folder: Path) -> Case:
 def noise(rng: Any, folder: Path) -> Case:
     """Return noise that each step draws anew, and two lags; the truth is without noise."""
     room = House(rng)
-    system = vdfmu.connect({"dice": build(DICE, "3.0", folder), "room": Lags}, {"dice.y": "room.u"},
-                           values={"dice.state": rng.random(), "room.z_0": 1, "room.y_0": 1} | room.values)  # fmt: skip
+    system = vdfmu.connect(
+        {"dice": build(DICE, "3.0", folder), "room": Lags}, {"dice.y": "room.u"},
+        parameters={"dice.state": rng.random(), "room.z_0": 1, "room.y_0": 1} | room.values,
+    )  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
         x = np.array([room.after(t, [1.0, 1.0], 0.0) for t in times])
@@ -192,7 +198,7 @@ def sampled_noise(rng: Any, folder: Path) -> Case:
     """Return noise with a period, and two lags."""
     room = House(rng)
     values = {"noise.period": room.stop / PERIODS, "noise.seed": float(rng.integers(1, 1000)), **room.values}
-    system = vdfmu.connect({"noise": Noise, "room": Lags}, {"noise.y": "room.u"}, values=values,
+    system = vdfmu.connect({"noise": Noise, "room": Lags}, {"noise.y": "room.u"}, parameters=values,
                            algorithm="gauss-seidel")  # fmt: skip
     states = [f"noise.random[{k}]" for k in range(1, 7)]
 
@@ -210,7 +216,7 @@ def bistable(rng: Any, folder: Path) -> Case:
     """Return a mass between two wells."""
     c, start = rng.uniform(0.1, 1.0), [rng.normal(), 2.0 * rng.normal()]
     system = vdfmu.connect({"mass": Mass, "well": Well}, {"mass.x": "well.x", "well.F": "mass.F"},
-                           values={"mass.c": c, "mass.x_0": start[0], "mass.v_0": start[1]})  # fmt: skip
+                           parameters={"mass.c": c, "mass.x_0": start[0], "mass.v_0": start[1]})  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
         x = solved(lambda t, x: [x[1], x[0] - x[0] ** 3 - c * x[1]], start, times)
@@ -223,7 +229,7 @@ def chaotic(rng: Any, folder: Path) -> Case:
     """Return the equations of Lorenz in two components."""
     start = rng.normal(size=3) + [1.0, 1.0, 20.0]
     system = vdfmu.connect({"a": LorenzX, "b": LorenzYZ}, {"a.x": "b.u", "b.y": "a.u"},
-                           values={"a.x_0": start[0], "b.y_0": start[1], "b.z_0": start[2]})  # fmt: skip
+                           parameters={"a.x_0": start[0], "b.y_0": start[1], "b.z_0": start[2]})  # fmt: skip
     return Case(system, ["a.x", "b.y", "b.z"], rng.uniform(5.0, 15.0), lambda times, results: solved(
         lambda t, x: [10.0 * (x[1] - x[0]), x[0] * (28.0 - x[2]) - x[1], x[0] * x[1] - 8.0 / 3.0 * x[2]], start, times),
         (1000, 5000))  # fmt: skip

@@ -105,7 +105,7 @@ def linear(rng: Any, folder: Path, unseen: bool = False) -> Case:
     values = {f"c{i}.{name}": block[k] for i, block in enumerate(blocks) for k, name in enumerate("ABCD")}
     values |= {f"c{i}.x_0": start[3 * i : 3 * i + 3] for i in range(n)}
     pairs = [(f"c{a}.y[{b + 1}]", f"c{to}.u[{u + 1}]") for (to, u), (a, b) in wires.items()]
-    system = vdfmu.connect({f"c{i}": Block for i in range(n)}, pairs, values=values, algorithm="jacobi")
+    system = vdfmu.connect({f"c{i}": Block for i in range(n)}, pairs, parameters=values, algorithm="jacobi")
     names = [f"c{i}.y[{k}]" for i in range(n) for k in (1, 2)] + [f"c{i}.x[{k}]" for i in range(n) for k in (1, 2, 3)]
     at = chain(0.0, closed, start)
 
@@ -129,7 +129,7 @@ def offset(rng: Any, folder: Path) -> Case:
     a, b, p = 10 ** rng.uniform(-0.5, 0.7, 2), 10 ** rng.uniform(-1.5, 0.0, 2), rng.uniform(0.0, 5.0, 2)
     start = 290.0 + rng.uniform(-3.0, 3.0, 2)
     values = {f"{n}.{k}": v[i] for i, n in enumerate("ab") for k, v in (("a", a), ("b", b), ("p", p), ("T_0", start))}
-    system = vdfmu.connect({"a": Room, "b": Room}, {"a.T": "b.other", "b.T": "a.other"}, values=values)
+    system = vdfmu.connect({"a": Room, "b": Room}, {"a.T": "b.other", "b.T": "a.other"}, parameters=values)
     at = chain(280.0 * b + p, [[-a[0] - b[0], a[0]], [a[1], -a[1] - b[1]]], start)
     return Case(system, ["a.T", "b.T"], 4.0 / a.max(), lambda times, results: at(times), (20, 200))
 
@@ -140,7 +140,7 @@ def tone(rng: Any, folder: Path) -> Case:
     f = n / stop * (rng.integers(1, 17) if rng.random() < 0.5 else rng.uniform(0.4, 16.0))
     phi, w = rng.uniform(0.0, 6.28), 2.0 * np.pi * f
     system = vdfmu.connect(
-        {"tone": Tone, "lag": Lag}, {"tone.y": "lag.u"}, values={"tone.f": f, "tone.phi": phi, "lag.a": a}
+        {"tone": Tone, "lag": Lag}, {"tone.y": "lag.u"}, parameters={"tone.f": f, "tone.phi": phi, "lag.a": a}
     )
 
     def exact(times: Any, results: Any) -> Any:
@@ -157,7 +157,7 @@ def pwm(rng: Any, folder: Path) -> Case:
     f = n / stop * (2.0 ** rng.integers(0, 5) if rng.random() < 0.5 else rng.uniform(0.4, 16.0))
     duty = rng.uniform(0.1, 0.9)
     system = vdfmu.connect(
-        {"pwm": Pwm, "lag": Lag}, {"pwm.y": "lag.u"}, values={"pwm.f": f, "pwm.duty": duty, "lag.a": a}
+        {"pwm": Pwm, "lag": Lag}, {"pwm.y": "lag.u"}, parameters={"pwm.f": f, "pwm.duty": duty, "lag.a": a}
     )
 
     def exact(times: Any, results: Any) -> Any:
@@ -184,7 +184,7 @@ def quantiser(rng: Any, folder: Path) -> Case:
     )
     system = vdfmu.connect(
         {"tone": Tone, "quantiser": Quantiser, "lag": Lag}, {"tone.y": "quantiser.u", "quantiser.y": "lag.u"},
-        values={"tone.f": f, "tone.phi": phi, "quantiser.q": q, "lag.a": a},
+        parameters={"tone.f": f, "tone.phi": phi, "quantiser.q": q, "lag.a": a},
     )  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
@@ -203,7 +203,7 @@ def delay(rng: Any, folder: Path) -> Case:
     a, f, late = 10 ** rng.uniform(0.0, 1.0), rng.uniform(0.1, 0.5), int(rng.integers(50, 900))
     system = vdfmu.connect(
         {"tone": Tone, "delay": build(DELAY, "3.0", folder), "lag": Lag}, {"tone.y": "delay.u", "delay.y": "lag.u"},
-        values={"tone.f": f, "delay.n": float(late), "lag.a": a},
+        parameters={"tone.f": f, "delay.n": float(late), "lag.a": a},
     )  # fmt: skip
     w = 2.0 * np.pi * f
 
@@ -222,7 +222,7 @@ def hidden(rng: Any, folder: Path) -> Case:
     stop = period * int(room.stop / period)
     system = vdfmu.connect(
         {"law": build(HIDDEN, "3.0", folder), "room": Lags}, {"law.y": "room.u", "room.y": "law.u"},
-        values={"law.K": K, "law.period": period, **room.values},
+        parameters={"law.K": K, "law.period": period, **room.values},
     )  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
@@ -253,7 +253,7 @@ def as_one(rng: Any, folder: Path) -> Case:
     system = vdfmu.connect(
         dict.fromkeys("abc", piece) | {"lag": Lag},
         {"a.s_out": "b.s", "b.s_out": "c.s", "c.r": "b.f", "b.r": "a.f", "c.s_out": "lag.u", "lag.y": "a.s"},
-        values={f"{x}.{name}": pieces[i, k] for i, name in enumerate(NUMBERS) for k, x in enumerate("abc")}
+        parameters={f"{x}.{name}": pieces[i, k] for i, name in enumerate(NUMBERS) for k, x in enumerate("abc")}
         | {"lag.a": rate},
     )  # fmt: skip
     at = chain(0.0, closed, [1.0, 1.0, 1.0, 0.0])

@@ -61,7 +61,7 @@ def simulated(robot: Robot, sections: Mapping[str, Any], stop: float, step: floa
             system.write_text(toml_text({"name": "gear", "description": "A gear", "components": {"plant": plant}}))
         head = {"name": "measured", "description": "One joint", "system": str(system), "stop": stop, "step": step}
         scenario = Path(folder, "scenario.toml")
-        scenario.write_text(toml_text({**head, "master": "extrapolated", "tolerance": 1e-8, **sections}))
+        scenario.write_text(toml_text({**head, "algorithm": "extrapolated", "tolerance": 1e-8, **sections}))
         return vdfmu.run(scenario, robot=robot, inputs=inputs, out=Path(folder, "out"), reference=False)
 
 

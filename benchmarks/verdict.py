@@ -31,7 +31,7 @@ START, ROWS, CHATTER = 100, 20, 1e-4
 """Chatter and stick-slip: second differences of a rotor's velocity [rad/s] in the middle of so many rows of 1 ms, after
 the start, where it decays from the nudge of static friction."""
 CASES = (
-    # scenario, master, end of the motion and of the longer run [s], factors of the gains, number of gain sets
+    # scenario, algorithm, end of the motion and of the longer run [s], factors of the gains, number of gain sets
     ("planar_tracking", "gauss-seidel", 2.0, 4.0, (0.1, 8.0), 200),
     ("planar_tracking", "jacobi", 2.0, 4.0, (0.1, 5.0), 200),
     ("tracking", "gauss-seidel", 4.0, 5.0, (0.1, 4.0), 70),
@@ -61,7 +61,7 @@ def grows(simulator: Simulator, n: int, end: float, parameters: dict[str, Any]) 
     return "chatters" if median.max() > CHATTER else ""
 
 
-def count(name: str, master: str, motion: float, end: float, factors: tuple[float, float], sets: int) -> list[Any]:
+def count(name: str, algorithm: str, motion: float, end: float, factors: tuple[float, float], sets: int) -> list[Any]:
     """Judge gain sets of a scenario; return a row of the table."""
     scenario = load_scenario(name)
     n, generator = scenario.arm.n, np.random.default_rng(22)
@@ -69,7 +69,7 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
     truths = {"fails": 0, "grows": 0, "chatters": 0, "": 0}
     missed = false = 0
     with packaged(scenario) as (package, options):
-        changed: dict[str, Any] = {**options, "algorithm": master, "log": lambda _: None}
+        changed: dict[str, Any] = {**options, "algorithm": algorithm, "log": lambda _: None}
         with Simulator(package, isolate=False, **changed) as simulator:
             for _ in range(sets):
                 low, high = np.log(factors)
@@ -87,15 +87,15 @@ def count(name: str, master: str, motion: float, end: float, factors: tuple[floa
                     unstable = True
                 missed += bool(truth) and not unstable
                 false += unstable and not truth
-    return [f"{name}, {master}", sets, *truths.values(), missed, false]
+    return [f"{name}, {algorithm}", sets, *truths.values(), missed, false]
 
 
 def run(report: Report, quick: bool = False) -> None:
     """Judge the gain sets of all scenarios."""
     heads = ("sets", "fail", "grow", "chatter", "stable", "missed", "false alarms")
-    table = Table("verdict", TITLE, [("scenario, master", ""), *((head, "d") for head in heads)])
-    for name, master, motion, end, factors, sets in CASES:
-        report.say(f"{name}, {master}")
-        table.add(*count(name, master, motion, end, factors, 3 if quick else sets))
+    table = Table("verdict", TITLE, [("scenario, algorithm", ""), *((head, "d") for head in heads)])
+    for name, algorithm, motion, end, factors, sets in CASES:
+        report.say(f"{name}, {algorithm}")
+        table.add(*count(name, algorithm, motion, end, factors, 3 if quick else sets))
     report.show(table)
     report.facts["rows"] = table.rows

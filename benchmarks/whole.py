@@ -180,7 +180,7 @@ def _short(report: Report, rounds: int) -> None:
         instance: Any = fmpy.instantiate_fmu(unpacked, description, "CoSimulation")
 
         def ours(system: vdfmu.System, steps: int) -> None:
-            system.run(stop=steps * step, step=step, values={"filter.T": 0.05})
+            system.run(stop=steps * step, step=step, parameters={"filter.T": 0.05})
 
         def theirs(steps: int) -> None:
             instance.reset()

@@ -2,7 +2,8 @@
 
     python examples/control_laws.py [SCENARIO ...]
 
-The first margin is that of the master `gauss-seidel`, the second that of `jacobi`, which delays each signal by a step.
+The first margin is that of the algorithm `gauss-seidel`, the second that of `jacobi`, which delays each signal by a
+step.
 """
 
 import sys
@@ -43,13 +44,13 @@ def run(law: str, scenario: str, **options: Any) -> vdfmu.Results:
     """Run a scenario under a law, by default without files and references."""
     settings = {f"controller.{name}": values for name, values in gains_of(law, scenario).items()}
     options = {"reference": False, "out": False, "log": lambda _: None, **options}
-    return vdfmu.run(scenario, units={"controller": law}, settings=settings, **options)
+    return vdfmu.run(scenario, units={"controller": law}, parameters=settings, **options)
 
 
-def margin(law: str, scenario: str, master: str) -> tuple[str, float]:
+def margin(law: str, scenario: str, algorithm: str) -> tuple[str, float]:
     """Return the smallest modulus margin of a run, or what is there instead, and the largest error of a joint [rad]."""
     try:
-        results = run(law, scenario, master=master)
+        results = run(law, scenario, algorithm=algorithm)
     except vdfmu.VdfmuError as error:
         if not any("Unstable" in note for note in getattr(error, "__notes__", ())):
             raise

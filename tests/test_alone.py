@@ -21,7 +21,7 @@ from vdfmu.compiler.unit.load import load_units
 
 unit = load_units(Path("low_pass.py"))["low_pass"]
 form = {"backend": "native", "fmi_version": "3.0", "platforms": None, "sources": True}
-build_units(None, ".", [unit], start_values={}, target="fmi", precision="double", step=1e-3, **form)
+build_units(None, ".", [unit], parameters={}, target="fmi", precision="double", step=1e-3, **form)
 """
 RUN = """
 import numpy as np

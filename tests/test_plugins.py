@@ -52,7 +52,9 @@ def test_each_works_on_the_command_line(acme, tmp_path):
     units, robots = (command(tmp_path, acme, *words) for words in (("unit", "list"), ("robot", "list")))
     assert "plain_pd" in units.stdout and "Feedback of the motors without limits" in units.stdout
     assert "acme_2" in robots.stdout
-    words = "run planar_tracking --robot acme_2 --unit controller=plain_pd --master halving --format csv,npz --stop 0.1"
+    words = (
+        "run planar_tracking --robot acme_2 --unit controller=plain_pd --algorithm halving --format csv,npz --stop 0.1"
+    )
     done = command(tmp_path, acme, *words.split(), "--no-reference")
     assert done.returncode == 0, done.stderr
     out = tmp_path / "results" / "planar_tracking"

@@ -16,7 +16,7 @@ from vdfmu.motion import waypoints
 from vdfmu.unit import Unit
 
 reveal_type(vdfmu.run("tracking"))
-reveal_type(vdfmu.run("tracking", master="jacobi").summary)
+reveal_type(vdfmu.run("tracking", algorithm="jacobi").summary)
 reveal_type(vdfmu.load_robot("arm"))
 reveal_type(vdfmu.sweep)
 reveal_type(waypoints)

@@ -64,7 +64,7 @@ def tuned(arm: Arm, law: Law, options: argparse.Namespace) -> Any:
     return vdfmu.tune(
         arm.tuning, {f"controller.{name}": f"*log({low}, {high})" for name, (low, high) in law.vary.items()},
         Of("rms", arm.robot), limit={"margin": Of("missing", arm.robot, options.margin)}, together=True,
-        settings=start, units={"controller": law.unit}, method="global", seed=options.seed,
+        parameters=start, units={"controller": law.unit}, method="global", seed=options.seed,
         evaluations=options.evaluations, workers=options.workers, out=arm.folder / law.name / "tune",
     )  # fmt: skip
 
@@ -183,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> list[Row]:
         for law in laws:
             searches[name, law.name] = result = tuned(arm, law, options)
             if result.after.feasible:
-                values = {key.partition(".")[2]: np.asarray(x).tolist() for key, x in result.settings.items()}
+                values = {key.partition(".")[2]: np.asarray(x).tolist() for key, x in result.parameters.items()}
                 rows += cells(arm, law, arm.start_of(law) | values, options)
     text = "\n".join(words(rows, searches, options)) + "\n"
     (options.out / "summary.md").write_text(text)

@@ -145,9 +145,9 @@ def main(folder, *changes):
     constants, delays = corrections(robot)
     folder = Path(folder)
     for name in ("a", "b"):
-        run = simulated(name, robot, out=folder / f"kr300_{name}", overwrite=True, settings=settings)
+        run = simulated(name, robot, out=folder / f"kr300_{name}", overwrite=True, parameters=settings)
         variants = (wrong_arm(robot), settings), (robot, FILE_LAW)
-        runs = run, *(simulated(name, arm, out=False, settings=changed) for arm, changed in variants)
+        runs = run, *(simulated(name, arm, out=False, parameters=changed) for arm, changed in variants)
         compared = [measured(name, robot, each, constants, delays) for each in runs]
         table(name.upper(), *(each[1:] for each in compared))
         time, here, there = compared[0]

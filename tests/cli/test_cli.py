@@ -29,7 +29,7 @@ def test_run_writes_its_files_and_shows_the_errors(tmp_path):
     folder = tmp_path / "results" / "planar_tracking"
     assert {"results.csv", "summary.json", "system.ssp"} <= {p.name for p in folder.iterdir()}
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["settings"] == {"controller.K_p[1]": "2500"}
+    assert summary["parameters"] == {"controller.K_p[1]": "2500"}
     assert "planar_tracking" in done.stdout
     assert "sampled" in done.stdout
     assert 'id="worker"' in (folder / "report.html").read_text()  # it simulates, unlike the page of `vdfmu.run`
@@ -87,7 +87,8 @@ def test_build_does_what_its_words_say(tmp_path, words, files, starts):
 @pytest.mark.heavy
 @pytest.mark.parametrize(("words", "said"), [
     (("linear", "--at", "0"), "Stable with a modulus margin"),
-    (("judge", "--stop", "0.3", "--wanted", "80", "--master", "extrapolated"), "Unread output controller.tau_e[2]: 43"),
+    (("judge", "--stop", "0.3", "--wanted", "80", "--algorithm", "extrapolated"),
+     "Unread output controller.tau_e[2]: 43"),
     (("sweep", "--vary", "plant.payload_mass=0,1", "--stop", "0.01", "--measure", "m=peak(plant.q)"), "2 points"),
     (("ssp",), "Written to planar_2dof_reach.ssp"),
     (("scenario", "motion"), "2.5 s at 1001 times"),
@@ -134,7 +135,7 @@ def test_build_ssp_check_models_work_together(tmp_path):
     np.testing.assert_array_equal(*(np.loadtxt(rows[2:], delimiter=",") for rows in (kept, other)))
     summary = json.loads((ours / "summary.json").read_text())
     assert (summary["package"], summary["steps"]) == ("planar.ssp", 200)
-    assert summary["settings"] == {"controller.K_p": "900"}
+    assert summary["parameters"] == {"controller.K_p": "900"}
     # a package in the folder of the results stays, whatever its name
     (tmp_path / "planar.ssp").rename(tmp_path / "system.ssp")
     done = vdfmu("run", "system.ssp", "--stop", "0.01", "--out", ".", cwd=tmp_path)
@@ -218,7 +219,7 @@ def test_fmus_and_units_run_connected(tmp_path):
         "--unit controller: expected COMPONENT=UNIT, such as controller=my_unit.py.",
     ),
     (["run", "planar_tracking", "--set", "controller.K_q=1"], "controller has no K_q."),
-    (["run", "planar_tracking", "--master", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
+    (["run", "planar_tracking", "--algorithm", "euler"], "expected gauss-seidel, jacobi, extrapolated or iterative"),
     (["run", "planar_tracking", "--adaptive", "1e-6"], "use extrapolated or iterative"),
     (["run", "planar_tracking", "--step", "fast"], "Invalid value for '--step'"),
     (["run", "system.ssp"], "there is no such file"),

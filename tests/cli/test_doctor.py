@@ -51,8 +51,8 @@ def test_the_shell_completes_names():
 
     assert completed("vdfmu run two_joint") == ["two_joint", "two_joint_table5"]
     assert completed("vdfmu run tracking --robot planar") == ["planar_2dof"]
-    assert completed("vdfmu run tracking --master j") == ["jacobi"]
-    assert completed("vdfmu run tracking --mas") == ["--master"]
+    assert completed("vdfmu run tracking --algorithm j") == ["jacobi"]
+    assert completed("vdfmu run tracking --alg") == ["--algorithm"]
     assert completed("vdfmu doc") == ["doctor"]
     assert completed("vdfmu run ./tr") == ["file,./tr"]  # the shell lists files
     assert "_VDFMU_COMPLETE=bash_complete" in CliRunner().invoke(app, ["--completion", "bash"]).output

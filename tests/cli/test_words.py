@@ -67,7 +67,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         for word, option in options(node).items():
             assert option.help, (name, word)
     for name, word, values in (
-        ("run", "--master", "gauss-seidel|jacobi|extrapolated|iterative"),
+        ("run", "--algorithm", "gauss-seidel|jacobi|extrapolated|iterative"),
         ("run", "--backend", "python|native"),
         ("run", "--fmi", "2.0|3.0"),
         ("tune", "--combine", "mean|worst"),
@@ -95,7 +95,7 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
 
 @pytest.mark.parametrize(("words", "close", "command"), [
     ("sweep tracking --varry x=1", "'--retry', '--vary'", "sweep run"),
-    ("run --mastre jacobi", "'--master', '--step'", "run"),
+    ("run --algoritm jacobi", "'--algorithm'", "run"),
     ("run x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'", "run"),
     pytest.param("rum", "'run'", "", marks=pytest.mark.skipif(CLICK < (8, 4), reason="click suggests no command")),
 ])  # fmt: skip

@@ -213,7 +213,7 @@ QUESTIONS = {
     "change a gain": "index.html",  # How do I try other gains?
     "URDF": "tutorials/own_arm.html",  # My robot is a URDF. What now?
     "PID controller": "tutorials/own-controller.html",  # Can I use my own controller?
-    "which master": "cosimulation.html",  # Which algorithm and step should I take?
+    "which algorithm": "cosimulation.html",  # Which algorithm and step should I take?
     "unstable": "cosimulation.html",  # Is my run stable?
     "Simulink": "importers.html",  # Does it work in my tool?
     "Windows": "native.html",  # How do I get the FMU for another platform?

@@ -352,7 +352,7 @@ def test_error_control_finds_the_steps(study):
 @pytest.mark.heavy
 def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
     summary = vdfmu.run(
-        "planar_tracking", stop=0.1, step=0.01, out=tmp_path, backend="python", master="iterative", adaptive=1e-5
+        "planar_tracking", stop=0.1, step=0.01, out=tmp_path, backend="python", algorithm="iterative", adaptive=1e-5
     ).summary
     assert list(summary["reference"]) == ["continuous"]
     assert summary["adaptive"] == 1e-5

@@ -153,7 +153,7 @@ def test_a_run_is_judged_by_what_the_row_declares(toy):
     checks = {}
     for name, row in (("right", HALVING), ("wrong", replace(HALVING, substeps=1)), ("silent", SILENT)):
         toy(row)
-        summary = vdfmu.run("planar_tracking", stop=0.05, master="halving", out=False).summary
+        summary = vdfmu.run("planar_tracking", stop=0.05, algorithm="halving", out=False).summary
         checks[name] = {check["key"]: check["state"] for check in summary["verdict"]["checks"]}
         loops = next(each.text for each in checks_of(summary) if each.key == "stability")
         assert (UNSAID in loops) == (name == "silent")
@@ -167,8 +167,8 @@ def test_what_steps_once_refuses_it(toy, chain, xml, pack, row):
     toy(row)
     own_step = '<ssc:Annotation type="com.opensimulationplatform"><osp:StepSizeHint xmlns:osp='
     own_step += '"http://opensimulationplatform.com/SSP/OSPAnnotations" value="0.2"/></ssc:Annotation>'
-    scenario = replace(vdfmu.load_scenario("planar_tracking"), master="halving")
-    with pytest.raises(UsageError, match="master: expected gauss-seidel or jacobi, got halving"):
+    scenario = replace(vdfmu.load_scenario("planar_tracking"), algorithm="halving")
+    with pytest.raises(UsageError, match="algorithm: expected gauss-seidel or jacobi, got halving"):
         make_program(SystemDescription(scenario), [])
     slow = xml.component("g", "Gain", "u:input y:output", f"<ssd:Annotations>{own_step}</ssd:Annotations>")
     path = pack(["r Ramp y:output", slow], ["r.y -> g.u"], name="slow.ssp")
@@ -188,10 +188,10 @@ def test_commands_and_scenarios_know_it(toy, tmp_path):
         return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=tmp_path)
 
     assert "halving" in command("run", "--help").stdout
-    wrong = command("run", "planar_tracking", "--master", "halve")
+    wrong = command("run", "planar_tracking", "--algorithm", "halve")
     assert "extrapolated, iterative or halving" in wrong.stderr + str(wrong.stdout)
-    out = command("run", "planar_tracking", "--master", "halving", "--stop", "0.02")
+    out = command("run", "planar_tracking", "--algorithm", "halving", "--stop", "0.02")
     assert out.returncode == 0, out.stderr
     assert UNSAID in " ".join(out.stderr.split())
     page = (tmp_path / "results" / "planar_tracking" / "report.html").read_text()
-    assert UNSAID in page and "master: expected gauss-seidel or jacobi, got halving" in page
+    assert UNSAID in page and "algorithm: expected gauss-seidel or jacobi, got halving" in page

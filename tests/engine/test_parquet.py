@@ -32,7 +32,7 @@ def test_numbers_of_all_kinds_read_back_to_the_same_bits(results, tmp_path, monk
 
 
 def test_a_run_writes_all_forms_alike_and_says_in_parquet_what_it_was(package, tmp_path):
-    options = {"stop": 0.05, "settings": {"controller.K_p": 900.0}}
+    options = {"stop": 0.05, "parameters": {"controller.K_p": 900.0}}
     run = run_system(package, out=tmp_path, formats=("parquet", "csv", "mat"), **options)
     for form in ("parquet", "csv", "mat"):
         assert_same_bits(Results.read(tmp_path / f"results.{form}"), run)
@@ -43,7 +43,7 @@ def test_a_run_writes_all_forms_alike_and_says_in_parquet_what_it_was(package, t
         assert (schema.names, units) == (next(rows), next(rows))
     facts = json.loads(schema.metadata[b"vdfmu"])
     assert facts["vdfmu"] == vdfmu.__version__ and facts["package"] == str(package)
-    assert facts["settings"] == {"controller.K_p": "900.0"}
+    assert facts["parameters"] == {"controller.K_p": "900.0"}
     assert "controller.q" in facts["held"]
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert {key: summary[key] for key in facts} == facts
@@ -64,7 +64,7 @@ def test_a_scenario_in_parquet_alone(tmp_path):
 def test_a_run_that_fails_leaves_its_rows_in_parquet(tmp_path):
     # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
     with pytest.raises(CosimError) as caught:
-        vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9}, formats=["parquet"])
+        vdfmu.run("planar_tracking", out=tmp_path, parameters={"controller.K_p": 1e9}, formats=["parquet"])
     verdict, rows = caught.value.__notes__
     assert verdict.startswith("Stability: Unstable from the start, joint")
     assert rows == f"Rows up to {caught.value.time:.9g} s are in {tmp_path / 'partial' / 'results.parquet'}."

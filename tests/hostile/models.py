@@ -114,7 +114,7 @@ def _run(scenario: Scenario, folder: Path) -> None:
     scenario = dataclasses.replace(scenario, stop=5 * scenario.step)
     package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "s.ssp", system_values(scenario))
     results = simulate(
-        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.master,
+        package, start=0.0, stop=scenario.stop, step=scenario.step, algorithm=scenario.algorithm,
         adaptive=scenario.adaptive,
     )  # fmt: skip
     _finite("a signal", *(results[name] for name in results.names))

@@ -34,11 +34,11 @@ def test_what_the_user_trusts_runs(tmp_path):
 def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
     run, study = read_run(arm_run()), Sweep(done_study())
     assert simulation_of(run, None)["reason"] == NOT_MADE
-    assert study.options(0)["settings"]
+    assert study.options(0)["parameters"]
     moved = Sweep(shutil.copytree(done_study(), tmp_path / "moved"))
     with pytest.raises(UsageError, match=r"was not run, because the study was made elsewhere.*--trust"):
         moved.options(0)
-    assert moved.options(0, trust=True)["settings"] == study.options(0)["settings"]
+    assert moved.options(0, trust=True)["parameters"] == study.options(0)["parameters"]
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "_NEW_KEY", b"key of another process")
     assert "this cache has no simulation of it" in simulation_of(run, None)["reason"]

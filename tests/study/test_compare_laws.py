@@ -57,7 +57,7 @@ def test_laws_are_compared_and_a_cell_is_a_plain_run(example, tmp_path):
     assert errors["controller", "payload"] > 10.0 * errors["controller", "none"]
     row = rows[1]
     settings = {name: value for name, value in row.items() if name.startswith("plant.")}
-    run = vdfmu.run(row["scenario"], settings=settings, reference=False, out=False)
+    run = vdfmu.run(row["scenario"], parameters=settings, reference=False, out=False)
     again = example["Of"]("rms", vdfmu.load_robot("planar_2dof"))(run)
     # one program of all units runs the points: its curves equal those of the FMUs to 1e-12 of a motion of 1 rad
     np.testing.assert_allclose(again, row["rms"], rtol=1e-7)

@@ -51,7 +51,7 @@ def test_fmus_of_two_versions_and_a_class_run_as_one_system(fmus, tmp_path):
         assert list(each.components) == ["a", "b", "c"]
         assert each.connections == ["a.y -> b.u", "b.y -> c.u"]
         assert each.inputs == ["a.u"]
-        results = each.run(values={"a.u": 1.0, "b.T": 0.05})
+        results = each.run(parameters={"a.u": 1.0, "b.T": 0.05})
         # the step response of three lags, two of them with one time constant
         t, T, fast = results.time, 0.2, 0.05
         gap = T - fast
@@ -70,13 +70,13 @@ def test_vectors_connect_by_name_and_a_plain_signal_connects_to_a_torque():
     system = vdfmu.connect({"f": Lag, "arm": "plant"}, [("f.y", ("arm.tau[1]", "arm.tau[2]"))], robot="planar_2dof")
     assert "connection f.y -> arm.tau[1]: passes '1' as 'N.m', without a conversion" in system.notes
     assert "arm.F_e (6)" in repr(system)
-    results = system.run(0.01, 1e-3, {"f.u": 3.0, "f.y_0": 3.0})
+    results = system.run(stop=0.01, step=1e-3, parameters={"f.u": 3.0, "f.y_0": 3.0})
     assert not [note for note in results.summary["notes"] if "arm.tau" in note and "not connected" in note]
 
 
 def test_all_faults_of_names_come_at_once_and_misfits_name_both_ends():
     with pytest.raises(UsageError) as error:
-        vdfmu.connect({"a": Lag, "b": Lag}, {"a.z": "c.u", "b.u": "a.u", "a.y": "b.v"}, values={"a.w": 1.0})
+        vdfmu.connect({"a": Lag, "b": Lag}, {"a.z": "c.u", "b.u": "a.u", "a.y": "b.v"}, parameters={"a.w": 1.0})
     assert str(error.value).splitlines() == [
         "a.z -> c.u: a has no variable 'z'. Its outputs: y.",
         "a.z -> c.u: component must be one of a, b, got 'c'.",
@@ -96,7 +96,7 @@ def test_all_faults_of_names_come_at_once_and_misfits_name_both_ends():
 
 
 def test_one_fmu_is_a_system_whose_instance_keeps_its_components_and_files(fmus):
-    with vdfmu.load(fmus["2.0"]).instance({"lag_2.u": 2.0}) as instance:
+    with vdfmu.load(fmus["2.0"]).instance(parameters={"lag_2.u": 2.0}) as instance:
         ends = [instance.run(stop=0.2, step=0.01, parameters={"lag_2.T": T})["lag_2.y"][-1] for T in (0.1, 0.2)]
     assert ends == pytest.approx([2.0 * (1.0 - math.exp(-0.2 / T)) for T in (0.1, 0.2)], abs=2e-6)  # 1e-6 of a solver
 
@@ -104,9 +104,9 @@ def test_one_fmu_is_a_system_whose_instance_keeps_its_components_and_files(fmus)
 def test_a_state_that_is_set_names_its_start_value(fmus):
     system = vdfmu.connect({"a": fmus["2.0"]})
     with pytest.raises(UsageError, match=r"'a\.y': is not settable: .*\. Set its start value, y_0\.$"):
-        system.run(values={"a.y": 1.0})
+        system.run(parameters={"a.y": 1.0})
     with pytest.raises(UsageError, match=r"'arm\.q': is not settable: .*\. Set its start value, q_0\[1\]\.$"):
-        vdfmu.connect({"arm": "plant"}, robot="planar_2dof").run(values={"arm.q": 0.5})
+        vdfmu.connect({"arm": "plant"}, robot="planar_2dof").run(parameters={"arm.q": 0.5})
 
 
 def test_a_package_is_replaced_by_the_same_call(fmus, tmp_path):
@@ -116,7 +116,7 @@ def test_a_package_is_replaced_by_the_same_call(fmus, tmp_path):
 
 def test_a_sweep_takes_the_values_and_options_of_the_system(fmus, tmp_path):
     system = vdfmu.connect({"a": fmus["2.0"]}, stop=0.2, step=0.01)
-    swept = system.sweep({"a.T": [0.1, 0.2]}, values={"a.u": 2.0}, measure=["end=final(a.y)"], out=tmp_path)
+    swept = system.sweep({"a.T": [0.1, 0.2]}, parameters={"a.u": 2.0}, measure=["end=final(a.y)"], out=tmp_path)
     # the step response of a lag to 1e-6 of its solver
     assert swept["end"] == pytest.approx([2.0 * (1.0 - math.exp(-0.2 / T)) for T in (0.1, 0.2)], abs=2e-6)
     assert repr(swept) == f"Study {tmp_path}: 2 points; axes a.T; measures end"
@@ -145,5 +145,5 @@ class Gate(Unit):
 
 @pytest.mark.parametrize(("value", "passed"), [(False, 0.0), ("false", 0.0), (np.False_, 0.0), ("true", 2.0), (1, 2.0)])
 def test_a_boolean_may_be_given_as_text(value, passed):
-    system = vdfmu.connect({"gate": Gate}, values={"gate.is_open": value, "gate.u": 2.0}, stop=0.1, step=0.1)
+    system = vdfmu.connect({"gate": Gate}, parameters={"gate.is_open": value, "gate.u": 2.0}, stop=0.1, step=0.1)
     assert system.run()["gate.y"][-1] == passed

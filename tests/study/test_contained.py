@@ -124,7 +124,7 @@ def test_an_environment_steps_foreign_fmus_in_a_process_as_a_run_does(loaded, fo
     changed, _ = env.reset(options={"parameters": {x: 2.0}})
     env.close()
     assert_elsewhere(loaded)
-    expected = lone.run(stop=1.0, step=0.1, values={force: 0.5})
+    expected = lone.run(stop=1.0, step=0.1, parameters={force: 0.5})
     np.testing.assert_array_equal(np.ravel(rows), expected[x])
     assert changed == [2.0]
 

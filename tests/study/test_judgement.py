@@ -78,7 +78,9 @@ class Rated(Unit):
 
 @pytest.fixture(scope="module")
 def lags() -> vdfmu.System:
-    return vdfmu.connect({"a": Lag, "b": Lag, "c": Lag}, {"a.y": "b.u", "b.y": "c.u"}, stop=1.0, values={"a.u": 1.0})
+    return vdfmu.connect(
+        {"a": Lag, "b": Lag, "c": Lag}, {"a.y": "b.u", "b.y": "c.u"}, stop=1.0, parameters={"a.u": 1.0}
+    )
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
@@ -198,7 +200,7 @@ def test_the_judged_run_begins_and_ends_as_the_run_does(tmp_path, lags):
 @pytest.mark.parametrize(
     ("options", "said"),
     [(["--judge", "200"], "error between 0 and 1"), (["--sampled"], "sampled and continuous need judge"),
-     (["--judge", "1", "--adaptive", "1e-3", "--master", "iterative"], "got adaptive")],
+     (["--judge", "1", "--adaptive", "1e-3", "--algorithm", "iterative"], "got adaptive")],
 )  # fmt: skip
 @pytest.mark.parametrize("of", ["planar_tracking", "package"])
 def test_options_of_the_judgement_are_refused_before_a_run(tmp_path, lags, of, options, said):
@@ -229,7 +231,9 @@ class Lead(Unit):
 def test_a_loop_that_leaves_its_order_is_not_decided_and_its_radius_is_named(k, kind):
     """Two lags with gains k and -k: stable in continuous time, and not if they exchange every 20 ms."""
     links = {"a.shown": "b.u", "b.shown": "a.u"}
-    judged = vdfmu.connect({"a": Lead, "b": Lead}, links, values={"a.k": -k, "b.k": k}).judge(0.01, stop=1.0, step=0.02)
+    judged = vdfmu.connect({"a": Lead, "b": Lead}, links, parameters={"a.k": -k, "b.k": k}).judge(
+        0.01, stop=1.0, step=0.02
+    )
     assert (judged.verdict, judged.kind) == (OPEN, kind)
     assert re.search(r"The loop at [ab]\.u", judged.text), judged.text
 
@@ -267,7 +271,7 @@ def test_the_rule():
 
 def test_jumps_that_no_difference_shows():
     """A step in the last quarter before a point: all runs see it there. It is 0.0048 s late, in a lag of 0.1 s."""
-    system = vdfmu.connect({"step": Step, "lag": Lag}, {"step.y": "lag.u"}, stop=0.5, values={"step.at": 0.0952})
+    system = vdfmu.connect({"step": Step, "lag": Lag}, {"step.y": "lag.u"}, stop=0.5, parameters={"step.at": 0.0952})
     judged = system.judge(0.01, step=0.02, algorithm="jacobi")
     assert judged.error < 1e-3 < 0.01 < 1.0 - np.exp(-0.048)  # largest when the late step comes
     assert judged.verdict == OPEN
@@ -294,9 +298,9 @@ def test_a_signal_above_the_rate_of_the_steps_is_an_alias(values):
     slow tone is no alias.
     """
     system = vdfmu.connect({"fast": Fast, "lag": Lag}, {"fast.y": "lag.u"}, stop=0.96)
-    judged = system.judge(0.05, step=0.02, values=values)
+    judged = system.judge(0.05, step=0.02, parameters=values)
     assert judged.error < 1e-3 and (judged.verdict, judged.kind, judged.signal) == (OPEN, "alias", "lag.y")
-    slow = system.judge(0.05, step=0.002, values={"fast.f": 1.0, "fast.duty": 0.0})
+    slow = system.judge(0.05, step=0.002, parameters={"fast.f": 1.0, "fast.duty": 0.0})
     assert slow.verdict == RIGHT and "Aliasing" not in slow.text
 
 
@@ -308,7 +312,7 @@ def test_it_says_where_no_run_can_look_for_aliases(lags):
 
 def test_outputs_that_nothing_reads_are_judged():
     """Two lags in a loop, of 0.1 s, held over h: errors of the rate are larger than those of the lags by h's lead."""
-    system = vdfmu.connect({"a": Rated, "b": Rated}, {"a.y": "b.u", "b.y": "a.u"}, stop=0.5, values={"a.y_0": 1.0})
+    system = vdfmu.connect({"a": Rated, "b": Rated}, {"a.y": "b.u", "b.y": "a.u"}, stop=0.5, parameters={"a.y_0": 1.0})
     judged = system.judge(0.5, step=0.005, algorithm="jacobi")
     errors = {signal.name: (signal.error, signal.read) for signal in judged.signals}
     assert {name for name, (_, read) in errors.items() if read} == {"a.y", "b.y"}
@@ -392,12 +396,6 @@ def test_the_scale_is_the_swing_of_a_signal():
 def test_wrong_calls(lags, options, text):
     with pytest.raises(UsageError, match=text):
         lags.judge(step=0.01, **options)
-
-
-def test_old_names_answer_with_the_new_ones(lags):
-    with pytest.raises(TypeError, match=r"'meant'; it is now --sampled or --continuous \(sampled=True or False\)"):
-        lags.judge(step=0.01, meant="sampled")
-    assert "--meant is now --sampled or --continuous" in invoked("run", "tracking", "--meant", "sampled").output
 
 
 def test_one_component_has_no_such_error():

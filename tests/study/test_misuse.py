@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.conftest import invoked
 from vdfmu.arm.units import find_unit
-from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.errors import ModelError, UsageError, VdfmuError
 from vdfmu.base.files import data_path
 
 LAG = find_unit(data_path("examples") / "units" / "low_pass.py")
@@ -62,17 +63,17 @@ def calls(folder, system):
     yield {
         "Environment": (_one_step, dict(
             system=system, actions={"a.u": 1.0}, observations={"b.y": 5.0}, reward=reward, step=0.01, stop=0.1, hold=1,
-            lost=0.0, ended=None, vary=None, values=None,
+            lost=0.0, ended=None, vary=None, parameters=None,
         )),
         "Environment.reset": (made.reset, dict(options=None)),
         "Environment.step": (step, dict(action=[0.0])),
         "connect": (vdfmu.connect, dict(
             components={"a": fmu}, connections=(), robot=None, fmi="2.0", stop=None, step=None, algorithm=None,
-            values=None, name="s",
+            parameters=None, name="s",
         )),
         "connection": (lambda part, end: vdfmu.connect({"a": part, "b": fmu}, {"a.y": end}), dict(part=fmu, end="b.u")),
         "load": (vdfmu.load, dict(source=fmu)),
-        "System.run": (system.run, dict(stop=None, step=None, values=None)),
+        "System.run": (system.run, dict(stop=None, step=None, parameters=None)),
         "System.margins": (system.margins, dict(opened=(), at=())),
         "System.write": (system.write, dict(path=folder / "o.ssp")),
         "System.container": (system.container, dict(path=folder / "nothing.zip", step=None)),
@@ -84,8 +85,8 @@ def calls(folder, system):
         "tune": (vdfmu.tune, dict(scenario="planar_tracking", vary=(), cost="x")),
         "load_motion": (vdfmu.load_motion, dict(path="none.toml", robot=robot)),
         "robot_from_urdf": (vdfmu.robot_from_urdf, dict(path="none.urdf", base=None, tip=None, drives=None)),
-        "build": (vdfmu.build, dict(unit="nothing", path=folder / "n.fmu", robot=None, fmi="2.0", values=None)),
-        "build_fmus": (vdfmu.build_fmus, dict(robot=None, out_dir=folder, units="nothing", start_values=None)),
+        "build": (vdfmu.build, dict(unit="nothing", path=folder / "n.fmu", robot=None, fmi="2.0", parameters=None)),
+        "build_fmus": (vdfmu.build_fmus, dict(robot=None, out_dir=folder, units="nothing", parameters=None)),
         "linearize": (vdfmu.linearize, dict(system=robot, at=[0.0, 0.0], dry=False, opened=())),
         "forward_kinematics": (vdfmu.forward_kinematics, dict(robot=robot, q=[0.0, 0.0])),
         "load_robot": (vdfmu.load_robot, dict(path_or_name="planar_2dof")),
@@ -128,7 +129,7 @@ def test_no_argument_of_another_type_ends_in_an_error_of_python(calls, name, mon
     ({"hold": "x"}, "hold: expected a whole number, got 'x'"),
     ({"lost": math.nan}, "lost: expected a finite number, got nan"),
     ({"vary": {"a.T": "x"}}, "vary: a.T: expected two finite numbers"),
-    ({"values": {"b.T": math.nan}}, "'b.T': expected a finite number, got nan"),
+    ({"parameters": {"b.T": math.nan}}, "'b.T': expected a finite number, got nan"),
     ({"system": 5}, "system: expected a System or a Scenario or a text or a path, got 5"),
 ])  # fmt: skip
 def test_an_environment_says_what_was_expected(system, changes, message):
@@ -171,5 +172,29 @@ def test_a_function_says_what_was_expected(system, folder, call, message):
 @pytest.mark.parametrize("name", ["1a", "a-b", "a b", "ä+"])
 def test_a_component_has_the_names_of_a_system_file(system, folder, name, tmp_path):
     named = vdfmu.connect({name: folder / "lag.fmu"}, stop=0.1, step=0.01)
-    assert named.run(values={f"{name}.u": 1.0}).names
+    assert named.run(parameters={f"{name}.u": 1.0}).names
     assert vdfmu.load(named.write(tmp_path / "a.ssp")).outputs == [f"{name}.y"]
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda system: system.run(settings={}), "^System.run: settings is now parameters.$"),
+    (lambda system: system.judge(meant="sampled"), "^System.judge: meant is now sampled.$"),
+    (lambda system: system.sweep({}, values={}), "^System.sweep: values is now parameters.$"),
+    (lambda system: vdfmu.run("tracking", master="jacobi"), "^run: master is now algorithm.$"),
+    (lambda system: vdfmu.connect({}, values={}, start_values={}), "connect: values .*\nconnect: start_values is now"),
+    (lambda system: vdfmu.linearize("tracking", settings={}), "^linearize: settings is now parameters.$"),
+])  # fmt: skip
+def test_an_old_name_answers_with_the_new_one_and_the_call(system, call, message):
+    with pytest.raises(UsageError, match=message):
+        call(system)
+    with pytest.raises(TypeError, match=r"^System.run\(\) got an unexpected keyword argument 'foo'$"):
+        system.run(foo=1)
+
+
+def test_old_options_answer_with_the_new_ones(tmp_path):
+    assert "--meant is now --sampled/--continuous." in invoked("run", "tracking", "--meant", "sampled").output
+    assert "--master is now --algorithm." in invoked("run", "any.ssp", "--master", "jacobi").output
+    scenario = tmp_path / "old.toml"
+    scenario.write_text('name = "old"\nstop = 0.1\nstep = 0.1\nmaster = "jacobi"\n')
+    with pytest.raises(ModelError, match="master: expected a known key, got an unknown one. It is now algorithm."):
+        vdfmu.load_scenario(scenario)

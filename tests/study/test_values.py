@@ -109,10 +109,10 @@ def test_each_door_gives_the_same_verdict(place, simulator, name, value):
     unit = load_units(place / "typed.py")["typed"]
     full = f"a.{name}"
     doors = {
-        "connect": lambda: vdfmu.connect({"a": place / "a.fmu"}, values={full: value}),
+        "connect": lambda: vdfmu.connect({"a": place / "a.fmu"}, parameters={full: value}),
         "Simulator.run": lambda: simulator.run(parameters={full: value}),
         "Simulator.reset": lambda: simulator.reset(parameters={full: value}),
-        "build": lambda: vdfmu.build(place / "typed.py", place / "b.fmu", values={name: value}),
+        "build": lambda: vdfmu.build(place / "typed.py", place / "b.fmu", parameters={name: value}),
         "build --set": lambda: start_values(unit, None, {name: value}),
         "scenario": lambda: system_values(load_scenario(place / "run.toml"), {full: value}),
     }
@@ -128,13 +128,13 @@ def test_each_door_gives_the_same_verdict(place, simulator, name, value):
 
 
 def test_a_name_of_a_choice_is_written_and_run(place, tmp_path):
-    system = vdfmu.connect({"a": place / "a.fmu"}, values={"a.mode": "on", "a.flag": "True", "a.k": "3"})
+    system = vdfmu.connect({"a": place / "a.fmu"}, parameters={"a.mode": "on", "a.flag": "True", "a.k": "3"})
     with zipfile.ZipFile(system.write(tmp_path / "a.ssp")) as package:
         text = package.read("SystemStructure.ssd").decode()
     assert '<ssv:Integer value="1"/>' in text and '<ssv:Boolean value="true"/>' in text
     assert '<ssv:Real value="3.0"/>' in text
     assert "FixedStepAlgorithm" in text  # without it libcosim refuses the package
-    assert system.run(values={"a.mode": "off"})["a.y"][-1] == 3.0
+    assert system.run(parameters={"a.mode": "off"})["a.y"][-1] == 3.0
 
 
 def test_an_input_that_is_given_a_value_has_no_note_on_its_start_value(tmp_path):
@@ -143,9 +143,9 @@ def test_an_input_that_is_given_a_value_has_no_note_on_its_start_value(tmp_path)
     system = vdfmu.connect({"a": fmu}, stop=0.02, step=0.01)
     note = "a.u: input is not connected and keeps its start value"
     assert note in system.run().summary["notes"]
-    assert note not in system.run(values={"a.u": 2.0}).summary["notes"]
+    assert note not in system.run(parameters={"a.u": 2.0}).summary["notes"]
     # a strict run needs a value of each input
-    assert len(system.run(values={"a.u": 2.0}, strict=True)) == 3
+    assert len(system.run(parameters={"a.u": 2.0}, strict=True)) == 3
     with pytest.raises(VdfmuError, match="input is not connected"):
         system.run(strict=True)
     package = system.write(tmp_path / "a.ssp")

@@ -56,7 +56,7 @@ def compare(pieces: Any, whole: Any, n: int, tolerance: float) -> None:
 def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
     """It is integrated as one, by another solver: errors of both, at tolerances of 1e-10 and 1e-11, in 500 steps."""
     pieces = vdfmu.simulate(package(load_scenario("tracking"), tmp_path), stop=0.5, tolerance=1e-10)
-    whole = vdfmu.run("tracking", stop=0.5, settings={"plant.tolerance": 1e-11}, reference=False, out=False)
+    whole = vdfmu.run("tracking", stop=0.5, parameters={"plant.tolerance": 1e-11}, reference=False, out=False)
     compare(pieces, whole, 6, 1e-9)
     order = pieces.summary["order"]
     assert order.index("feedforward_joint_6") < order.index("controller") < order.index("plant_joint_1")
@@ -78,7 +78,7 @@ def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
     moved = {f"trajectory.q_end[{i + 1}]": 0.02 for i in range(scenario.arm.n)} | settings
     pieces = vdfmu.simulate(package(scenario, tmp_path, moved), stop=0.05, tolerance=1e-10)
     exact = {**moved, "plant.tolerance": 1e-11}
-    whole = vdfmu.run(scenario, stop=0.05, settings=exact, reference=False, out=False)
+    whole = vdfmu.run(scenario, stop=0.05, parameters=exact, reference=False, out=False)
     compare(pieces, whole, scenario.arm.n, 1e-9)
 
 

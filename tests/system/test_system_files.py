@@ -48,7 +48,7 @@ def test_files_that_extend_each_other_are_named(tmp_path):
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [('master = ["jacobi"]', "master: expected .gauss-seidel"), ("wall = 3", "wall: expected a table, got 3")],
+    [('algorithm = ["jacobi"]', "algorithm: expected .gauss-seidel"), ("wall = 3", "wall: expected a table, got 3")],
 )
 def test_what_a_scenario_cannot_have_of_a_system_is_named(tmp_path, line, said):
     (tmp_path / "mine.toml").write_text('extends = "system"\n[components]\nwall = "wall"\n')

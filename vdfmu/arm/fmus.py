@@ -27,7 +27,7 @@ Units = _One | Sequence[_One]
 @one_job()
 @checks_types
 def build_fmus(
-    robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, start_values: Mapping[str,
+    robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, parameters: Mapping[str,
     Mapping[str, float]] | None = None, backend: str | None = None, fmi_version: str = FMI_2.name, platforms:
     Sequence[str] | str | None = None, sources: bool = True, target: str = FMI, precision: str = "double", step: float =
     1e-3, folded: bool = False, progress: Shown = None,
@@ -47,7 +47,7 @@ def build_fmus(
     units : str, path or type of Unit, or sequence of them, optional
         Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes.
         Default: those of the shipped systems that need a robot.
-    start_values : mapping of unit to mapping of variable to number, optional
+    parameters : mapping of unit to mapping of variable to number, optional
         Start values instead of those of the declaration.
     backend : "python" or "native", optional
         A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
@@ -95,7 +95,7 @@ def build_fmus(
         raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
     return build_units(
         robot if folded or robot is None else robot.unfolded(), out_dir,
-        [find_unit(unit) for unit in names], start_values=start_values or {}, backend=backend,
+        [find_unit(unit) for unit in names], parameters=parameters or {}, backend=backend,
         fmi_version=fmi_version, platforms=platforms, sources=sources, target=target, precision=precision, step=step,
     )  # fmt: skip
 
@@ -111,7 +111,7 @@ def build(
     fmi: str = FMI_2.name,
     platform: Sequence[str] | str | None = None,
     backend: str | None = None,
-    values: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
     folded: bool = False,
     progress: Shown = None,
     **start: Any,
@@ -132,7 +132,7 @@ def build(
         Platforms of a native FMU, default that of this machine.
     backend : "python" or "native", optional
         Default native if its compiler is installed.
-    values : mapping of variable to value, optional
+    parameters : mapping of variable to value, optional
         Start values whose names are no words of Python.
     folded : bool, optional
         Whether zeros of gravity, centres of mass and tool, and a payload that the robot lacks, are constants. That is
@@ -171,14 +171,14 @@ def build(
     name = unit_name(chosen)
     starts: dict[str, float] = {}
     table = interface_of(chosen, arm if chosen.needs_robot() else None)
-    for key, value in {**(values or {}), **start}.items():
+    for key, value in {**(parameters or {}), **start}.items():
         names = [v.name for v in table if key in (v.name, v.group)] or [key]
         try:
             starts |= dict(zip(names, spread(value, names), strict=True))
         except ValueError as error:
             raise UsageError(f"{key}: {error}.") from None
     built = build_units(
-        arm, target.parent, [chosen], start_values={name: starts} if starts else {}, backend=backend, fmi_version=fmi,
+        arm, target.parent, [chosen], parameters={name: starts} if starts else {}, backend=backend, fmi_version=fmi,
         platforms=platform, sources=True, target=FMI, precision="double", step=1e-3, files={name: target.name},
     )  # fmt: skip
     return built[name]

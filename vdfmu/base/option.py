@@ -19,8 +19,11 @@ from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 
-FORMER: Mapping[str, str] = {"meant": "--sampled or --continuous (sampled=True or False)"}
-"""Options of earlier versions, and what they are now."""
+FORMER: Mapping[str, str] = {
+    "meant": "sampled", "master": "algorithm",
+    **dict.fromkeys(("settings", "values", "start_values"), "parameters"),
+}  # fmt: skip
+"""Names of options, keys and arguments of earlier versions, and their names now."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _ENTRY = re.compile(r"^( *)\*\*options\n(?:\1 +\S.*\n)*", re.MULTILINE)
@@ -102,6 +105,15 @@ def taken_options(function: Callable[..., Any]) -> Any:
     return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
+def renamed(content: Mapping[str, _T]) -> dict[str, _T]:
+    """Return a table of an earlier version with the names of its keys now."""
+    return {FORMER.get(key, key): value for key, value in content.items()}
+
+
+def _call_of(function: Callable[..., Any]) -> str:
+    return function.__qualname__.removesuffix(".__init__")
+
+
 def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] = ()) -> Callable[_P, _T]:
     """Add to a function, with `options`, a UsageError for all arguments of other types, by `_TYPES`."""
     parameters = inspect.signature(function).parameters.values()
@@ -110,11 +122,14 @@ def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] =
         p.name: (_plain(p.annotation),) for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
     }
     types |= {o.name: (o.annotation, o.option.kind, o.option.choices) for o in options}
+    call = _call_of(function)
     exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         arguments = dict(zip(leading, args, strict=False)) | kwargs
+        if former := [name for name in kwargs if name in FORMER and name not in exact]:
+            raise UsageError("\n".join(f"{call}: {name} is now {FORMER[name]}." for name in former))
         odd = [name for name, value in arguments.items() if name in exact and type(value) not in exact[name]]
         faults = (type_problem(name, types[name][0], arguments[name], *types[name][1:]) for name in odd)
         if problems := [*filter(None, faults)]:
@@ -137,20 +152,20 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     variable = inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD
     needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
     names = frozenset(signature.parameters)
-    name = function.__qualname__.removesuffix(".__init__")
+    call = _call_of(function)
     checked = checks_types(function, listed)
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        for unknown in kwargs.keys() - names:
-            close = f"; it is now {FORMER[unknown]}" if unknown in FORMER else close_to(unknown, signature.parameters)
-            raise TypeError(f"{name}() got an unexpected keyword argument {unknown!r}{close}")
+        for unknown in kwargs.keys() - names - FORMER.keys():
+            close = close_to(unknown, signature.parameters)
+            raise TypeError(f"{call}() got an unexpected keyword argument {unknown!r}{close}")
         positional = leading[: len(args)]
         if len(args) > len(leading) or not needed <= {*positional, *kwargs} or not kwargs.keys().isdisjoint(positional):
             try:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
-                raise TypeError(f"{name}() {error}") from None
+                raise TypeError(f"{call}() {error}") from None
         return checked(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, VdfmuError
 from vdfmu.base.measure import LARGEST_NUMBER, POSITIVE
+from vdfmu.base.option import FORMER
 from vdfmu.base.text import FORBIDDEN, LONGEST_NAME, name_fault, nearest, printable
 
 _LONGEST_TEXT = 4000
@@ -90,7 +91,9 @@ class Table:
             problems.add(path or "the file", "a table", value_text(data), keys)
         for key in self.data:
             if allowed is not None and key not in allowed:
-                problems.add(self.key(key), "a known key", "an unknown one", nearest(key, allowed))
+                now = FORMER.get(key, "")
+                fix = f"It is now {now}." if now in allowed else nearest(key, allowed)
+                problems.add(self.key(key), "a known key", "an unknown one", fix)
 
     def key(self, key: str) -> str:
         """Return the full key of an entry."""

@@ -12,7 +12,7 @@ from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, refuse, target_file
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table, tell
-from vdfmu.engine.options import master_option, settings_option
+from vdfmu.engine.options import algorithm_option, parameters_option
 from vdfmu.study.options import JudgeOptions, LoopOptions, known_robots
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ def linear(
     """
     of_robot = {"--pose": pose, "--bode": bode}
     of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
-    of_run = {"--at": at, "--loop": opened, "--set": options["settings"], "--backend": options["backend"],
-              "--master": options["master"], "--adaptive": options["adaptive"],
+    of_run = {"--at": at, "--loop": opened, "--set": options["parameters"], "--backend": options["backend"],
+              "--algorithm": options["algorithm"], "--adaptive": options["adaptive"],
               "--step": options["step"]}  # fmt: skip
     if _is_robot(system):
         refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
@@ -198,7 +198,7 @@ def _margins(
     package = system.lower().endswith(".ssp")
     if package:
         refuse({"--robot": robot}, f"is for a scenario; {system} has its own")
-    loops = margins_along(system if package else load(system, robot, options["settings"]), opened, at, **options)
+    loops = margins_along(system if package else load(system, robot, options["parameters"]), opened, at, **options)
     shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "growth",
                   title=f"Stepped by {loops.step:g} s, {loops.algorithm}")  # fmt: skip
     chosen = [(i, k) for i in range(len(loops.names)) for k in (range(len(loops.times)) if at else [loops.least(i)])]
@@ -219,7 +219,7 @@ def _margins(
     margin = loops.judged.figures.get("margin")
     words = "; ".join(sentences) or (f"stable with a modulus margin of {margin['value']:.2g}" if margin else "stable")
     if as_json:
-        say_json({"step": loops.step, "master": loops.algorithm, "state": state, "text": words, "margins": rows})
+        say_json({"step": loops.step, "algorithm": loops.algorithm, "state": state, "text": words, "margins": rows})
     else:
         console.print(shown)
     say_notes(loops.notes)
@@ -239,8 +239,8 @@ def judge(
         JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
-    master: Annotated[str | None, master_option] = None,
-    settings: Annotated[dict[str, str] | None, settings_option] = None,
+    algorithm: Annotated[str | None, algorithm_option] = None,
+    parameters: Annotated[dict[str, str] | None, parameters_option] = None,
     sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
     as_json: JsonOption = False,
 ) -> None:  # fmt: skip
@@ -255,9 +255,14 @@ def judge(
         refuse({"--robot": robot}, "is for a scenario")
         judging = load_system(system)
     else:
-        judging = load_system(load(system, robot, settings))
+        judging = load_system(load(system, robot, parameters))
     judged = judging.judge(
-        0.01 if wanted is None else wanted, stop=stop, step=step, values=settings, algorithm=master, sampled=sampled
+        0.01 if wanted is None else wanted,
+        stop=stop,
+        step=step,
+        parameters=parameters,
+        algorithm=algorithm,
+        sampled=sampled,
     )
     if as_json:
         say_json(judged.to_dict())

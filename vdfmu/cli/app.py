@@ -223,8 +223,9 @@ def _usage(error: Any, words: Sequence[str]) -> str:
         close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
     message = error.format_message().rstrip(".")
-    if isinstance(error, click.NoSuchOption) and (now := FORMER.get(error.option_name.lstrip("-"))):
-        message = f"{error.option_name} is now {now}"
+    if isinstance(error, click.NoSuchOption) and error.ctx:
+        now = [p for p in error.ctx.command.params if p.name == FORMER.get(error.option_name.lstrip("-"))]
+        message = f"{error.option_name} is now {'/'.join([*now[0].opts, *now[0].secondary_opts])}" if now else message
     # an option without its value has no context of its command
     path = error.ctx.command_path if error.ctx else " ".join(["vdfmu", *words[:1]])
     return f"{message}{'' if message.endswith(('?', '?)')) else '.'} See '{path} --help'."

@@ -24,7 +24,7 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Run": ((runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"), (studies.app, "")),
     "Look": ((runs.report, "vdfmu report results/tracking results/soft"),),
     "Analyse": (
-        (analysis.linear, "vdfmu linear tracking --master jacobi --at 2.5"),
+        (analysis.linear, "vdfmu linear tracking --algorithm jacobi --at 2.5"),
         (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
     ),
     "Exchange": (

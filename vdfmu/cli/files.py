@@ -59,7 +59,7 @@ def build(
     precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
     step: Annotated[float | None, Option("Step of eFMI code or the container in s.",
         more="Default: the scenario's, or 0.001.")] = None,
-    settings: SetOption = None,
+    parameters: SetOption = None,
     folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
@@ -72,10 +72,10 @@ def build(
         of_units = {"--backend": backend == "python", "--fmi": fmi != PYTHON_FMI.name, "--platform": platform,
                     "--no-sources": not sources, "--target": target == "efmi"}  # fmt: skip
         refuse(of_units, "does not go with --container")
-        return say_written(_container(scenario, robot, out, step, settings, folded, overwrite))
+        return say_written(_container(scenario, robot, out, step, parameters, folded, overwrite))
     if scenario.lower().endswith(".ssp"):
         raise UsageError(f"{scenario} is a package, whose FMUs are built. Write one FMU of it with --container.")
-    chosen = None if _is_unit(scenario) else _load(scenario, robot, settings, folded)
+    chosen = None if _is_unit(scenario) else _load(scenario, robot, parameters, folded)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
     from vdfmu.arm.units import find_unit
@@ -91,17 +91,17 @@ def build(
     with replacing_foreign(overwrite):
         if chosen is None:
             unit = find_unit(scenario)
-            fixed = robot_for(load_robot(robot), settings or {}) if robot is not None else None
+            fixed = robot_for(load_robot(robot), parameters or {}) if robot is not None else None
             fixed = fixed if folded or fixed is None else fixed.unfolded()
             if scenario in shipped_names("scenarios"):
                 say_notes([f"the unit {scenario}. For the scenario: 'vdfmu scenario show {scenario} > my.toml'."])
-            values = {unit_name(unit): start_values(unit, fixed, settings or {})}
+            values = {unit_name(unit): start_values(unit, fixed, parameters or {})}
             asked["step"] = 1e-3 if step is None else step
-            built = build_fmus(fixed, out, units=[unit], start_values=values, folded=True, **asked)
+            built = build_fmus(fixed, out, units=[unit], parameters=values, folded=True, **asked)
         else:
             if step is not None:
                 chosen = prepare(chosen, step=step)
-            built = build_parts(chosen, out, _values(chosen, backend, settings), **asked)
+            built = build_parts(chosen, out, _values(chosen, backend, parameters), **asked)
             say_notes(left_out(chosen, target))
     say_written(*dict.fromkeys(built.values()))
 
@@ -119,44 +119,44 @@ def _is_unit(name: str) -> bool:
     return name not in shipped_names("scenarios") and added("units", name)
 
 
-def _values(scenario: Scenario, backend: str | None, settings: Mapping[str, str] | None) -> dict[str, dict[str, Any]]:
+def _values(scenario: Scenario, backend: str | None, parameters: Mapping[str, str] | None) -> dict[str, dict[str, Any]]:
     """Print notes on a scenario to build, and return the values of its components."""
     from vdfmu.compiler.fmu.build import build_notes
     from vdfmu.system.scenario.check import model_notes
     from vdfmu.system.scenario.values import system_values
 
-    overrides = settings or {}
+    overrides = parameters or {}
     say_notes([*model_notes(scenario, overrides), *build_notes(scenario.robot, backend)])
     return system_values(scenario, overrides)
 
 
-def _load(name: str, robot: str | None, settings: Mapping[str, str] | None, folded: bool) -> Scenario:
+def _load(name: str, robot: str | None, parameters: Mapping[str, str] | None, folded: bool) -> Scenario:
     """Load a scenario for FMUs that leave this machine."""
-    loaded = load(name, robot, settings)
+    loaded = load(name, robot, parameters)
     from vdfmu.system.scenario.replace import unfolded
 
     return loaded if folded else unfolded(loaded)
 
 
 def _container(
-    system: str, robot: str | None, out: Path | None, step: float | None, settings: Mapping[str, str] | None,
+    system: str, robot: str | None, out: Path | None, step: float | None, parameters: Mapping[str, str] | None,
     folded: bool, overwrite: bool,
 ) -> Path:  # fmt: skip
     """Write the system of a scenario or a package as one native FMU."""
     if system.lower().endswith(".ssp"):
-        refuse({"--robot": robot, "--set": settings}, f"is for a scenario; {system} has its own")
+        refuse({"--robot": robot, "--set": parameters}, f"is for a scenario; {system} has its own")
         from vdfmu.study.connected import load as load_system
 
         with replacing_foreign(overwrite):
             return load_system(system).container(out or Path(f"{Path(system).stem}.fmu"), step)
-    chosen = _load(system, robot, settings, folded)
+    chosen = _load(system, robot, parameters, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.container import write_container
     from vdfmu.study.run.prepare import prepare
     from vdfmu.system.package.write import cached_fmus, write_ssp
 
     chosen = prepare(chosen, step=step)
-    values = _values(chosen, "native", settings)
+    values = _values(chosen, "native", parameters)
     path = out or Path(f"{chosen.name}.fmu")
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         require_ours(path)
@@ -176,7 +176,7 @@ def ssp(
     reference: Annotated[bool, Option("Write a folder to compare another tool.", group="Output",
         more="It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.")] = False,
     backend: BackendOption = None,
-    settings: SetOption = None,
+    parameters: SetOption = None,
     folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:  # fmt: skip
@@ -185,7 +185,7 @@ def ssp(
     FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
     apply all parameter sets.
     """
-    chosen = _load(scenario, robot, settings, folded)
+    chosen = _load(scenario, robot, parameters, folded)
     from vdfmu.base.files import temporary_folder
     from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp
     from vdfmu.system.scenario.values import system_values
@@ -200,17 +200,17 @@ def ssp(
             fmi_of_format(each, None)
         with replacing_foreign(overwrite):
             return say_written(
-                *write_reference(chosen, out or Path("reference"), system_values(chosen, settings or {}))
+                *write_reference(chosen, out or Path("reference"), system_values(chosen, parameters or {}))
             )
     name = f"{chosen.name}{'_decomposed' * apart}{f'_{form}' * (form != SSP_1.name)}"
     target = out or Path(f"{name}.ssp")
     with replacing_foreign(overwrite):
         require_ours(target)
-    values = _values(chosen, backend, settings)
+    values = _values(chosen, backend, parameters)
     if apart:
         from vdfmu.system.scenario.decomposed import decomposed
 
-        chosen, values = decomposed(chosen, settings or {})
+        chosen, values = decomposed(chosen, parameters or {})
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         say_written(write_ssp(chosen, fmus, target, values, version=form))

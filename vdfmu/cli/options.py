@@ -44,7 +44,7 @@ ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write t
 OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
-SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "settings")]
+SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "parameters")]
 UnpackOption = Annotated[int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE",
     typed=str, read=_bytes)]  # fmt: skip
 
@@ -63,8 +63,8 @@ def refuse(options: Mapping[str, Any], why: str) -> None:
         raise UsageError("\n".join(f"{name} {why}." for name in unfit))
 
 
-def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = None) -> Scenario:
-    """Load a scenario for settings; missing files are named before slow imports."""
+def load(scenario: str, robot: str | None, parameters: Mapping[str, str] | None = None) -> Scenario:
+    """Load a scenario for parameters; missing files are named before slow imports."""
     from vdfmu.base.toml_file import locate
 
     if scenario != "reach" or Path(scenario).exists():
@@ -73,4 +73,4 @@ def load(scenario: str, robot: str | None, settings: Mapping[str, str] | None = 
         locate(robot, "robots")
     from vdfmu.study.analysis.reach import scenario_of
 
-    return scenario_of(scenario, robot, settings or ())
+    return scenario_of(scenario, robot, parameters or ())

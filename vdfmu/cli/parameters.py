@@ -20,7 +20,7 @@ _FLAGS = 29
 """Columns of the help before the text of an option."""
 _TASKS = {
     "System": "robot set unit backend compiler fmi input input-hold variant",
-    "Time, coupling": "start stop step at master adaptive stepper tolerance isolate memory-limit wait-limit "
+    "Time, coupling": "start stop step at algorithm adaptive stepper tolerance isolate memory-limit wait-limit "
     "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
     "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",

@@ -61,7 +61,7 @@ def run(
         say_notes(sweep.notes)
         changed = pick(ScenarioOptions, options)
         settings |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
-        for name in ("units", "settings"):
+        for name in ("units", "parameters"):
             settings[name] = point.get(name, {}) | (options[name] or {})
     from vdfmu.engine.results.folder import written
     from vdfmu.engine.results.verdict import FAILED, state_of
@@ -124,7 +124,7 @@ def run_package(
 ) -> None:  # fmt: skip
     """Run FMUs or a system package and write their signals.
 
-    Start, stop, step and master default to those of the package or the FMUs.
+    Start, stop, step and algorithm default to those of the package or the FMUs.
     """
     if judge is not None or sampled is not None:
         from vdfmu.study.judgement import check_wanted  # takes long to import

@@ -37,9 +37,9 @@ app = _SweepGroup(
 def run(
     scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
     vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
-        more="TARGET is a parameter, or robot, master, step, stop, unit:COMPONENT. FORM is lin(a, b, n), log(a, b, n), "
-        "normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it makes factors: "
-        "*lin(0.9, 1.1).")] = None,
+        more="TARGET is a parameter, or robot, algorithm, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
+        "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it "
+        "makes factors: *lin(0.9, 1.1).")] = None,
     **options: Unpack[SweepOptions],
 ) -> None:  # fmt: skip
     """Run a scenario at many points, and keep a row for each.

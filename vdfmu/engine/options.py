@@ -39,11 +39,11 @@ def read_stepper(name: str) -> str:
 
 # A table: an option in some lines.
 # fmt: off
-master_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
+algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
     "communication points; the others take them as continuous and are of second order in the step. Default: from the "
     f"scenario, or from the package's annotation with its `adaptive`; else {DEFAULT}, or, with a note, {DELAYED} if "
     "the dependencies leave no order for it.", choices=tuple(ALGORITHMS))
-settings_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
+parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
     "By ``component.variable``, in the unit of the FMU; inputs can be set too. Without an index, all elements: one "
     "value, or one each, 0.3,-0.5. They win over the values of the package or scenario.", flag="--set",
     metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
@@ -151,10 +151,10 @@ class LoadedOptions(CouplingOptions, MemberOptions, StepperOptions, total=False)
 class AlgorithmOptions(LoadedOptions, total=False):
     """How a system is checked and coupled."""
 
-    parameters: Annotated["Mapping[str, Value] | None", settings_option]
+    parameters: Annotated["Mapping[str, Value] | None", parameters_option]
     strict: Annotated[bool, Option("Refuse unconnected inputs; see `vdfmu.engine.plan.check.check_system`.",
         default=False, flag=None)]
-    algorithm: Annotated[str | None, master_option]
+    algorithm: Annotated[str | None, algorithm_option]
     convergence: Annotated[float | None, Option("Change of a coupled signal, relative as `adaptive`, at which "
         f"{choice(repeats=True)} ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]
 
@@ -203,8 +203,8 @@ class PictureOptions(TypedDict, total=False):
 class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):
     """Options of `vdfmu.engine.package_run.run_system`."""
 
-    master: Annotated[str | None, master_option]
-    settings: Annotated[Mapping[str, Any] | None, settings_option]
+    algorithm: Annotated[str | None, algorithm_option]
+    parameters: Annotated[Mapping[str, Any] | None, parameters_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
         "Folder of the results (default results/NAME_ssp).", "path",
         "A complete run replaces the files of an earlier run.", typed=Path | None)]

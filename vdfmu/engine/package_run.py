@@ -62,12 +62,11 @@ def run_system(package: str | os.PathLike[str], source: str | None = None, **opt
     folder = Path(options["out"]) if options["out"] is not None else default_folder(package)
     about: dict[str, Any] = {
         "package": source or str(package), "vdfmu": __version__, "format": FORMAT,
-        "settings": {name: str(value) for name, value in (options["settings"] or {}).items()},
+        "parameters": {name: str(value) for name, value in (options["parameters"] or {}).items()},
         "inputs": [table.where for table in tables],
     }  # fmt: skip
     simulated = pick(SimulateOptions, options) | {
-        "algorithm": options["master"], "parameters": options["settings"], "inputs": tables, "about": about,
-        "progress": bound(report, "co-simulation"),
+        "inputs": tables, "about": about, "progress": bound(report, "co-simulation"),
     }  # fmt: skip
     with replacing_results(folder, SYSTEM_OUTPUTS, options["overwrite"]) as partial:
         simulated["stream"] = [partial / f"results.{form}" for form in options["formats"]]

@@ -138,7 +138,7 @@ SSP035 | The ends of a connection have the same size, and indices lie in the arr
 SSP036 | A transformation fits the type and has one entry for each value | correct the transformation
 SSP037 | Connections through systems form no circle | remove one
 SSP038 note | An input has a connection or a value | connect it
-SSP039 | Signals pass without an algebraic loop | master `jacobi`, or `iterative`
+SSP039 | Signals pass without an algebraic loop | algorithm `jacobi`, or `iterative`
 SSP040 | A connector is a variable of the FMU | correct the name
 SSP041 | A connector has the kind of the variable: its causality | correct the kind
 SSP042 | A connector has the type of the variable | correct the type

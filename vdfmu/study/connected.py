@@ -12,17 +12,17 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from vdfmu.arm.fmus import build
 from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
-from vdfmu.base.option import checks_types, pick
+from vdfmu.base.option import checks_types, pick, with_options
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import Report, inspect_file
-from vdfmu.engine.options import RowOptions
+from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
 from vdfmu.engine.package.join import Connections, join
 from vdfmu.engine.package.read import load_ssp
@@ -30,9 +30,10 @@ from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator, simulate
 from vdfmu.study.analysis.arm_space import packaged
-from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.loops import SystemMargins, margins_along
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.judgement import Judgement, judge
+from vdfmu.study.options import JudgingOptions, LoopOptions, ScenarioOptions, SweepOptions
 from vdfmu.study.run.conclude import judge_results
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
@@ -74,7 +75,7 @@ class System:
         self._loaded, self._simulator, self._loaded_as = ExitStack(), None, None
         self._lock, self._process = threading.Lock(), os.getpid()
         weakref.finalize(self, self._loaded.close)
-        self._options = {key: value for key, value in (options or {}).items() if value is not None}
+        self._options = {key: value for key, value in (options or {}).items() if value}
         checked = self._checked
         self.name = checked.system.name
         self.components = {
@@ -98,7 +99,7 @@ class System:
     def _checked(self) -> Checked:
         flat = load_ssp(self.path)
         algorithm = self._options.get("algorithm") or flat.experiment.algorithm
-        return check_system(flat, self._options.get("parameters"), algorithm=algorithm)
+        return check_system(flat, algorithm=algorithm)
 
     def __repr__(self) -> str:
         lines = [f"System {self.name!r}: {len(self.components)} components, {len(self.connections)} connections"]
@@ -110,11 +111,8 @@ class System:
         lines += [f"  free inputs: {', '.join(_shortened(texts)) or 'none'}"]
         return "\n".join(lines)
 
-    @checks_types
-    def run(
-        self, stop: float | None = None, step: float | None = None, values: Mapping[str, Any] | None = None,
-        *, reference: bool = False, **options: Any,
-    ) -> Results:  # fmt: skip
+    @with_options
+    def run(self, *, reference: bool = False, **options: Unpack[SimulateOptions]) -> Results:
         """Run the system. FMUs that were built on this machine stay loaded for the next run.
 
         A run of a scenario has the verdict of :func:`vdfmu.run` in its summary. It is made when the summary is first
@@ -122,10 +120,6 @@ class System:
 
         Parameters
         ----------
-        stop, step : float, optional [s]
-            Stop time and communication step (default the system's).
-        values : mapping of ``component.variable`` to value, optional
-            Parameters and start values for this run, in the units of the FMUs.
         reference : bool
             Whether the verdict solves the scipy references of a scenario too.
         **options
@@ -136,10 +130,9 @@ class System:
         UsageError, SspError, CosimError
             See :func:`vdfmu.simulate`.
         """
-        results = self._simulate(self._with(values, stop=stop, step=step, **options))
+        results = self._simulate(self._with(options))
         if self._scenario is not None:
-            chosen: dict[str, Any] = {"settings": dict(values or {}), "stop": stop, "step": step, "out": False}
-            chosen |= {"master": options.get("algorithm"), "reference": reference}
+            chosen = {**pick(ScenarioOptions, options), "out": False, "reference": reference}
             results.judge_by(partial(self._judge_run, self._scenario, chosen))
         return results
 
@@ -152,9 +145,10 @@ class System:
             return simulate(self.path, **options)
         try:
             simulator = self._load(loading)
-            if not simulator.sizes.isdisjoint(options["parameters"]):
+            parameters = options.get("parameters") or {}
+            if not simulator.sizes.isdisjoint(parameters):
                 return simulate(self.path, **options)
-            results = simulator.run(parameters=options["parameters"], **rows)
+            results = simulator.run(parameters=parameters, **rows)
             if not simulator.rest():
                 self._unload()
             return results
@@ -176,10 +170,10 @@ class System:
     def _judge_run(self, scenario: Scenario, options: Any, results: Results) -> None:
         judge_results(results, scenario, self.path, **options)  # a method, so that the package lives as long as results
 
-    @checks_types
-    def instance(self, values: Mapping[str, Any] | None = None, **options: Any) -> Simulator:
+    @with_options
+    def instance(self, **options: Unpack[SimulatorOptions]) -> Simulator:
         """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
-        simulator = Simulator(self.path, **self._with(values, **options))
+        simulator = Simulator(self.path, **self._with(options))
         simulator.owner = self._keep
         return simulator
 
@@ -188,29 +182,22 @@ class System:
         """Check FMUs and system by the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
         return inspect_file(self.path, run)
 
-    @checks_types
-    def margins(self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Any) -> Any:
+    @with_options
+    def margins(
+        self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Unpack[LoopOptions]
+    ) -> SystemMargins:
         """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
         return margins_along(self.path, opened, at, **options)
 
-    @checks_types
-    def judge(
-        self, wanted: float = 0.01, stop: float | None = None, step: float | None = None, *,
-        values: Mapping[str, Any] | None = None, **options: Any,
-    ) -> Judgement:  # fmt: skip
+    @with_options
+    def judge(self, wanted: float = 0.01, **options: Unpack[JudgingOptions]) -> Judgement:
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.judgement.judge`."""
-        return judge(self.path, wanted, stop=stop, step=step, **self._with(values, **options))
+        return judge(self.path, wanted, **self._with(options))
 
-    @checks_types
-    def sweep(
-        self, vary: Mapping[str, Any] | Sequence[str], *, values: Mapping[str, Any] | None = None, **options: Any
-    ) -> Sweep:
-        """Run the system at many points, see :func:`vdfmu.sweep`. `values` are the same at all points."""
-        chosen = {name: value for name, value in self._options.items() if value} | options
-        settings = {**chosen.pop("parameters", {}), **(values or {}), **chosen.pop("settings", {})}
-        if "algorithm" in chosen:
-            chosen.setdefault("master", chosen.pop("algorithm"))
-        return sweep(self.path, vary, settings=settings, **chosen)
+    @with_options
+    def sweep(self, vary: Mapping[str, Any] | Sequence[str], **options: Unpack[SweepOptions]) -> Sweep:
+        """Run the system at many points, see :func:`vdfmu.sweep`. `parameters` are the same at all points."""
+        return sweep(self.path, vary, **self._with(options))
 
     @checks_types
     def write(self, path: str | os.PathLike[str]) -> Path:
@@ -232,10 +219,9 @@ class System:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")
         return write_container(self.path, path, step=chosen)
 
-    def _with(self, values: Mapping[str, Any] | None, **options: Any) -> dict[str, Any]:
-        changes = {key: value for key, value in options.items() if value is not None}
-        parameters = {**(self._options.get("parameters") or {}), **(values or {}), **changes.pop("parameters", {})}
-        return {**self._options, **changes, "parameters": parameters}
+    def _with(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the options of the system, replaced by those of a call."""
+        return {**self._options, **{key: value for key, value in options.items() if value is not None}}
 
 
 def _whole(name: str) -> str:
@@ -250,7 +236,7 @@ def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
 def connect(
     components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
     fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
-    values: Mapping[str, Any] | None = None, name: str = "system",
+    parameters: Mapping[str, Any] | None = None, name: str = "system",
 ) -> System:  # fmt: skip
     """Connect FMUs.
 
@@ -268,7 +254,7 @@ def connect(
         Default stop time and communication step of runs, else those of the FMUs.
     algorithm : str, optional
         Default master algorithm.
-    values : mapping of ``component.variable`` to value, optional
+    parameters : mapping of ``component.variable`` to value, optional
         Parameters and start values, in the units of the FMUs.
     name : str, optional
         Name of the system.
@@ -288,7 +274,7 @@ def connect(
     Examples
     --------
     >>> system = vdfmu.connect({"source": "source.fmu", "filter": LowPass}, {"source.y": "filter.u"})
-    >>> results = system.run(stop=1.0, step=1e-3, values={"filter.T": 0.05})
+    >>> results = system.run(stop=1.0, step=1e-3, parameters={"filter.T": 0.05})
     """
     folder = tempfile.TemporaryDirectory(prefix="vdfmu_")
     fmus: dict[str, str | os.PathLike[str]] = {}
@@ -297,7 +283,7 @@ def connect(
         fmus[each] = part if is_fmu else build(part, Path(folder.name, each, f"{each}.fmu"), robot=robot, fmi=fmi)  # pyright: ignore[reportArgumentType]
     path = Path(folder.name, f"{name}.ssp")
     package = join(
-        fmus, connections, path, name=name, stop=stop, step=step, algorithm=algorithm, values=values
+        fmus, connections, path, name=name, stop=stop, step=step, algorithm=algorithm, parameters=parameters
     )  # fmt: skip
     return System(package, keep=folder)
 

@@ -11,16 +11,18 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import cut
+from vdfmu.engine.options import SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
@@ -41,6 +43,7 @@ from vdfmu.study.coupling_error import (
     kind_of,
     verdict_on_all,
 )
+from vdfmu.study.options import JudgingOptions
 from vdfmu.study.sampling import ambiguous, declared_samples, exchanged_at_samples, keeping_steps, timed_samples
 
 _LINEARISED = ("growth", "coarse")
@@ -116,10 +119,10 @@ def check_wanted(wanted: float | None, sampled: bool | None, adaptive: float | N
         raise UsageError("judge compares fixed steps, got adaptive. Leave it out.")
 
 
+@with_options
 def judge(
-    system: str | os.PathLike[str] | FlatSystem, wanted: float = 0.01, *, start: float | None = None,
-    stop: float | None = None, step: float | None = None, sampled: bool | None = None, **options: Any,
-) -> Judgement:  # fmt: skip
+    system: str | os.PathLike[str] | FlatSystem, wanted: float = 0.01, **options: Unpack[JudgingOptions]
+) -> Judgement:
     """Judge whether the communication step of a co-simulation is short enough.
 
     It takes at most nine times the steps of one run, or seventeen if two readings are needed.
@@ -130,15 +133,12 @@ def judge(
         A package (SSP).
     wanted : float
         Largest error, as a share of each real output's swing.
-    start, stop, step : float, optional [s]
-        Default the system's.
-    sampled : bool, optional
-        Whether components that may sample and declare no period are sampled, or continuous: those with discrete
-        outputs, or with held inputs and no states. Sampled components keep `step` as their period while the
-        communication step is halved. By default the FMU says it, see ``sampled`` of :class:`vdfmu.unit.Unit`. For
-        components that do not, both readings are judged, and two equal verdicts are the verdict.
     **options
-        :class:`vdfmu.engine.options.SimulatorOptions`.
+        :class:`vdfmu.study.options.JudgingOptions`. `sampled` says how components that may sample and declare no
+        period are read: those with discrete outputs, or with held inputs and no states. Sampled components keep `step`
+        as their period while the communication step is halved. By default the FMU says it, see ``sampled`` of
+        :class:`vdfmu.unit.Unit`. For components that do not, both readings are judged, and two equal verdicts are the
+        verdict.
 
     Returns
     -------
@@ -149,14 +149,15 @@ def judge(
     UsageError, SspError
         See :func:`vdfmu.simulate`; UsageError for systems without connected signals.
     """
-    check_wanted(wanted, sampled, options.get("adaptive"))
+    sampled, how = options["sampled"], pick(SimulatorOptions, options)
+    check_wanted(wanted, sampled, how["adaptive"])
     flat = system if isinstance(system, FlatSystem) else load_ssp(Path(system))
     if flat.experiment.adaptive is not None:
         flat = replace(flat, experiment=replace(flat.experiment, adaptive=None))
-    algorithm = options.get("algorithm") or flat.experiment.algorithm
-    checked = check_system(flat, options.get("parameters"), algorithm=algorithm)
-    grid = Simulator(flat, **options).grid(start, stop, step)
-    case = _Case(checked, wanted, grid, options)
+    algorithm = how["algorithm"] or flat.experiment.algorithm
+    checked = check_system(flat, how["parameters"], algorithm=algorithm)
+    grid = Simulator(flat, **how).grid(options["start"], options["stop"], options["step"])
+    case = _Case(checked, wanted, grid, how)
     unclear = ambiguous(checked)
     declared = [name for name in unclear if checked.descriptions[name].samples]
     undeclared = [name for name in unclear if checked.descriptions[name].samples is None]

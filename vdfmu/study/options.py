@@ -18,11 +18,13 @@ from vdfmu.engine.options import (
     ObserverOptions,
     PictureOptions,
     ProgressOptions,
+    RecordOptions,
     ResultOptions,
+    SimulatorOptions,
     SpanOptions,
     StepperOptions,
-    master_option,
-    settings_option,
+    algorithm_option,
+    parameters_option,
 )
 
 if TYPE_CHECKING:
@@ -55,7 +57,7 @@ ENGINES = ("fmu", "batch")
 class ValueOptions(TypedDict, total=False):
     """Values of a system, and its FMUs."""
 
-    settings: Annotated[Mapping[str, Any] | None, settings_option]
+    parameters: Annotated[Mapping[str, Any] | None, parameters_option]
     backend: Annotated[str | None, Option(
         "Kind of FMU.", more="Default: native if its compiler is installed.", choices=BACKENDS)]
 
@@ -71,7 +73,7 @@ class RobotOptions(ValueOptions, total=False):
 class LoopOptions(ValueOptions, CouplingOptions, total=False):
     """Options of margins."""
 
-    master: Annotated[str | None, master_option]
+    algorithm: Annotated[str | None, algorithm_option]
     step: Annotated[float | None, option_of(SpanOptions, "step")]
 
 
@@ -79,7 +81,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     """Changes of a scenario, in a run or in all runs of a study."""
 
     tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.")]
-    master: Annotated[str | None, master_option]
+    algorithm: Annotated[str | None, algorithm_option]
     units: Annotated[Mapping[str, Any] | None, Option(
         "COMPONENT by my_unit.py or an FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
@@ -102,6 +104,13 @@ class JudgeOptions(TypedDict, total=False):
         "How to read components without a period.", "bool",
         "Sampled components keep the step as their period, continuous ones take the shorter steps too. By default "
         "their FMUs decide, or else both readings are judged.", flag="--sampled/--continuous")]
+
+
+class JudgingOptions(SpanOptions, SimulatorOptions, total=False):
+    """Options of `vdfmu.judge`."""
+
+    start: Annotated[float | None, option_of(RecordOptions, "start")]
+    sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")]
 
 
 class ScenarioRunOptions(

@@ -114,7 +114,7 @@ def judge_run(
     """Judge the run of a package by :func:`vdfmu.study.judgement.judge`; add the verdict to its summary."""
     judgement = judge(
         load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-        algorithm=summary["algorithm"], parameters=options["settings"],
+        algorithm=summary["algorithm"], parameters=options["parameters"],
         **pick(SpanOptions, options), **pick(LoadedOptions, options),
     )  # fmt: skip
     summary["judgement"] = judgement.to_dict()

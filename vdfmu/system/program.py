@@ -82,7 +82,7 @@ class SystemProgram:
         problems = [problem for name in system.units for problem in self._unit_problems(name, set(varied))]
         if problems:
             raise UsageError("\n".join(problems))
-        solution = SampledReference(system, not ALGORITHMS[scenario.master].ordered)
+        solution = SampledReference(system, not ALGORITHMS[scenario.algorithm].ordered)
         start: list[Action] = [
             action
             for name, carry in system.starting
@@ -184,8 +184,8 @@ def _whole_multiple(step: float) -> ca.Function:
 def _problems(description: SystemDescription) -> Iterator[str]:
     """Yield the reasons against a program that the description shows."""
     scenario = description.scenario
-    if ALGORITHMS[scenario.master].substeps != 1:
-        yield f"master: expected {choice(substeps=1)}, got {scenario.master}"
+    if ALGORITHMS[scenario.algorithm].substeps != 1:
+        yield f"algorithm: expected {choice(substeps=1)}, got {scenario.algorithm}"
     if scenario.adaptive is not None:
         yield "adaptive: its steps are as long as given"
     foreign = [name for name, table in description.tables.items() if not isinstance(table, Interface)]

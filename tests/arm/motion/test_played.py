@@ -126,7 +126,7 @@ def test_the_native_fmu_has_the_bits_of_the_trace_and_can_be_checked(robot, tmp_
 def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario, tmp_path):
     motion = vdfmu.load_motion(scenario, vdfmu.load_robot("planar_2dof"))
     assert np.abs(motion.at(TIMES)[0] - POINTS).max() < 1e-12  # degrees and back
-    results = vdfmu.run(scenario, out=tmp_path / "out", settings={"trajectory.t_start": 0.05})
+    results = vdfmu.run(scenario, out=tmp_path / "out", parameters={"trajectory.t_start": 0.05})
     (tmp_path / "path.csv").unlink()  # nothing needs it any more
     expected = motion.at(np.maximum(results.time - 0.05, 0.0))[0]
     # the time of the step, and t_start, are rounded: 1e-16 s at 4 rad/s

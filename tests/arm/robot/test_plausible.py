@@ -66,7 +66,7 @@ def test_degrees_in_a_scenario_and_in_a_run_and_millimetres_of_a_slide_are_noted
     settings, note = SETTINGS[0]
     assert model_notes(written) == model_notes(scenario, settings) == [note]
     vdfmu.run(
-        "planar_tracking", settings=settings, stop=0.01, reference=False, out=False,
+        "planar_tracking", parameters=settings, stop=0.01, reference=False, out=False,
         log=lambda message: heard.append(message.text),
     )  # fmt: skip
     assert f"planar_2dof: {note}" in heard

@@ -19,8 +19,8 @@ from vdfmu.system.scenario.values import group_value
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
     (("friction",), "splt", r'friction: expected "lumped" or "split", got "splt"\. Did you mean "split"\?'),
-    (("master",), "gauss", r'master: expected "gauss-seidel" or "jacobi" or .*, got "gauss"'),
-    (("adaptive",), 1e-6, r"adaptive: expected master = 'extrapolated' or 'iterative', got 'gauss-seidel'"),
+    (("algorithm",), "gauss", r'algorithm: expected "gauss-seidel" or "jacobi" or .*, got "gauss"'),
+    (("adaptive",), 1e-6, r"adaptive: expected algorithm = 'extrapolated' or 'iterative', got 'gauss-seidel'"),
     (("adaptive",), 2, "adaptive: expected a relative error < 1, got 2"),
     (("adaptive",), 0, "adaptive: expected .* > 0"),
     (("feedforward", "mode"), "invers", r"mode: expected inverse or vdc, got 'invers'"),
@@ -96,13 +96,13 @@ def test_groups_of_a_shared_value_have_it_unless_they_have_their_own(write, scen
 
 
 def test_defaults(write, scenario_data):
-    for key in ("master", "tolerance", "description"):
+    for key in ("algorithm", "tolerance", "description"):
         del scenario_data[key]
     del scenario_data["trajectory"]["t_start"]
     del scenario_data["controller"]["tau_max"], scenario_data["controller"]["velocity"]
     del scenario_data["feedforward"]["mode"]
     scenario = load_scenario(write("own.toml", scenario_data))
-    assert (scenario.master, scenario.tolerance) == ("gauss-seidel", 1e-7)
+    assert (scenario.algorithm, scenario.tolerance) == ("gauss-seidel", 1e-7)
     assert group_value(scenario, "trajectory.t_start") == 0.0
     assert group_value(scenario, "feedforward.mode") == "inverse"
     assert group_value(scenario, "controller.velocity") == "kappa_dot"

@@ -80,7 +80,7 @@ def test_noise_has_the_same_bits_in_every_fmu(planar, tmp_path, form):
     start = {"seed": 11.0, "sigma[1]": 0.25, "sigma[2]": 2.0, "resolution[1]": 0.125, "resolution[2]": 2.0**-20}
     (path,) = build_fmus(
         planar, tmp_path, units=["torque_sensor"], backend=backend, fmi_version=version,
-        start_values={"torque_sensor": start}, folded=True).values()  # fmt: skip
+        parameters={"torque_sensor": start}, folded=True).values()  # fmt: skip
     names = ["tau_s_m"] if version == "3.0" else ["tau_s_m[1]", "tau_s_m[2]"]
     rows = fmpy.simulate_fmu(str(path), stop_time=0.5, output_interval=H, output=names)
     unit = find_unit("torque_sensor")(planar, seed=11.0, sigma=[0.25, 2.0], resolution=[0.125, 2.0**-20])
@@ -224,7 +224,7 @@ def test_an_overloaded_brake_slips_and_a_stop_is_remembered(planar):
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(planar, tmp_path, unit, values, message):
     with pytest.raises((FmuError, UsageError), match=message):
-        build_fmus(planar, tmp_path, units=[unit], start_values={unit: values}, folded=True)
+        build_fmus(planar, tmp_path, units=[unit], parameters={unit: values}, folded=True)
 
 
 SYSTEM = """extends = "system"
@@ -263,7 +263,7 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
         "encoder.bits": 30.0, "communication.loss": 0.1, "communication.T_d": 0.0, "communication.T_j": 1e-3,
         "brake.t_stop": 0.6,
     }  # fmt: skip
-    results = vdfmu.run(written(tmp_path), stop=0.8, settings=settings, out=False, record=["plant.tau[*]"])
+    results = vdfmu.run(written(tmp_path), stop=0.8, parameters=settings, out=False, record=["plant.tau[*]"])
     assert (
         results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-8
     )  # a tenth of the solver's tolerance

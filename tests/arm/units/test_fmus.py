@@ -72,7 +72,7 @@ def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
     # Roundings count as their line in samples, not at the initialization; their steps are 2e-14 rad and 1e-9 N.m here.
     rounds = unit in ("encoder", "torque_sensor")
     fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if unit == "encoder" else None
-    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, start_values=fine, folded=True)[unit]
+    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, parameters=fine, folded=True)[unit]
     instance = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x"))))).setup().enter()
     inputs = instance.model.of("input")
     point = np.random.default_rng(8).uniform(0.2, 0.9, len(elements(inputs)))

@@ -188,7 +188,7 @@ def taught(robot, tmp_path, **options):
     path.write_text(SCENARIO.format(robot=robot, stop=11 * values["T"], half=values["T"] / 2.0, **values))
     settings = {"controller.T": values["T"], "controller.cycles": 11, "controller.harmonics": values["harmonics"]}
     results = vdfmu.run(
-        path, units={"controller": "iterative_learning"}, settings=settings, out=False,
+        path, units={"controller": "iterative_learning"}, parameters=settings, out=False,
         reference=values.get("reference", False),
     )  # fmt: skip
     samples = round(values["T"] / PERIOD)

@@ -151,7 +151,7 @@ def test_links_are_known_in_the_loop(tmp_path):
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     values = find_unit("kalman_filter").design(vdfmu.load_robot("planar_2dof"), [-0.75, 0.35])
     settings = {f"filter.{name}": value for name, value in values.items()}
-    results = vdfmu.run(tmp_path / "scenario.toml", settings=settings, reference=False, out=False)
+    results = vdfmu.run(tmp_path / "scenario.toml", parameters=settings, reference=False, out=False)
     wound = np.abs(results["plant.kappa"] - results["plant.q"]).max()
     error = np.abs(results["filter.q_hat"] - results["plant.q"]).max()
     # 0.19 of 0.86 mrad: the pose is 0.35 rad away, and friction is not in the model
@@ -166,6 +166,6 @@ def test_a_filter_refuses_a_period_for_which_it_is_not_designed():
             robot,
             "unused",
             units=[find_unit("kalman_filter")],
-            start_values={"kalman_filter": {"period": 2e-3}},
+            parameters={"kalman_filter": {"period": 2e-3}},
             folded=True,
         )

@@ -113,7 +113,7 @@ def test_the_wall_is_felt_within_two_percent_50_ms_after_the_touch(tmp_path, pla
     (tmp_path / "observed.toml").write_text(SYSTEM)
     text = (data_path("models") / "scenarios" / "wall.toml").read_text()
     (tmp_path / "scenario.toml").write_text(text.replace('system = "wall"', 'system = "observed.toml"'))
-    results = vdfmu.run(tmp_path / "scenario.toml", settings={"observer.K_o": 500.0}, out=False)
+    results = vdfmu.run(tmp_path / "scenario.toml", parameters={"observer.K_o": 500.0}, out=False)
     J = vdfmu.jacobian(planar, results["plant.q"])
     true = np.einsum("kij,ki->kj", J, results["wall.F_e"])
     residual = results["observer.r"]
@@ -159,7 +159,7 @@ def test_the_force_of_the_wall_on_an_arm_of_six_joints_is_known_within_two_perce
             start=start.tolist(), end=end.tolist(), normal=normal.tolist(), distance=normal @ place - 0.02
         )  # fmt: skip
     )
-    results = vdfmu.run(tmp_path / "pressed.toml", settings={"observer.K_o": 1000.0}, reference=False, out=False)
+    results = vdfmu.run(tmp_path / "pressed.toml", parameters={"observer.K_o": 1000.0}, reference=False, out=False)
     true, estimated = results["wall.F_e"], results["observer.F_e_hat"]
     touch = int(np.argmax(results["wall.N"] > 0.0))
     assert 2000 < touch < 4000
@@ -193,7 +193,7 @@ def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_samp
         fmpy.simulate_fmu(str(path), stop_time=0.01, start_values={"f[1]": 501.0})
     with pytest.raises((FmuError, UsageError), match=r"less than half of 1 / period"):
         build_fmus(
-            one_joint, tmp_path, units=["notch_filter"], start_values={"notch_filter": {"f[1]": 501.0}}, folded=True
+            one_joint, tmp_path, units=["notch_filter"], parameters={"notch_filter": {"f[1]": 501.0}}, folded=True
         )
 
 
@@ -240,7 +240,7 @@ def test_a_notch_at_the_first_mode_raises_the_margin_of_torque_feedback(tmp_path
 
     def margin(share, zeta_n, f=55.0, **options):
         settings = {"controller.share": share, "notch.zeta_n": zeta_n, "notch.f": f}
-        study = margins_along(tmp_path / "scenario.toml", settings=settings, **options)
+        study = margins_along(tmp_path / "scenario.toml", parameters=settings, **options)
         return min(m.modulus.min() for m in study.margins)
 
     without = margin(0.5, 0.7)
@@ -248,6 +248,6 @@ def test_a_notch_at_the_first_mode_raises_the_margin_of_torque_feedback(tmp_path
     assert margin(0.5, 0.1) > 1.15 * without
     assert margin(0.5, 0.1, f=100.0) == 0.0  # a notch lags below its frequency
     # with a sample of delay in each connection, while the arm moves, and before it has left its motion
-    late: dict[str, Any] = {"at": [0.2, 0.4], "master": "jacobi"}
+    late: dict[str, Any] = {"at": [0.2, 0.4], "algorithm": "jacobi"}
     assert margin(0.8, 0.7, **late) == 0.0
     assert margin(0.8, 0.1, **late) > 0.1

@@ -245,7 +245,7 @@ system = "adaptive.toml"
 robot = "planar_2dof"
 stop = 2.0
 step = 0.001
-master = "gauss-seidel"
+algorithm = "gauss-seidel"
 tolerance = 1e-7
 [trajectory]
 q_end = [0.5, 0.7]
@@ -260,7 +260,7 @@ def test_an_arm_with_springs_and_friction_follows_better_with_adaptation(tmp_pat
     errors = {}
     for gamma in (0.0, 10.0):
         settings = {"plant.mass[2]": 1.2, "controller.gamma": gamma, "controller.gamma_j": gamma / 10.0}
-        results = vdfmu.run(tmp_path / "scenario.toml", settings=settings, out=False)
+        results = vdfmu.run(tmp_path / "scenario.toml", parameters=settings, out=False)
         errors[gamma] = np.sqrt(np.mean(np.sum((results["trajectory.q_d"] - results["plant.q"]) ** 2, axis=1)))
         # numpy and the FMU: the bound of the project
         assert results.summary["reference"]["sampled"]["max_difference"]["plant.q"] < 1e-7

@@ -58,7 +58,7 @@ def test_a_change_gives_another_guid_and_a_new_file(planar, tmp_path, change):
 
     old = guid(build_fmus(planar, tmp_path, backend="python", folded=True)["plant"])
     robot, values = change(planar)
-    new = guid(build_fmus(robot, tmp_path, start_values=values, backend="python", folded=True)["plant"])
+    new = guid(build_fmus(robot, tmp_path, parameters=values, backend="python", folded=True)["plant"])
     assert new != old
     assert guid(build_fmus(planar, tmp_path, backend="python", folded=True)["plant"]) == old
 
@@ -165,7 +165,7 @@ def test_a_name_with_signs_of_html_is_shown_as_it_is(planar, tmp_path):
 def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_numpy_too(planar, tmp_path, fmus):
     """Static equilibrium at q = 0: tau_s[1] = g (m1 a1 + m2 (l1 + b)), see the robot's file."""
     values = {"plant": {"mass[1]": 3.0, "q_dot_0[2]": 0.5, "equilibrium": False, "tau_s_0[1]": 2.0}}
-    path = build_fmus(planar, tmp_path, start_values=values, backend="python", folded=True)["plant"]
+    path = build_fmus(planar, tmp_path, parameters=values, backend="python", folded=True)["plant"]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert [starts[name] for name in values["plant"]] == ["3.0", "0.5", "false", "2.0"]
     row = fmpy.simulate_fmu(str(path), stop_time=1e-3, output_interval=1e-3)[0]
@@ -175,7 +175,7 @@ def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_nu
     expected = 9.81 * (3.0 * 0.25 + 1.0 * (0.5 + 0.2))
     assert row["tau_s[1]"] == pytest.approx(expected, rel=1e-14)  # four rounded operations
     values = {"feedforward": {"mode": np.int64(1), "Lambda[1]": np.float64(2.5)}}
-    path = build_fmus(planar, tmp_path, units=["feedforward"], start_values=values, backend="python", folded=True)[
+    path = build_fmus(planar, tmp_path, units=["feedforward"], parameters=values, backend="python", folded=True)[
         "feedforward"
     ]
     starts = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
@@ -193,7 +193,7 @@ def test_start_values_are_those_of_the_instance_and_of_the_description_and_of_nu
 ])  # fmt: skip
 def test_start_values_that_could_not_start_are_refused(planar, tmp_path, unit, values, words):
     with pytest.raises(UsageError, match=words):
-        build_fmus(planar, tmp_path, start_values={unit: values}, backend="python", folded=True)
+        build_fmus(planar, tmp_path, parameters={unit: values}, backend="python", folded=True)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -207,7 +207,7 @@ def test_a_robot_that_is_not_physical_unknown_units_and_closed_folders_are_refus
         with pytest.raises(UsageError, match="expected the name of a unit, a file or a class of Unit, got"):
             build_fmus(planar, tmp_path, units=[unit], backend="python", folded=True)
     with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
-        build_fmus(planar, tmp_path, start_values={"motor": {}}, backend="python", folded=True)
+        build_fmus(planar, tmp_path, parameters={"motor": {}}, backend="python", folded=True)
     (tmp_path / "file").write_text("")
     for backend in ("python", "native"):
         with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):

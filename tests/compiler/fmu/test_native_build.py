@@ -164,7 +164,7 @@ def test_other_start_values_compile_the_tables_alone(planar, tmp_path, monkeypat
 
     monkeypatch.setattr(compile._Workshop, "_object", record)
     values = {"controller": {"K_p[1]": 123.0 + os.getpid()}}
-    build_fmus(planar, tmp_path, units=["controller"], start_values=values, backend="native", folded=True)
+    build_fmus(planar, tmp_path, units=["controller"], parameters=values, backend="native", folded=True)
     assert compiled == ["together.c"]
 
 

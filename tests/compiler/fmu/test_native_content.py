@@ -155,7 +155,7 @@ def test_the_manifest_is_that_of_the_layered_standard(native, version, unit_name
 def test_reference_results_end_where_an_arm_runs_away(planar, tmp_path):
     """Torques that no spring could hold: the results stop, the build goes on."""
     start = {"plant": {"equilibrium": False, "tau_s_0[1]": 1e300, "kappa_dot_0[1]": 1e300}}
-    path = build_fmus(planar, tmp_path, units=["plant"], start_values=start, backend="native", folded=True)["plant"]
+    path = build_fmus(planar, tmp_path, units=["plant"], parameters=start, backend="native", folded=True)["plant"]
     rows = members(path)[f"{REFERENCE}Plant_out.csv"].decode().splitlines()
     assert len(rows) < 22
     assert not {"nan", "inf"} & set(",".join(rows[1:]).split(","))

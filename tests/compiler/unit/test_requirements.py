@@ -44,7 +44,7 @@ def test_fmus_of_both_kinds_refuse_the_initialization(backend, tmp_path, caplog)
 def test_start_values_that_are_not_met_are_refused_by_the_build(tmp_path):
     values = {"wall": {"normal[1]": 0.0}}
     with pytest.raises(UsageError, match=r"start values of wall: normal\[1\]: expected a direction"):
-        build_fmus(None, tmp_path, units=[find_unit("wall")], start_values=values, backend="python")
+        build_fmus(None, tmp_path, units=[find_unit("wall")], parameters=values, backend="python")
 
 
 class Early(Unit):

@@ -99,7 +99,7 @@ robot = "planar_2dof"
 system = "{{}}.toml"
 stop = {STOP}
 step = {STEP}
-master = "{{}}"
+algorithm = "{{}}"
 tolerance = 1e-12
 """
 PAIR = ["cart:Cart", "control:Control"]
@@ -116,14 +116,14 @@ SYSTEMS = {
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory):
-    def write(system: str, master: str = "gauss-seidel", delayed: bool = False) -> Path:
+    def write(system: str, algorithm: str = "gauss-seidel", delayed: bool = False) -> Path:
         folder = tmp_path_factory.mktemp(system)
         (folder / "loop.py").write_text(UNITS.replace("DELAYED", f"delayed={delayed}"))
         units, links = SYSTEMS[system]
         listed = [f'{name} = "loop.py:{unit}"' for name, _, unit in (each.partition(":") for each in units)]
         joined = [f'"{start}" = ["{end}"]' for start, end in links.items()]
         (folder / f"{system}.toml").write_text(SYSTEM.format("\n".join(listed), "\n".join(joined)))
-        (folder / "scenario.toml").write_text(SCENARIO.format(system, master))
+        (folder / "scenario.toml").write_text(SCENARIO.format(system, algorithm))
         return folder / "scenario.toml"
 
     return write
@@ -176,7 +176,7 @@ def test_a_sample_acts_in_the_step_that_follows(scenario, run, options):
 @pytest.mark.heavy
 @pytest.mark.parametrize("every", [2, 3])
 def test_a_slower_controller_holds_between_its_samples(scenario, run, every):
-    results = run(scenario("plain"), settings={"control.period": every * STEP})
+    results = run(scenario("plain"), parameters={"control.period": every * STEP})
     np.testing.assert_allclose(results["cart.x"], own_loop(every=every)[0], **CLOSE)
 
 
@@ -214,13 +214,13 @@ def test_the_fmu_declares_that_samples_depend_on_inputs_and_names_its_period(sce
     assert float(description.defaultExperiment.stepSize or "nan") == 0.01
 
 
-@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 @pytest.mark.parametrize(
     ("period", "way"), [(STEP / 2, 0.005), (1.5 * STEP, 0.0075), (0.7 * STEP, 0.007), (2.5 * STEP, 0.008333)]
 )
-def test_a_period_that_steps_do_not_meet_is_refused(scenario, run, master, period, way):
+def test_a_period_that_steps_do_not_meet_is_refused(scenario, run, algorithm, period, way):
     with pytest.raises(UsageError) as caught:
-        run(scenario("plain", master), settings={"control.period": period})
+        run(scenario("plain", algorithm), parameters={"control.period": period})
     message = str(caught.value)
     assert f"control: samples every {period:g} s, expected a whole multiple of its step 0.01 s" in message
     assert f"such as {way:.4g}" in message and "--set control.period=0.0" in message
@@ -229,7 +229,7 @@ def test_a_period_that_steps_do_not_meet_is_refused(scenario, run, master, perio
 @pytest.mark.heavy
 def test_a_period_counts_in_packages_containers_and_each_run(scenario, run, tmp_path):
     """That of the package, and one that is given for a run; what has no inputs may sample as it will."""
-    assert run(scenario("clock"), settings={"clock.period": STEP / 4})["clock.count"][-1] == 4 * STOP / STEP
+    assert run(scenario("clock"), parameters={"clock.period": STEP / 4})["clock.count"][-1] == 4 * STOP / STEP
     run(scenario("plain"), stop=STEP)
     package = tmp_path / "results" / "system.ssp"
     with pytest.raises(UsageError, match="control: samples every 0.01 s, expected a whole multiple"):
@@ -259,13 +259,13 @@ def matrix(delay: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("system", "master", "delay"),
+    ("system", "algorithm", "delay"),
     [("plain", "gauss-seidel", 0), ("chain", "gauss-seidel", 0), ("plain", "jacobi", 1),
      ("coarse", "gauss-seidel", 0), ("wrapped", "gauss-seidel", 0)],
 )  # fmt: skip
-def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, master, delay):
+def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, algorithm, delay):
     """Those beyond are zeros: what is held or waits is set anew in each step. Steps of an encoder are their line."""
-    linear = vdfmu.linearize(scenario(system, master), at=3 * STEP, sampled=True)
+    linear = vdfmu.linearize(scenario(system, algorithm), at=3 * STEP, sampled=True)
     poles = np.linalg.eigvals(linear.A)
     poles = poles[np.argsort(-np.abs(poles))]
     wanted = np.linalg.eigvals(matrix(delay))
@@ -308,7 +308,7 @@ def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_pa
 def test_margins_are_those_of_the_sampled_loop(scenario, n):
     """By the transfer function of cart and controller, on a grid of its own; samples come at every n-th point."""
     settings, T = {"control.period": n * STEP}, n * STEP
-    (margin,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], settings=settings).margins
+    (margin,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], parameters=settings).margins
     E = expm(T * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
     z = np.exp(1j * np.linspace(1e-4, np.pi, 200_001))
     cart = [(np.linalg.inv(each * np.eye(2) - E[:2, :2]) @ E[:2, 2])[0] for each in z[::100]]

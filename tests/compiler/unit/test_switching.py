@@ -152,7 +152,7 @@ def test_reference_results_and_references_have_them(fmu, motor, tmp_path):
     (folder / "scenario.toml").write_text(
         f'name = "m"\ndescription = "m"\nsystem = "system.toml"\nrobot = "planar_2dof"\nstop = {STOP}\nstep = 0.05\n'
     )
-    results = vdfmu.run(folder / "scenario.toml", settings={"m.duty": 0.01}, out=tmp_path / "r")
+    results = vdfmu.run(folder / "scenario.toml", parameters={"m.duty": 0.01}, out=tmp_path / "r")
     for compared in results.summary["reference"].values():
         assert max(compared["max_difference"][f"m.{name}"] for name in "iw") < 1e-6  # as `CLOSE`
 

@@ -182,7 +182,7 @@ def test_packages_speak_of_no_robot(inside, form, name):
 @pytest.mark.parametrize("words", [
     "build motor.toml --out fmus", "build motor.toml --out fmus_python --backend python",
     "build motor.toml --container", "ssp motor.toml --reference", "check motor.toml", "check drive.toml",
-    "run motor.toml --fmi 3.0 --master iterative --adaptive 1e-4 --out adaptive",
+    "run motor.toml --fmi 3.0 --algorithm iterative --adaptive 1e-4 --out adaptive",
     "tune motor.toml --vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --evaluations 4",
 ])  # fmt: skip
 def test_commands_work(inside, words):
@@ -197,7 +197,7 @@ def test_a_study_has_the_numbers_of_single_runs(inside, engine):
     over = {"controller.K_p": [0.05, 0.1]}
     study = vdfmu.sweep("motor.toml", vary=over, measure={"top": "peak(motor.w)"}, engine=engine, out=f"study_{engine}")
     for gain, top in zip(over["controller.K_p"], study["top"], strict=True):
-        alone = vdfmu.run("motor.toml", settings={"controller.K_p": gain}, out=False, reference=False)
+        alone = vdfmu.run("motor.toml", parameters={"controller.K_p": gain}, out=False, reference=False)
         # both solve with an error of 1e-7 a step
         assert top == pytest.approx(np.abs(alone["motor.w"]).max(), abs=TOLERANCE)
 

@@ -25,7 +25,7 @@ def build(unit: str, robot: str, precision: str, folder: Path) -> Path:
     start = {unit: START[unit]} if precision == "float32" and unit in START else {}
     chosen = find_unit(unit)
     fmus = build_fmus(
-        load_robot(robot) if chosen.needs_robot() else None, folder, units=[chosen], start_values=start, target="efmi",
+        load_robot(robot) if chosen.needs_robot() else None, folder, units=[chosen], parameters=start, target="efmi",
         precision=precision, folded=True)  # fmt: skip
     (path,) = fmus.values()
     return path

@@ -29,7 +29,7 @@ def multisine_run(out, **settings):
     sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
     vdfmu.run(
         "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True,
-        settings=settings,
+        parameters=settings,
     )  # fmt: skip
     return out
 

@@ -48,9 +48,9 @@ def test_each_joint_is_better_with_the_margin(tuned):
     # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
     assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
     scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), stop=0.3)
-    settings = {name: value.tolist() for name, value in tuned.settings.items()}
+    settings = {name: value.tolist() for name, value in tuned.parameters.items()}
     for point, gains in ((tuned.before, {}), (tuned.after, settings)):
-        with run_along(scenario, settings=gains) as (poses, _, _):
+        with run_along(scenario, parameters=gains) as (poses, _, _):
             # at the states of a run with these gains instead of the first ones: errors are some 1e-5 rad in either
             np.testing.assert_allclose(point.modulus, poses.loops.modulus, rtol=0.02)
     assert (tuned.after.modulus >= MARGIN).all()
@@ -215,7 +215,14 @@ def test_a_larger_budget_goes_on(tmp_path):
 def test_a_start_without_margin_is_noted(tmp_path):
     """The loops of tracking have modes that grow with one sample of delay."""
     search = vdfmu.tune(
-        "tracking", ["controller.K_p[1]"], ERRORS, stop=2.6, margin="same", master="jacobi", evaluations=1, out=tmp_path
+        "tracking",
+        ["controller.K_p[1]"],
+        ERRORS,
+        stop=2.6,
+        margin="same",
+        algorithm="jacobi",
+        evaluations=1,
+        out=tmp_path,
     )
     first, second = search.notes
     assert first == "margin: a mode grows at the start, so same demands that none grows faster."
@@ -266,7 +273,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"evaluations": 0}, "evaluations: expected at least 1, got 0"),
     ({"time_limit": -1.0}, "time_limit must be a positive, finite time in s, got -1"),
     ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
-    ({"spread": ["master=jacobi, iterative"]}, "spread: expected parameters with numbers, got master"),
+    ({"spread": ["algorithm=jacobi, iterative"]}, "spread: expected parameters with numbers, got algorithm"),
     ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
     ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
     ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),

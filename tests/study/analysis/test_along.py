@@ -60,7 +60,7 @@ def test_the_margin_is_the_smallest_over_the_run_where_a_wrist_is_slow():
     loops, rows, _ = on_a_grid("planar_tracking", 200)
     assert len(rows) == 201 and agree(loops, rows)
     # An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8.
-    along = margins_along("tracking", at=[0.8], settings=SLOW_WRIST)
+    along = margins_along("tracking", at=[0.8], parameters=SLOW_WRIST)
     nearest = along.judged.loops.nearest()
     assert nearest.name == "plant.tau[6]" and 0.13 < nearest.modulus < 0.15
     assert min(abs(nearest.time - t) for t in (0.84, 9.16)) < 0.02  # the motion is the same from its end
@@ -85,7 +85,7 @@ def test_the_margin_of_random_gains_is_the_smallest_of_1000_times(name, factors,
     for _ in range(sets):
         drawn = {key: np.exp(random.uniform(*np.log(factors), gain.shape)) * gain for key, gain in gains.items()}
         settings = {f"controller.{key}": values.tolist() for key, values in drawn.items()}
-        loops, rows, grid = on_a_grid(name, 1000, settings=settings)
+        loops, rows, grid = on_a_grid(name, 1000, parameters=settings)
         assert agree(loops, rows), settings
         # the growth between two rows is that of a line: of a grid 3 to 6 times as fine some per cent
         times, rates = (np.array([getattr(pose, key) for pose in rows]) for key in ("time", "rate"))
@@ -96,7 +96,7 @@ def test_the_margin_of_random_gains_is_the_smallest_of_1000_times(name, factors,
 
 def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     scenario = dataclasses.replace(prepare("tracking"), stop=1.2)
-    with run_along(scenario, settings=LESS_DAMPED) as (poses, _, _):
+    with run_along(scenario, parameters=LESS_DAMPED) as (poses, _, _):
         pass
     figures = judged(poses, 0.0, scenario.stop).figures
     checks = {check.key: check for check in loop_checks({"key_figures": figures})}
@@ -128,34 +128,34 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
-def test_all_commands_have_one_margin(master, tmp_path):
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_all_commands_have_one_margin(algorithm, tmp_path):
     """Of an arm with a mode that grows slowly, whatever the gains are, under a sample of delay."""
     path = tmp_path / "reach.toml"
     written = write_reach("scara_4dof", path)
     reach = margins_along(path).judged
     np.testing.assert_array_equal(written.margins.modulus, reach.loops.margins().modulus)
-    options = ["--master", master, "--no-reference", "--out", str(tmp_path / "run")]
+    options = ["--algorithm", algorithm, "--no-reference", "--out", str(tmp_path / "run")]
     ran("run", path, *options)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     said = [check.sentence for check in checks_of(summary) if check.key in ("growth", "margin", "delay")]
-    assert any("joint 4 is unstable from" in sentence for sentence in said) == (master == "jacobi")
-    margins = margins_along(path, master=master).judged
+    assert any("joint 4 is unstable from" in sentence for sentence in said) == (algorithm == "jacobi")
+    margins = margins_along(path, algorithm=algorithm).judged
     loops = [check.sentence for check in loop_checks({"key_figures": margins.figures})][1:]
-    assert loops == said and (master == "jacobi" or reach.figures == margins.figures)
-    along = json.loads(ran("linear", path, "--master", master, "--json").output)
+    assert loops == said and (algorithm == "jacobi" or reach.figures == margins.figures)
+    along = json.loads(ran("linear", path, "--algorithm", algorithm, "--json").output)
     assert along["state"] == loop_sentences(margins.figures)[0]
     least, shown = margins.loops.modulus, summary["key_figures"]["margin"]["value"]
     assert shown == least.min() > 0.3
-    problem = make_problem(path, ["controller.K_p"], "rms(plant.q)", margin="same", master=master)
+    problem = make_problem(path, ["controller.K_p"], "rms(plant.q)", margin="same", algorithm=algorithm)
     # other instances of the same FMUs at the same states: rounding
     np.testing.assert_allclose(problem.margin, least, rtol=1e-9)
     np.testing.assert_allclose(problem.loops(problem.start).modulus, least, rtol=1e-6)  # four digits of the gains
     system = SystemDescription(load_scenario(path))
     gain = next(knob for knob in knobs(system) if knob["key"] == "controller.K_p")
     span = (0.0, system.scenario.stop, 1e-3)
-    (track,) = tracks(tmp_path / "run" / "system.ssp", master, [gain], values_of(system), span)
-    assert (track is None) == (master == "jacobi")  # torques wait for a step there: gains are in the states too
+    (track,) = tracks(tmp_path / "run" / "system.ssp", algorithm, [gain], values_of(system), span)
+    assert (track is None) == (algorithm == "jacobi")  # torques wait for a step there: gains are in the states too
     if track is not None:
         at_1 = track["figures"][track["places"].index(0.0)]
         assert at_1["margin"]["value"] == pytest.approx(shown, abs=1e-5)
@@ -167,17 +167,17 @@ def test_a_slow_mode_does_not_keep_a_search_from_its_margin(tmp_path):
     write_reach("scara_4dof", path)
     tuned = vdfmu.tune(
         path, ["controller.K_p[3]", "controller.K_v[3]"], "rms(trajectory.q_d[3] - plant.q[3])", margin=0.4,
-        master="jacobi", method="local", evaluations=20, stop=1.0, workers=1, out=tmp_path / "search",
+        algorithm="jacobi", method="local", evaluations=20, stop=1.0, workers=1, out=tmp_path / "search",
     )  # fmt: skip
     assert tuned.margins[0].modulus.min() < 0.4 and tuned.after.feasible and (tuned.after.modulus >= 0.4).all()
     assert any("is unstable from" in note for note in tuned.notes)
     with (tuned.folder / "tuned.toml").open("rb") as file:
         gains = tomllib.load(file)["controller"]
     settings = {f"controller.{name}": value for name, value in gains.items()}
-    short = dataclasses.replace(prepare(path, master="jacobi"), stop=1.0)
+    short = dataclasses.replace(prepare(path, algorithm="jacobi"), stop=1.0)
     # states of a run with these gains instead of the first ones: the errors are some 1e-5 rad in either
     np.testing.assert_allclose(
-        margins_along(short, settings=settings).judged.loops.modulus, tuned.after.modulus, rtol=0.02
+        margins_along(short, parameters=settings).judged.loops.modulus, tuned.after.modulus, rtol=0.02
     )
 
 
@@ -186,7 +186,7 @@ def test_a_run_that_fails_has_margins_until_then():
     """Twice the gains of `tracking` are unstable with a sample of delay: the run ends at 2.5 s."""
     settings = {"controller.K_v": [100.0, 100.0, 80.0, 60.0, 50.0, 40.0]}
     with pytest.raises(CosimError):
-        vdfmu.run("tracking", master="jacobi", settings=settings, out=False, reference=False)
-    margins = margins_along("tracking", master="jacobi", settings=settings)
+        vdfmu.run("tracking", algorithm="jacobi", parameters=settings, out=False, reference=False)
+    margins = margins_along("tracking", algorithm="jacobi", parameters=settings)
     assert loop_sentences(margins.judged.figures)[0] == "failed" and max(margins.times) < 3.0
     assert any("the run fails: plant failed at" in note for note in margins.notes)

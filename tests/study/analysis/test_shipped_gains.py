@@ -39,10 +39,10 @@ def test_where_a_margin_is_less_the_file_says_why():
 
 @pytest.mark.heavy
 def test_under_jacobi_the_gains_hold_at_half_the_step_and_the_verdict_says_so():
-    figures = margins_along("tracking", master="jacobi").judged.figures
+    figures = margins_along("tracking", algorithm="jacobi").judged.figures
     state, sentences = loop_sentences(figures)
     assert state != "good" and sentences[-1].startswith("with a step of 0.0005 s the modulus margin is 0.5")
-    modulus, _ = margins("tracking", master="jacobi", step=5e-4)
+    modulus, _ = margins("tracking", algorithm="jacobi", step=5e-4)
     assert modulus.min() >= 0.5
     assert figures["half_step"]["value"] == pytest.approx(modulus.min(), rel=0.02)  # the rows of another run
 

@@ -43,8 +43,8 @@ def masses_and_springs():
     return robot, Linear(np.block(rows), np.vstack([zero, zero, rotor, zero])), K
 
 
-@pytest.mark.parametrize(("master", "delay"), [("gauss-seidel", 0), ("jacobi", 1)])
-def test_margins_by_fmus_are_those_of_masses_and_springs(master, delay):
+@pytest.mark.parametrize(("algorithm", "delay"), [("gauss-seidel", 0), ("jacobi", 1)])
+def test_margins_by_fmus_are_those_of_masses_and_springs(algorithm, delay):
     robot, plant, K = masses_and_springs()
     A, B = held(plant, 1e-3)
     n, m = B.shape
@@ -52,7 +52,7 @@ def test_margins_by_fmus_are_those_of_masses_and_springs(master, delay):
         A, B, K = np.block([[A, B], [np.zeros((m, n + m))]]), np.eye(n + m)[:, n:], np.hstack([K, np.zeros((m, m))])
     wanted = Loop(Linear(A, B), K, 1e-3).margins()
     scenario = vdfmu.load_scenario("planar_tracking", robot)
-    margins = system_loop(linearized(scenario, master=master, settings=AT_REST), ["plant.tau"]).margins()
+    margins = system_loop(linearized(scenario, algorithm=algorithm, parameters=AT_REST), ["plant.tau"]).margins()
     # of the gravity's difference quotient: its rounding, 1e-15 of 30 N.m over 2e-6, of slopes of 10 N.m/rad
     for mine, other in zip(margins, wanted, strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-5)
@@ -61,11 +61,11 @@ def test_margins_by_fmus_are_those_of_masses_and_springs(master, delay):
 def test_the_closed_loop_is_plant_and_controller():
     robot, plant, K = masses_and_springs()
     scenario = vdfmu.load_scenario("planar_tracking", robot)
-    closed = vdfmu.linearize(scenario, 0.0, settings=AT_REST)
+    closed = vdfmu.linearize(scenario, 0.0, parameters=AT_REST)
     assert closed.states[:2] == ("plant.q[1]", "plant.q[2]") and closed.state_units[6] == "N.m"
     # of the gravity's difference quotient, see above, times 1 / M of some 100
     np.testing.assert_allclose(closed.A, plant.A + plant.B @ K, rtol=1e-7, atol=1e-5)
-    opened = vdfmu.linearize(scenario, 0.0, settings=AT_REST, opened=["plant.tau"])
+    opened = vdfmu.linearize(scenario, 0.0, parameters=AT_REST, opened=["plant.tau"])
     np.testing.assert_allclose(opened.A, plant.A, rtol=1e-7, atol=1e-5)
     assert opened.outputs[-2:] == ("plant.tau[1]", "plant.tau[2]")
     np.testing.assert_allclose(opened.C[-2:], K, rtol=1e-12)
@@ -73,18 +73,18 @@ def test_the_closed_loop_is_plant_and_controller():
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(
-    ("master", "factor"), [("gauss-seidel", 1.0), ("gauss-seidel", 6.0), ("jacobi", 1.0), ("jacobi", 4.0)]
+    ("algorithm", "factor"), [("gauss-seidel", 1.0), ("gauss-seidel", 6.0), ("jacobi", 1.0), ("jacobi", 4.0)]
 )
-def test_the_sampled_system_moves_as_the_nonlinear_run(master, factor):
+def test_the_sampled_system_moves_as_the_nonlinear_run(algorithm, factor):
     """Stable, or with so many times the damping not."""
-    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), master=master)
+    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), algorithm=algorithm)
     short = SHORT | {"controller.K_v": [40.0 * factor, 20.0 * factor]}
-    system = vdfmu.linearize(scenario, 0.0, sampled=True, settings=short)
+    system = vdfmu.linearize(scenario, 0.0, sampled=True, parameters=short)
     assert (np.abs(np.linalg.eigvals(system.A)).max() > 1.0) == (factor > 1.0)
     rows = []
     for move in (0.0, 1e-5):
         moved = short | {"plant.q_0": [-1.2 + move, 0.4]}
-        results = vdfmu.run(scenario, settings=moved, stop=0.01, reference=False, out=False)
+        results = vdfmu.run(scenario, parameters=moved, stop=0.01, reference=False, out=False)
         rows.append(np.hstack([results[f"plant.{g}"] for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
         waiting = results["controller.tau"][0]
         rows.append(waiting)
@@ -108,8 +108,8 @@ def test_the_sampled_system_moves_as_the_nonlinear_run(master, factor):
 
 def test_sampling_without_feedback_is_the_matrix_exponential():
     settings = AT_REST | {"controller.K_p": 0.0, "controller.K_v": 0.0}
-    continuous = vdfmu.linearize("planar_tracking", 0.0, settings=settings)
-    sampled = vdfmu.linearize("planar_tracking", 0.0, settings=settings, sampled=True)
+    continuous = vdfmu.linearize("planar_tracking", 0.0, parameters=settings)
+    sampled = vdfmu.linearize("planar_tracking", 0.0, parameters=settings, sampled=True)
     # rounding of the exponential of a matrix of norm 100
     np.testing.assert_allclose(sampled.A[:8, :8], expm(1e-3 * continuous.A), atol=1e-10)
 
@@ -117,9 +117,9 @@ def test_sampling_without_feedback_is_the_matrix_exponential():
 @pytest.mark.heavy
 def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    wanted = margins_along("planar_tracking", at=[0.5], master="jacobi")
+    wanted = margins_along("planar_tracking", at=[0.5], algorithm="jacobi")
     assert wanted.names == ("plant.tau[1]", "plant.tau[2]") and wanted.step == 1e-3
-    said = ran("linear", "planar_tracking", "--master", "jacobi", "--at", "0.5")
+    said = ran("linear", "planar_tracking", "--algorithm", "jacobi", "--at", "0.5")
     assert "Stepped by 0.001 s, jacobi" in said.output
     assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
     (marked,) = [line for line in said.output.splitlines() if "smallest" in line]
@@ -127,7 +127,7 @@ def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, mon
     # gauss-seidel samples
     assert refused("linear", "planar_tracking", "--adaptive", "1e-4").startswith("adaptive: gauss-seidel")
     ran("ssp", "planar_tracking", "--out", "p.ssp")
-    again = ran("linear", "p.ssp", "--master", "jacobi", "--at", "0.5")
+    again = ran("linear", "p.ssp", "--algorithm", "jacobi", "--at", "0.5")
     assert again.output.splitlines()[2:] == said.output.splitlines()[2:]
     said = ran("linear", "planar_tracking", "--loop", "controller.q")
     assert [line.split()[0] for line in said.output.splitlines()[3:5]] == ["controller.q[1]", "controller.q[2]"]

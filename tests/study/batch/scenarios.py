@@ -12,7 +12,7 @@ def scenario_file(folder, units):
     (folder / "system.toml").write_text(f'name = "own"\ndescription = "units of a user"\n\n[components]\n{units}')
     (folder / "scenario.toml").write_text(
         'name = "own"\ndescription = "units of a user"\nsystem = "system.toml"\n'
-        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nmaster = "gauss-seidel"\ntolerance = 1e-8\n'
+        'robot = "planar_2dof"\nstop = 0.2\nstep = 0.01\nalgorithm = "gauss-seidel"\ntolerance = 1e-8\n'
     )
     return folder / "scenario.toml"
 

@@ -89,19 +89,19 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
     assert np.ptp([row["plant.q[1]"][-1] for row in rows]) > 1e3 * POSITION  # they are different runs
 
 
-@pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
-def test_inputs_from_outside_and_both_masters(bench, master):
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
+def test_inputs_from_outside_and_both_masters(bench, algorithm):
     t = np.array([0.0, 0.013, 0.0301, 0.05])
     inputs = {"plant.F_e[1]": (t, np.array([0.0, 20.0, -5.0, 3.0]))}
     over = {"plant.tolerance": [1e-5, 1e-7, 1e-9], "trajectory.t_start": [0.0, 0.02], "plant.F_e[2]": [0.0, 4.0]}
     for hold in (False, True):
-        options = {"master": master, "stop": 0.06, "inputs": inputs, "input_hold": hold}
+        options = {"algorithm": algorithm, "stop": 0.06, "inputs": inputs, "input_hold": hold}
         assert_same_runs(*bench("planar_tracking", over, **options))
         assert not bench.needed
 
 
 @pytest.mark.parametrize("options", [
-    {"settings": {"plant.solver": "fixed_2"}},
+    {"parameters": {"plant.solver": "fixed_2"}},
     *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
 ], ids=str)  # fmt: skip
 def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench, options):
@@ -187,7 +187,7 @@ def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
 @pytest.mark.parametrize(("over", "options", "words"), [
     ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
     ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
-    ({"plant.mass[1]": "1, 2"}, {"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+    ({"plant.mass[1]": "1, 2"}, {"algorithm": "iterative"}, "algorithm: expected gauss-seidel or jacobi"),
 ])  # fmt: skip
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):
     with pytest.raises(UsageError, match=f"engine: batch: {words}(.|\n)*Take the engine fmu"):
@@ -228,11 +228,11 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     assert len({row["end"] for row in rows}) == 12
 
 
-@pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
-def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, master):
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
+def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, algorithm):
     scenario = switched_file(tmp_path)
     over = {"b.period": "0.01, 0.02, 0.07", "b.seed": "3, 4", "a.f": "7, 100"}
-    rows, wanted = bench(scenario, over, measure=["end=final(b.s)"], master=master)
+    rows, wanted = bench(scenario, over, measure=["end=final(b.s)"], algorithm=algorithm)
     assert_same_runs(rows, wanted)
     assert not bench.needed
     assert len({row["end"] for row in rows}) == 12

@@ -54,7 +54,7 @@ def assert_same_run(scenario: Any, settings: dict[str, Any] | None = None) -> No
     for stopped in module.steps():
         assert stopped == 0
         rows.append(module.memory())
-    results = vdfmu.run(scenario, out=False, reference=False, settings=settings)
+    results = vdfmu.run(scenario, out=False, reference=False, parameters=settings)
     compared = {name: place for name, (place, _) in module.program.signals().items() if name in set(results.names)}
     assert len(compared) > 3
     for name, place in compared.items():
@@ -64,9 +64,9 @@ def assert_same_run(scenario: Any, settings: dict[str, Any] | None = None) -> No
     assert max(np.ptp(results[name]) for name in compared) > 1e3 * POSITION
 
 
-@pytest.mark.parametrize("master", ["gauss-seidel", *heavy("jacobi")])
-def test_units_that_are_sampled_or_switched_by_time(tmp_path, master):
-    assert_same_run(prepare(switched_file(tmp_path), master=master), {"b.period": 0.02, "a.f": 33.0})
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
+def test_units_that_are_sampled_or_switched_by_time(tmp_path, algorithm):
+    assert_same_run(prepare(switched_file(tmp_path), algorithm=algorithm), {"b.period": 0.02, "a.f": 33.0})
 
 
 @pytest.mark.parametrize(("name", "options", "settings"), [
@@ -89,6 +89,6 @@ def test_what_is_not_met_what_stops_and_all_reasons_for_no_program_are_told():
     assert unstable.begun == 0
     (stopped,) = {code for code in unstable.steps() if code}
     assert unstable.program.moving[stopped - 1].name == "plant"
-    scenario = dataclasses.replace(prepare("planar_tracking"), master="iterative", adaptive=1e-3)
-    with pytest.raises(vdfmu.VdfmuError, match="master: expected gauss-seidel or jacobi, got iterative\nadaptive: "):
+    scenario = dataclasses.replace(prepare("planar_tracking"), algorithm="iterative", adaptive=1e-3)
+    with pytest.raises(vdfmu.VdfmuError, match="algorithm: expected gauss-seidel or jacobi, got iterative\nadaptive: "):
         SystemProgram(SystemDescription(scenario))

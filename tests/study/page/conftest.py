@@ -24,9 +24,9 @@ def quiet(browser):
 def pages(tmp_path_factory) -> dict[str, Path]:
     """Return a page of each kind: of a run, of two, of an arm alone, of a study, and the list of runs."""
     folder = tmp_path_factory.mktemp("pages")
-    vdfmu.run("tracking", stop=1.0, out=folder / "tracking", settings={"trajectory.T": 1.0})
+    vdfmu.run("tracking", stop=1.0, out=folder / "tracking", parameters={"trajectory.T": 1.0})
     run = read_run(folder / "tracking")
-    over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "master=gauss-seidel, jacobi"]
+    over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "algorithm=gauss-seidel, jacobi"]
     study = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, workers=1, measure=["error=max(abs(trajectory.q_d - plant.q))"],
         out=tmp_path_factory.mktemp("study") / "study",

@@ -22,7 +22,7 @@ SEEN = """((...selectors) => selectors.map(one => {
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
-    vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0}, simulate=True)
+    vdfmu.run("tracking", stop=1.0, out=folder, parameters={"trajectory.T": 1.0}, simulate=True)
     return folder
 
 

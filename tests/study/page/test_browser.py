@@ -25,7 +25,7 @@ PHONE = (390, 844)
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tracking")
-    vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0})
+    vdfmu.run("tracking", stop=1.0, out=folder, parameters={"trajectory.T": 1.0})
     return folder
 
 

@@ -20,7 +20,7 @@ def two(tmp_path_factory):
     gains = {"controller.K_p": [100.0, 150.0], "controller.K_v[2]": 5.0}
     options: dict = {"reference": False, "stop": 0.2}
     vdfmu.run("planar_tracking", out=folder / "first", **options)
-    vdfmu.run("planar_tracking", out=folder / "second", settings=gains, step=0.002, **options)
+    vdfmu.run("planar_tracking", out=folder / "second", parameters=gains, step=0.002, **options)
     return [folder / "first", folder / "second"]
 
 

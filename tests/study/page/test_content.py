@@ -56,7 +56,7 @@ def noise(rows: int, elements: int = 3) -> Results:
 def planar(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     return folder, vdfmu.run(
-        "planar_tracking", stop=0.2, out=folder, reference=False, settings={"plant.offset[2,1]": 0.6}
+        "planar_tracking", stop=0.2, out=folder, reference=False, parameters={"plant.offset[2,1]": 0.6}
     )
 
 

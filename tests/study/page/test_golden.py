@@ -65,7 +65,7 @@ def pages(tmp_path_factory) -> Any:
         if name not in made:
             scenario, settings, options = SCENARIOS[name]
             folder = made[name] = tmp_path_factory.mktemp(name)
-            vdfmu.run(scenario, out=folder, settings=settings, reference=False, simulate=True, **options)
+            vdfmu.run(scenario, out=folder, parameters=settings, reference=False, simulate=True, **options)
         return made[name] / "report.html"
 
     return page
@@ -90,7 +90,7 @@ def of_run(name: str, command: str) -> Mapping[str, Any]:
     words = (word.strip("' ").partition("=") for word in command.split(" --set ")[1:])
     values = settings | {key: float(value) for key, _, value in words}
     try:
-        return vdfmu.run(scenario, out=False, settings=values, reference=False, **options).summary
+        return vdfmu.run(scenario, out=False, parameters=values, reference=False, **options).summary
     except CosimError as error:
         return {"verdict": {"state": FAILED, "checks": [], "headline": str(error)}, "error": str(error)}
 

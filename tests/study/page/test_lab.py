@@ -15,7 +15,7 @@ PHONE = (390, 844)
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "master=gauss-seidel, jacobi"]
+    over = ["controller.K_p=*1, 2, 3", "plant.mass[2]=*0.8, 1.2", "algorithm=gauss-seidel, jacobi"]
     swept = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, workers=1, record=("plant.q[*]",),
         measure=["error=max(abs(trajectory.q_d - plant.q))"], out=tmp_path_factory.mktemp("study") / "study",
@@ -27,8 +27,8 @@ def study(tmp_path_factory):
 def test_a_chosen_point_is_run_with_its_parameters(study, browser):
     show(browser, study.folder / "report.html")
     able = browser.run("report.lab.all.filter(row => report.lab.changes(row))")
-    master = study.row("best")["master"]
-    assert able == [k for k, master_of_row in enumerate(study["master"]) if master_of_row == master]
+    algorithm = study.row("best")["algorithm"]
+    assert able == [k for k, master_of_row in enumerate(study["algorithm"]) if master_of_row == algorithm]
     for row in (able[0], able[-1]):
         errors = browser.run(f"""(async () => {{
             const worker = new report.SimulationWorker(report.binaries);

@@ -26,7 +26,7 @@ from vdfmu.system.scenario import load_scenario
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("simulation")
-    vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False, settings={"controller.K_p": 1500})
+    vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False, parameters={"controller.K_p": 1500})
     return folder
 
 
@@ -144,7 +144,7 @@ def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    ({"master": "iterative"}, "master: expected gauss-seidel or jacobi, got iterative"),
+    ({"algorithm": "iterative"}, "algorithm: expected gauss-seidel or jacobi, got iterative"),
     ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),
 ])  # fmt: skip
 def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
@@ -220,7 +220,7 @@ def test_the_page_finds_what_the_fmus_found(pages, browser):
     # other gains, and links that the feedforward knows to be heavier: against FMUs with these values
     settings = {"controller.K_p": 3000.0}
     settings |= {f"{unit}.mass": [1.5 * m for m in (3.2, 3.2, 2.0, 2.0, 1.2, 1.2)] for unit in ("plant", "feedforward")}
-    other = vdfmu.run("tracking", out=folder / "other", reference=False, settings=settings)
+    other = vdfmu.run("tracking", out=folder / "other", reference=False, parameters=settings)
     changes = [{"unit": "controller", "name": "K_p", "value": 3000.0}]
     changes += [{"unit": unit, "name": "mass", "factor": 1.5} for unit in ("plant", "feedforward")]
     signals = simulated(browser, folder / "report.html", changes)
@@ -230,7 +230,7 @@ def test_the_page_finds_what_the_fmus_found(pages, browser):
 
 @pytest.mark.heavy
 def test_the_page_of_fmus_of_fmi_3_under_jacobi_finds_what_they_found(pages, browser):
-    folder = pages("reach", robot="planar_2dof", fmi_version="3.0", master="jacobi", stop=1.0)
+    folder = pages("reach", robot="planar_2dof", fmi_version="3.0", algorithm="jacobi", stop=1.0)
     assert_same(simulated(browser, folder / "report.html", []), Results.read(folder / "results.csv"))
 
 

@@ -25,7 +25,7 @@ DONE = "while (report.simulation.busy) await new Promise((done) => setTimeout(do
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("sliders")
-    vdfmu.run("tracking", stop=1.0, out=folder, settings={"trajectory.T": 1.0}, reference=False)
+    vdfmu.run("tracking", stop=1.0, out=folder, parameters={"trajectory.T": 1.0}, reference=False)
     write_report([read_run(folder)], folder / "report.html", simulate=True)
     return folder
 
@@ -112,7 +112,7 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     assert words_of(browser, ".knob output") == "× 0.316"
     factor = {"controller.K_p": [0.316 * k for k in browser.run("report.simulation.sliders[0].knob.values")]}
     other = vdfmu.run(
-        "tracking", stop=1.0, out=run / "other", settings={"trajectory.T": 1.0, **factor}, reference=False
+        "tracking", stop=1.0, out=run / "other", parameters={"trajectory.T": 1.0, **factor}, reference=False
     )
     error = np.degrees(other["trajectory.q_d"] - other["plant.q"])
     np.testing.assert_allclose(simulated(browser, 0), error.T, rtol=0, atol=np.degrees(EQUAL))
@@ -238,7 +238,7 @@ def test_verdict_tiles_and_figures_follow_the_sliders_in_one_screen(run, browser
 
 def test_a_run_that_failed_has_sliders_and_goes_on_with_others(browser, tmp_path):
     with pytest.raises(CosimError):
-        vdfmu.run("tracking", stop=0.5, out=tmp_path, settings={"controller.K_v": 300.0}, reference=False,
+        vdfmu.run("tracking", stop=0.5, out=tmp_path, parameters={"controller.K_v": 300.0}, reference=False,
                   simulate=True)  # fmt: skip
     opened(browser, tmp_path / "partial" / "report.html")
     assert words_of(browser, "#found li").startswith("good")
@@ -252,7 +252,7 @@ def test_a_run_that_failed_has_sliders_and_goes_on_with_others(browser, tmp_path
 
 def test_the_time_at_a_limit_follows_the_sliders(browser, tmp_path):
     settings = {"controller.tau_max": 0.08}
-    vdfmu.run("planar_tracking", out=tmp_path, settings=settings, reference=False, simulate=True)
+    vdfmu.run("planar_tracking", out=tmp_path, parameters=settings, reference=False, simulate=True)
     opened(browser, tmp_path / "report.html")
     assert words_of(browser, ".tile").split("\n")[:2] == ["Time at a limit", "69 %"]
     slide(browser, "Duration", -50)  # faster, so that the motor is at its limit for longer
@@ -327,7 +327,7 @@ def test_what_limits_a_run_is_found_by_running_again(run, browser):
     # the torque is held over a step: an error in proportion to it, and what else there is
     assert 0.2 < largest[1] / largest[0] < 0.35
     # a run with a quarter of the step, by the FMUs
-    fine = vdfmu.run("tracking", stop=1.0, step=2.5e-4, out=False, settings={"trajectory.T": 1.0}, reference=False)
+    fine = vdfmu.run("tracking", stop=1.0, step=2.5e-4, out=False, parameters={"trajectory.T": 1.0}, reference=False)
     coarse = Results.read(run / "results.csv")
     ratio = [np.abs(each["trajectory.q_d"] - each["plant.q"]).max() for each in (fine, coarse)]
     assert largest[1] / largest[0] == pytest.approx(ratio[0] / ratio[1], rel=0.25)  # of the tool, not of a joint

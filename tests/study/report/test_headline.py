@@ -271,13 +271,13 @@ def planar(tmp_path_factory):
 def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):
     short: dict[str, Any] = {"stop": 0.05, "out": False, "reference": False}
     rigid = planar[0].summary["key_figures"]["mode"]["value"]
-    soft = vdfmu.run("planar_tracking", settings={f"plant.K_f0[{i}]": 500.0 for i in (1, 2)}, **short)
+    soft = vdfmu.run("planar_tracking", parameters={f"plant.K_f0[{i}]": 500.0 for i in (1, 2)}, **short)
     figures, robot = soft.summary["key_figures"], vdfmu.load_robot("planar_2dof").with_parameters(K_f0=500.0)
     assert figures["tool_error"]["value"] > 0.0 and figures["mode"]["value"] < rigid
     # among five poses of a motion that has moved the arm by less than 0.01 degrees
     expected = vdfmu.natural_modes(robot, soft["plant.q"][0], motors="held").frequency[0]
     assert figures["mode"]["value"] == pytest.approx(expected, rel=1e-3)
-    longer = vdfmu.run("planar_tracking", settings={"plant.offset[2,1]": 0.6}, **short)
+    longer = vdfmu.run("planar_tracking", parameters={"plant.offset[2,1]": 0.6}, **short)
     assert "tool_error" not in longer.summary["key_figures"] and "mode" in longer.summary["key_figures"]
 
 
@@ -293,9 +293,9 @@ def test_the_page_begins_with_the_verdict_and_the_command_that_makes_the_run_aga
     assert '<p class="verdict failed" data-run="0">Failed: coupling energy error 31 % <small></small></p>' in page
     assert '<details class="checks failed" data-run="0" open>' in page
     assert run_command(planar[0].summary) == "vdfmu run planar_tracking --stop 0.2"
-    summary = planar[0].summary | {"scenario": "my own", "settings": {"controller.K_p[1]": "3"}}
+    summary = planar[0].summary | {"scenario": "my own", "parameters": {"controller.K_p[1]": "3"}}
     # a scenario that no file has any more: all its options
-    all_options = "--robot planar_2dof --stop 0.2 --step 0.001 --master gauss-seidel --tolerance 1e-07"
+    all_options = "--robot planar_2dof --stop 0.2 --step 0.001 --algorithm gauss-seidel --tolerance 1e-07"
     assert run_command(summary) == f"vdfmu run 'my own' {all_options} --set 'controller.K_p[1]=3'"
     units = summary | {"units": {"controller": "pid.py"}}
     assert run_command(units).endswith("--tolerance 1e-07 --unit controller=pid.py --set 'controller.K_p[1]=3'")
@@ -313,8 +313,8 @@ def test_the_command_has_each_option_that_differs(planar, tmp_path):
     path = tmp_path / "my.toml"
     text = locate("planar_tracking", "scenarios").read_text()
     path.write_text(text.replace('robot = "planar_2dof"', 'robot = "bot.toml"'))
-    facts = run_facts(prepare(path, stop=0.3, master="jacobi", tolerance=1e-5))
-    assert run_command(facts) == f"vdfmu run {path} --stop 0.3 --master jacobi --tolerance 1e-05"
+    facts = run_facts(prepare(path, stop=0.3, algorithm="jacobi", tolerance=1e-5))
+    assert run_command(facts) == f"vdfmu run {path} --stop 0.3 --algorithm jacobi --tolerance 1e-05"
     assert run_command(run_facts(prepare(path))) == f"vdfmu run {path}"
     assert run_command(run_facts(prepare(path, robot=robot))) == f"vdfmu run {path} --robot {robot.file}"
     reach = run_facts(prepare(reach_scenario(robot.file)))

@@ -20,7 +20,7 @@ from vdfmu.study.report.sheets import (
 
 TRACKING: dict[str, Any] = {
     "scenario": "two_joint", "robot": "manipulator_6dof", "friction": "lumped", "backend": "python",
-    "master": "gauss-seidel", "step": 0.001, "stop": 30.0, "tolerance": 1e-7, "steps": 30000, "wall_s": 6.774,
+    "algorithm": "gauss-seidel", "step": 0.001, "stop": 30.0, "tolerance": 1e-7, "steps": 30000, "wall_s": 6.774,
     "real_time_factor": 4.4287, "position_units": ["deg"] * 3, "torque_units": ["N.m"] * 3,
     "rms_position_error_deg": [4.55149e-3, 1.22387e-2, 1.59958e-8],
     "max_position_error_deg": [5.01096e-3, 1.36230e-2, 2.57374e-8],
@@ -35,7 +35,7 @@ TRACKING: dict[str, Any] = {
             ("sampled", "sampled-delayed", 1.234e-8, 5.678e-5), ("continuous", "continuous", 3.2e-6, 2.3e-2),
         )
     },
-    "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."], "settings": {"controller.K_p[1]": "1500"},
+    "warnings": ["Joint 1: K_v*step is [bold]above[/bold] 0.5."], "parameters": {"controller.K_p[1]": "1500"},
 }  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_whe
 @pytest.mark.parametrize(("changed", "said"), [
     ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
     ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
-    ({"settings": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
+    ({"parameters": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
 ])  # fmt: skip
 def test_below_the_errors_stands_why_they_are_small(changed, said):
     assert tracking_sheet({**TRACKING, **changed}).notes[-1].startswith(said)
@@ -127,9 +127,9 @@ def test_the_widest_numbers_fit_80_columns_and_facts_are_those_of_the_run():
     before = copy.deepcopy(TRACKING)
     assert list(facts(TRACKING)) == [
         ("Scenario", "two_joint"), ("Robot", "manipulator_6dof"), ("Friction", "lumped"), ("Units", "python FMUs"),
-        ("Master", "gauss-seidel"), ("Step", "0.001 s"), ("Stop", "30 s"), ("Tolerance", "1e-07"), ("Steps", "30000"),
-        ("Wall time", "6.77 s"), ("Real-time factor", "4.43 simulated seconds a second"),
-        ("Settings", "controller.K_p[1] = 1500"),
+        ("Algorithm", "gauss-seidel"), ("Step", "0.001 s"), ("Stop", "30 s"), ("Tolerance", "1e-07"),
+        ("Steps", "30000"), ("Wall time", "6.77 s"), ("Real-time factor", "4.43 simulated seconds a second"),
+        ("Parameters", "controller.K_p[1] = 1500"),
     ]  # fmt: skip
     text = shown(run_panel(TRACKING))
     assert all(name in text and value in text for name, value in facts(TRACKING))

@@ -18,7 +18,7 @@ ARM = SCENARIO.arm
 
 def run(settings: dict[str, Any], stop: float) -> tuple[vdfmu.Results, list[str]]:
     """Run the planar arm, and return what it said after its start."""
-    results = vdfmu.run("planar_tracking", settings=settings, stop=stop, reference=False, out=False)
+    results = vdfmu.run("planar_tracking", parameters=settings, stop=stop, reference=False, out=False)
     return results, [note for note in results.summary["notes"] if note.startswith(("feedforward: ", "plant: "))]
 
 

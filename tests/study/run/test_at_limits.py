@@ -92,7 +92,7 @@ def test_a_run_at_its_torque_limit_says_so_first_and_has_a_page_with_sliders(tmp
 
 def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
     settings = {"controller.tau_max": 1.0, "plant.q_0[1]": -1.0}
-    results = vdfmu.run("planar_tracking", stop=0.1, settings=settings, out=tmp_path, reference=False)
+    results = vdfmu.run("planar_tracking", stop=0.1, parameters=settings, out=tmp_path, reference=False)
     shares = results.summary["limits"]["plant"]
     cut = np.abs(results["controller.tau"][1:]) == 1.0  # of its clip, to the bit
     np.testing.assert_allclose(shares["torque"], cut.mean(axis=0), rtol=1e-12)

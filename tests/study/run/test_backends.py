@@ -33,10 +33,10 @@ def largest_difference(a, b, pattern=""):
     return max(np.abs(a[name] - b[name]).max() for name in a.names if pattern in name)
 
 
-@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
-def test_python_and_native_fmus_compute_the_same(runs, master):
-    _, python = runs(backend="python", master=master)
-    _, native = runs(backend="native", master=master)
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_python_and_native_fmus_compute_the_same(runs, algorithm):
+    _, python = runs(backend="python", algorithm=algorithm)
+    _, native = runs(backend="native", algorithm=algorithm)
     assert python.names == native.names
     assert largest_difference(python, native, "plant.q[") <= 1e-9
     # The same operations in the same order; libraries round sin, tanh, exp by an ulp at most differently. Snap
@@ -52,7 +52,7 @@ def test_python_and_native_fmus_agree_over_the_tracking_run():
 
 @pytest.fixture(scope="module")
 def container(runs, tmp_path_factory):
-    folder, _ = runs(backend="native", master="jacobi")
+    folder, _ = runs(backend="native", algorithm="jacobi")
     return write_container(folder / "system.ssp", tmp_path_factory.mktemp("c") / "arm.fmu", step=1e-3)
 
 
@@ -62,7 +62,7 @@ def simulated(path, output, **options):
 
 @pytest.mark.heavy
 def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, container):
-    _, jacobi = runs(backend="native", master="jacobi")
+    _, jacobi = runs(backend="native", algorithm="jacobi")
     # FMPy's container says nothing of dependencies, so its outputs depend on all; nothing else is to be said
     assert validate_fmu(str(container)) == []
     outputs = fmpy.read_model_description(str(container)).outputs
@@ -76,10 +76,10 @@ def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, contai
 @pytest.mark.heavy
 def test_the_container_has_the_inputs_of_its_units_and_the_same_bits_each_time(runs, container, tmp_path):
     for name, value in (("controller.K_p[1]", 100.0), ("plant.F_e[2]", 30.0)):
-        _, jacobi = runs(backend="native", master="jacobi")
+        _, jacobi = runs(backend="native", algorithm="jacobi")
         changed = simulated(container, ["plant.q[1]"], start_values={name: value})
         assert np.abs(changed["plant.q[1]"] - jacobi["plant.q[1]"]).max() > 1e-7
-    folder, _ = runs(backend="native", master="jacobi")
+    folder, _ = runs(backend="native", algorithm="jacobi")
     token = fmpy.read_model_description(str(container)).guid
     again = write_container(folder / "system.ssp", tmp_path / "again.fmu", step=1e-3)
     assert again.read_bytes() == container.read_bytes()
@@ -88,7 +88,7 @@ def test_the_container_has_the_inputs_of_its_units_and_the_same_bits_each_time(r
 
 
 def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
-    folder, _ = runs(backend="python", master="jacobi")
+    folder, _ = runs(backend="python", algorithm="jacobi")
     with pytest.raises(UsageError, match="needs Python"):
         write_container(folder / "system.ssp", tmp_path / "x.fmu", step=1e-3)
     for step in (0.0, float("inf"), float("nan")):
@@ -110,6 +110,6 @@ def test_native_is_the_default_where_the_compiler_is(monkeypatch, runs):
 
 def test_the_package_of_a_run_holds_what_was_asked_for(runs):
     for backend, member in (("python", "resources/vdfmu.json"), ("native", "sources/unit.c")):
-        folder, _ = runs(backend=backend, master="jacobi")
+        folder, _ = runs(backend=backend, algorithm="jacobi")
         with zipfile.ZipFile(folder / "system.ssp") as package, package.open("resources/Plant.fmu") as fmu:
             assert member in zipfile.ZipFile(fmu).namelist()

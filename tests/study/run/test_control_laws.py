@@ -76,7 +76,7 @@ def test_the_sampled_loop_is_stable_along_the_motion(law, scenario):
     """At the torque of a sample held over 1 ms; a third is the modulus margin of a damped loop."""
     # The paper's drives take damping away at some speed, where the friction falls: there less is left of it.
     system = with_units(load_scenario(scenario), {"controller": law})
-    loops = margins_along(system, settings=settings(gains_of(law, scenario))).judged.loops
+    loops = margins_along(system, parameters=settings(gains_of(law, scenario))).judged.loops
     assert (loops.modulus > (0.05 if scenario == "tracking" else 0.33)).all()
 
 
@@ -94,10 +94,10 @@ class Own(Unit):
 @pytest.mark.parametrize("settings", [{}, {"controller.q_des[1]": 0.1}])
 def test_a_note_names_the_inputs_that_nothing_feeds_and_the_signals_left_out(tmp_path, settings):
     (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
-    chosen = prepare("planar_tracking", units={"controller": tmp_path / "own.py"}, settings=settings)
+    chosen = prepare("planar_tracking", units={"controller": tmp_path / "own.py"}, parameters=settings)
     assert list(chosen.system.unfed) == ["controller.q_des"]
     said: list[Any] = []
-    vdfmu.run(chosen, settings=settings, stop=0.001, reference=False, out=False, log=said.append)
+    vdfmu.run(chosen, parameters=settings, stop=0.001, reference=False, out=False, log=said.append)
     notes = [message.text for message in said if message.text.startswith("controller.q_des: ")]
     start = 'controller.q_des: not connected, keeps its start value. Did you mean "q_d"? There are: q_d, '
     assert [note.startswith(start) for note in notes] == [True] * (not settings)

@@ -31,7 +31,7 @@ def check_run(robot):
     """Hold a run of either backend against the scipy reference, and one backend against the other."""
     runs = [
         vdfmu.run(
-            "planar_tracking", robot=robot, backend=backend, stop=STOP, settings=SETTINGS, reference=False, out=False
+            "planar_tracking", robot=robot, backend=backend, stop=STOP, parameters=SETTINGS, reference=False, out=False
         )
         for backend in ("native", "python")
     ]
@@ -60,7 +60,7 @@ def test_a_drive_with_an_option_runs_as_its_reference(with_options, bare, option
 
 @pytest.fixture(scope="module")
 def bare():
-    return vdfmu.run("planar_tracking", stop=STOP, reference=False, settings=SETTINGS, out=False)
+    return vdfmu.run("planar_tracking", stop=STOP, reference=False, parameters=SETTINGS, out=False)
 
 
 @pytest.fixture(scope="module")

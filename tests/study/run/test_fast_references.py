@@ -32,9 +32,9 @@ def use(folder, monkeypatch):
     return folder
 
 
-def described(name="planar_tracking", settings=None):
+def described(name="planar_tracking", parameters=None):
     scenario = vdfmu.load_scenario(name)
-    return SystemDescription(scenario, system_values(scenario, settings))
+    return SystemDescription(scenario, system_values(scenario, parameters))
 
 
 @pytest.fixture
@@ -99,12 +99,12 @@ def of_time(system):
     return [action.unit for action in early.actions if isinstance(action, Evaluate)]
 
 
-@pytest.mark.parametrize(("settings", "units"), [
+@pytest.mark.parametrize(("parameters", "units"), [
     ({}, ["trajectory", "feedforward"]),  # the feedforward reads no measurement, though it is connected to some
     ({"feedforward.mode": 1}, ["trajectory"]),
 ])  # fmt: skip
-def test_what_depends_on_the_time_alone_is_calculated_once_a_time(settings, units):
-    system = WiredUnits(described("tracking", settings))
+def test_what_depends_on_the_time_alone_is_calculated_once_a_time(parameters, units):
+    system = WiredUnits(described("tracking", parameters))
     assert of_time(system) == units
     lists = ContinuousReference(system).lists
     run = compiled.runs(system, lists, compiled.sources(system, lists))
@@ -140,19 +140,19 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
-@pytest.mark.parametrize(("scenario", "step", "stop", "settings"), [
+@pytest.mark.parametrize(("scenario", "step", "stop", "parameters"), [
     ("planar_tracking", 1e-3, 0.3, {}),
     ("two_joint", 1e-3, 0.3, {}),  # four joints stand still: stiff
     ("tracking", 0.02, 1.2, {"trajectory.T": 1e5}),  # all stand still, so that a run is judged by 1e-11 rad
 ])  # fmt: skip
 @pytest.mark.parametrize("name", NAMES)
-def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario, step, stop, settings):
-    usual = reference(name, described(scenario, settings), step=step, stop=stop)["plant.q"]
+def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario, step, stop, parameters):
+    usual = reference(name, described(scenario, parameters), step=step, stop=stop)["plant.q"]
     for tolerances in (solution.SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
     use(own_cache / "other", monkeypatch)
-    tight = reference(name, described(scenario, settings), step=step, stop=stop)["plant.q"]
+    tight = reference(name, described(scenario, parameters), step=step, stop=stop)["plant.q"]
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
 
@@ -206,7 +206,7 @@ def test_a_reference_of_the_same_values_is_neither_solved_nor_wired_again(own_ca
 
 @pytest.mark.parametrize("change", ["a value", "a signal from outside"])
 def test_what_changes_a_reference_has_it_solved(own_cache, solved, change):
-    first, other = described(), described(settings={"controller.K_p[1]": 1999.0})
+    first, other = described(), described(parameters={"controller.K_p[1]": 1999.0})
     if change != "a value":
         inputs = {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}
         other = SystemDescription(dataclasses.replace(first.scenario, inputs=inputs), first.values)
@@ -258,7 +258,7 @@ def test_what_the_right_hand_side_raises_ends_the_solution(own_cache, monkeypatc
 def test_a_solution_that_runs_away_says_where(own_cache, name):
     """A derivative gain at which each sample throws the rotors back 1e3 times as fast."""
     with pytest.raises(VdfmuError, match=r"plant has no finite state after t = 0[.\d]* s"):
-        reference(name, described(settings={"controller.K_v": 1e6}), step=1e-3, stop=0.5)
+        reference(name, described(parameters={"controller.K_v": 1e6}), step=1e-3, stop=0.5)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -10,12 +10,12 @@ from vdfmu.base.files import pack_zip
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize(("scenario", "stop"), [("tracking", 1.0), ("two_joint", 0.5)])
-def test_units_of_fmi_3_give_the_bits_of_fmi_2(scenario, stop, master):
+def test_units_of_fmi_3_give_the_bits_of_fmi_2(scenario, stop, algorithm):
     """The same C on the same numbers: nothing that the master does depends on the version."""
     two, three = (
-        vdfmu.run(scenario, stop=stop, master=master, fmi_version=version, reference=False, out=False)
+        vdfmu.run(scenario, stop=stop, algorithm=algorithm, fmi_version=version, reference=False, out=False)
         for version in ("2.0", "3.0")
     )
     assert three.summary["fmi"] == "3.0"

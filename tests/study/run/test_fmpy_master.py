@@ -21,7 +21,7 @@ STOP, STEP = 0.3, 1e-3
 @pytest.fixture(scope="module", params=["auto", "fmpy"])
 def run(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    vdfmu.run("planar_tracking", stop=STOP, master="gauss-seidel", stepper=request.param, out=folder, overwrite=True)
+    vdfmu.run("planar_tracking", stop=STOP, algorithm="gauss-seidel", stepper=request.param, out=folder, overwrite=True)
     return folder
 
 

@@ -28,9 +28,9 @@ def wrench(folder):
 @pytest.mark.heavy
 @pytest.mark.parametrize("hold", [False, True])
 @pytest.mark.parametrize("backend", ["native", "python"])
-@pytest.mark.parametrize("master", ["gauss-seidel", "jacobi"])
-def test_a_run_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, backend, master, hold):
-    options = {"stop": 0.1, "backend": backend, "master": master, "out": False}
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
+def test_a_run_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, backend, algorithm, hold):
+    options = {"stop": 0.1, "backend": backend, "algorithm": algorithm, "out": False}
     path = wrench(tmp_path)
     results = vdfmu.run("planar_tracking", inputs=path, input_hold=hold, **options)
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < POSITION
@@ -43,7 +43,7 @@ def test_a_run_with_a_wrench_from_a_file_meets_its_sampled_reference(tmp_path, b
 @pytest.mark.parametrize("hold", [False, True])
 def test_a_continuous_master_with_a_wrench_tends_to_the_continuous_reference(tmp_path, hold):
     """Under error control the steps end at the rows, and the difference is that of the coupling alone."""
-    options = {"stop": 0.1, "master": "iterative", "adaptive": 1e-6, "out": False}
+    options = {"stop": 0.1, "algorithm": "iterative", "adaptive": 1e-6, "out": False}
     results = vdfmu.run("planar_tracking", inputs=wrench(tmp_path), input_hold=hold, **options)
     # 1e-6 per step of states of order 1, in a loop that forgets them; without a wrench it is as large
     assert results.summary["reference"]["continuous"]["max_position_difference_rad"] < 1e-6

@@ -29,7 +29,7 @@ system = "system.toml"
 robot = "planar_2dof"
 stop = 0.5
 step = 0.01
-master = "jacobi"
+algorithm = "jacobi"
 """
 
 

@@ -11,7 +11,7 @@ import vdfmu
     [("inverse", 0.10, 0.05), ("vdc", 1.0, 1.0)],  # shares of Table 4 that the project holds itself to
 )
 def test_tracking_errors_stay_below_their_share_of_table_4(tmp_path, mode, position, torque):
-    summary = vdfmu.run("tracking", out=tmp_path, reference=False, settings={"feedforward.mode": mode}).summary
+    summary = vdfmu.run("tracking", out=tmp_path, reference=False, parameters={"feedforward.mode": mode}).summary
     paper = summary["paper"]
     rms = np.array(summary["rms_position_error_deg"]) / paper["rms_position_error_deg"]
     compensation = np.array(summary["rms_torque_compensation_error_nm"]) / paper["rms_torque_compensation_error_nm"]
@@ -28,7 +28,7 @@ def shares(summary, key):
 @pytest.mark.heavy
 def test_statistics_of_split_converge_where_single_solutions_do_not():
     runs = [
-        vdfmu.run("tracking_split", out=False, reference=False, settings={"plant.tolerance": tolerance})
+        vdfmu.run("tracking_split", out=False, reference=False, parameters={"plant.tolerance": tolerance})
         for tolerance in (1e-6, 1e-7, 1e-8)
     ]
     q = np.array([run["plant.q"] for run in runs])

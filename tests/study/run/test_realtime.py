@@ -16,7 +16,9 @@ def test_the_error_of_fixed_steps_is_that_of_the_page_and_python_fmus_take_the_s
     # It has 1.4e-8 rad for one step and 1.8e-10 rad for four. Rounding of sin and tanh on other machines is 1e-15.
     def run(**settings):
         values = {f"plant.{name}": value for name, value in settings.items()}
-        return vdfmu.run("tracking", stop=0.5, out=False, reference=False, backend="native", settings=values)["plant.q"]
+        return vdfmu.run("tracking", stop=0.5, out=False, reference=False, backend="native", parameters=values)[
+            "plant.q"
+        ]
 
     exact = run(tolerance=1e-11)
     errors = [np.abs(run(solver=kind) - exact).max() for kind in ("fixed_1", "fixed_2", "fixed_4")]
@@ -26,7 +28,7 @@ def test_the_error_of_fixed_steps_is_that_of_the_page_and_python_fmus_take_the_s
     native, python = (
         vdfmu.run(
             "planar_tracking", stop=0.1, out=False, reference=False, backend=backend,
-            settings={"plant.solver": SOLVERS.index("fixed_2")},
+            parameters={"plant.solver": SOLVERS.index("fixed_2")},
         )["plant.q"]
         for backend in ("native", "python")
     )  # fmt: skip

@@ -60,10 +60,12 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals_and_against_both_r
 
 @pytest.mark.heavy
 def test_settings_and_a_wrench_change_the_run_and_its_reference_alike():
-    results = vdfmu.run("planar_tracking", stop=0.1, out=False, settings={"controller.K_p": 300, "plant.mass[1]": 3.0})
-    assert results.summary["settings"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
+    results = vdfmu.run(
+        "planar_tracking", stop=0.1, out=False, parameters={"controller.K_p": 300, "plant.mass[1]": 3.0}
+    )
+    assert results.summary["parameters"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-    options = {"stop": 0.1, "settings": {"plant.F_e[2]": 30.0}}
+    options = {"stop": 0.1, "parameters": {"plant.F_e[2]": 30.0}}
     results = vdfmu.run("planar_tracking", out=False, **options)
     free = vdfmu.run("planar_tracking", out=False, stop=0.1, reference=False)
     assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
@@ -81,8 +83,8 @@ def test_a_shipped_run_has_no_notes(tmp_path):
 @pytest.mark.heavy
 def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
     K_p = [300.0, 900.0]
-    results = vdfmu.run("planar_tracking", stop=0.05, out=False, reference=False, settings={"controller.K_p": K_p})
-    assert results.summary["settings"] == {"controller.K_p": "[300.0, 900.0]"}
+    results = vdfmu.run("planar_tracking", stop=0.05, out=False, reference=False, parameters={"controller.K_p": K_p})
+    assert results.summary["parameters"] == {"controller.K_p": "[300.0, 900.0]"}
     vdfmu.write_ssp(
         vdfmu.load_scenario("planar_tracking"),
         vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, folded=True),
@@ -102,7 +104,7 @@ def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
 
 @pytest.mark.heavy
 def test_jacobi_is_compared_with_the_delayed_reference():
-    results = vdfmu.run("planar_tracking", stop=0.1, out=False, master="jacobi")
+    results = vdfmu.run("planar_tracking", stop=0.1, out=False, algorithm="jacobi")
     assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
@@ -147,7 +149,7 @@ def test_a_chaotic_loop_is_compared_by_its_statistics_and_a_fault_shown_as_one(t
 def test_a_unit_that_fails_leaves_the_rows_before_and_the_reason(tmp_path):
     # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
     with pytest.raises(CosimError, match=r"plant failed at t = .* s in doStep: .*(local error|not finite)") as caught:
-        vdfmu.run("planar_tracking", out=tmp_path, settings={"controller.K_p": 1e9})
+        vdfmu.run("planar_tracking", out=tmp_path, parameters={"controller.K_p": 1e9})
     rows = Results.read(tmp_path / "partial" / "results.csv")
     assert len(rows.time) >= 1
     assert rows.time[-1] == pytest.approx(caught.value.time)
@@ -164,12 +166,12 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "figure_10.png").write_bytes(b"mine")
     with pytest.raises(UsageError, match="only parameters and free inputs can be set"):
-        vdfmu.run("planar_tracking", out=tmp_path, settings={"plant.q": 1})
+        vdfmu.run("planar_tracking", out=tmp_path, parameters={"plant.q": 1})
     with pytest.raises(UsageError, match=r"got figure_10\.png that no run wrote\. .*--overwrite"):
         vdfmu.run("planar_tracking", **options)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name in old} == old
     (tmp_path / "figure_10.png").rename(tmp_path / "holiday.png")
-    vdfmu.run("planar_tracking", settings={"controller.K_p": 900}, **options)
+    vdfmu.run("planar_tracking", parameters={"controller.K_p": 900}, **options)
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert (tmp_path / "holiday.png").read_bytes() == b"mine"
     new = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name not in ("notes.txt", "holiday.png")}
@@ -200,7 +202,7 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
     options = {"out": tmp_path, "stop": 0.05, "reference": False}
     for gain in (1e9, 1e8):
         with pytest.raises(CosimError) as caught:
-            vdfmu.run("planar_tracking", settings={"controller.K_p": gain}, **options)
+            vdfmu.run("planar_tracking", parameters={"controller.K_p": gain}, **options)
         rows = len(Results.read(tmp_path / "partial" / "results.csv"))
         assert rows == len(caught.value.results)
         unstable, kept = caught.value.__notes__
@@ -225,7 +227,7 @@ def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
     ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
     ({"stop": -1.0}, "stop: expected a positive finite time, got -1 s"),
     ({"step": 0.003}, "stop: expected a multiple of step = 0.003 s, got 2 s. The nearest is 2.001 s"),
-    ({"master": "gauss"}, "master: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
+    ({"algorithm": "gauss"}, "algorithm: expected gauss-seidel, jacobi, extrapolated or iterative, got 'gauss'"),
     ({"robot": "manipulator_7dof"}, "manipulator_7dof"),
 ])  # fmt: skip
 def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, words):
@@ -318,7 +320,7 @@ def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(
     assert "Consistent" in "".join(heading for sheet in sheets(summary) for heading in sheet.columns)
     for unknown in ("tracking", "planar_tracking"):
         with pytest.raises(UsageError, match=r"estimator\.tau_hat_max: expected .* a component of trajectory"):
-            vdfmu.run(unknown, settings={"estimator.tau_hat_max": 1.0}, out=tmp_path)
+            vdfmu.run(unknown, parameters={"estimator.tau_hat_max": 1.0}, out=tmp_path)
 
 
 @pytest.mark.heavy

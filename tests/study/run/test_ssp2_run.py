@@ -17,7 +17,7 @@ from vdfmu.system.scenario.values import system_values
 def packages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("packages")
     scenario = load_scenario("planar_tracking")
-    fmus = build_fmus(scenario.robot, folder, start_values=system_values(scenario), backend="native", folded=True)
+    fmus = build_fmus(scenario.robot, folder, parameters=system_values(scenario), backend="native", folded=True)
     old = write_ssp(scenario, fmus, folder / "old.ssp")
     content = members(old)
     for name, text in content.items():
@@ -53,7 +53,7 @@ def test_ssp_2_is_checked_with_a_run_and_arrays_of_fmi_3_run_as_the_elements_of_
     # The package that `vdfmu ssp --format 2.0` writes: arrays are connected, and set, as a whole or by parts.
     scenario = load_scenario("planar_tracking")
     values = system_values(scenario)
-    fmus = build_fmus(scenario.robot, tmp_path, start_values=values, backend="native", fmi_version="3.0", folded=True)
+    fmus = build_fmus(scenario.robot, tmp_path, parameters=values, backend="native", fmi_version="3.0", folded=True)
     arrays = write_ssp(scenario, fmus, tmp_path / "arrays.ssp", version="2.0")
     assert inspect_file(arrays).problems == []
     old, new = (vdfmu.simulate(path, stop=0.2) for path in (packages[0], arrays))

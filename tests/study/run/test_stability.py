@@ -78,7 +78,7 @@ def test_a_run_again_has_its_loops_from_the_cache_and_another_gain_end_or_master
 
     first = judged()
     assert first[0] and judged() == (False, *first[1:])
-    for change in ({"stop": 0.03}, {"master": "jacobi"}, {"settings": {"controller.K_v": 35.0}}):
+    for change in ({"stop": 0.03}, {"algorithm": "jacobi"}, {"parameters": {"controller.K_v": 35.0}}):
         assert judged(**change)[0]
     fed = {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}
     assert judged(inputs=fed)[0] and not judged(inputs=fed)[0]
@@ -88,7 +88,7 @@ def test_a_run_again_has_its_loops_from_the_cache_and_another_gain_end_or_master
 def test_stick_slip_is_unstable_though_the_fast_part_of_the_motion_is_not():
     """Too little damping for friction that falls with speed: the motor of joint 6 sticks and slips at both ends."""
     settings = {"trajectory.T": 4.0, "controller.K_v[6]": 2.0}
-    results = run("tracking", stop=4.0, settings=settings)
+    results = run("tracking", stop=4.0, parameters=settings)
     check = checks(results)["stability"]
     assert check.state == "failed" and "joint 6" in check.sentence
     turns = np.abs(np.diff(results["plant.kappa_dot"], 2, axis=0))
@@ -147,7 +147,7 @@ def test_the_rate_of_a_loop_and_of_a_slow_controller_is_that_of_a_nudge(tmp_path
     assert state.endswith("kappa_dot[1]")
     # the next mode decays with 25 1/s: 0.2 of its start is left in the first window beside a growth by e**2, 3 %
     assert grown == pytest.approx(rate, rel=0.03)
-    results = run(slow, stop=0.15, settings={"controller.D": 0.65})
+    results = run(slow, stop=0.15, parameters={"controller.D": 0.65})
     assert re.match(r"Failed: unstable from 0\.0\d+ s on, joint 1", headline_of(results.summary))
 
 
@@ -173,15 +173,15 @@ def test_springs_that_are_loaded_fast_are_not_a_growth():
     assert growth.exponent < np.log(1.05) and growth.end < 0.005
     times = [0.005, 0.02, 0.05]  # margins says the same of the same loop
     start = {"plant.q_0[1]": -1.0, "plant.q_0[2]": 0.0}
-    along = margins_along("planar_tracking", at=times, settings=start)
+    along = margins_along("planar_tracking", at=times, parameters=start)
     assert all(each.rate < 0.0 for each in along.margins)
-    plain = [linearized("planar_tracking", t, settings=start) for t in times]
+    plain = [linearized("planar_tracking", t, parameters=start) for t in times]
     assert max(system_loop(linear, ["plant.tau"]).rate for linear in plain) > 0.0  # with the torques as states
 
 
 def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
     with pytest.raises(CosimError) as raised:
-        vdfmu.run("planar_tracking", reference=False, out=tmp_path / "run", settings={"controller.K_v": 400})
+        vdfmu.run("planar_tracking", reference=False, out=tmp_path / "run", parameters={"controller.K_v": 400})
     assert any("Stability: Unstable from the start, joint 1" in note for note in raised.value.__notes__)
     summary = json.loads((tmp_path / "run" / "partial" / "summary.json").read_text())
     assert [check["name"] for check in summary["verdict"]["checks"]] == ["Stability", "Runs to its end"]
@@ -200,8 +200,8 @@ def test_friction_that_excites_itself_is_doubtful_and_python_fmus_are_judged_by_
 
 def test_a_system_of_a_scenario_has_the_verdict_of_its_run(tmp_path):
     """Made when the summary is asked for: with the values and the end of that run, by the same checks."""
-    whole = run("planar_tracking", stop=0.1, settings={"controller.K_v": 30.0})
-    results = vdfmu.load("planar_tracking").run(stop=0.1, values={"controller.K_v": 30.0})
+    whole = run("planar_tracking", stop=0.1, parameters={"controller.K_v": 30.0})
+    results = vdfmu.load("planar_tracking").run(stop=0.1, parameters={"controller.K_v": 30.0})
     ours, theirs = (each.summary["verdict"] for each in (results, whole))
     assert (ours["state"], ours["headline"], ours["results"]) == (
         theirs["state"],
@@ -220,7 +220,7 @@ def test_a_system_of_a_scenario_has_the_verdict_of_its_run(tmp_path):
     ({"trajectory.T": 20.0}, "Doubtful: the motion of 20 s is cut at 2 s"),
 ])  # fmt: skip
 def test_a_loop_at_its_edge_without_feedback_or_a_motion_that_was_cut_is_doubtful(settings, headline):
-    results = run("planar_tracking", settings=settings)
+    results = run("planar_tracking", parameters=settings)
     assert headline_of(results.summary).startswith(headline)
 
 

@@ -25,7 +25,7 @@ def undeclared(value, of, where=""):
 def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
     runs = {name: tmp_path / name for name in ("estimation", "own", "simulate")}
     short = {"stop": 0.02, "reference": False}
-    vdfmu.run("estimation", out=runs["estimation"], master="iterative", adaptive=1e-4, **short)
+    vdfmu.run("estimation", out=runs["estimation"], algorithm="iterative", adaptive=1e-4, **short)
     vdfmu.run("planar_tracking", out=runs["own"], formats=["csv", "parquet"], backend="python", **short)
     run_system(planar_run[0] / "system.ssp", stop=0.02, out=runs["simulate"], isolate=True)
 
@@ -49,11 +49,13 @@ def test_faults_of_a_summary_are_said(faulty, said):
     assert typed(faulty, KEYS)[1] == [said]
 
 
-def test_a_factor_may_have_a_number_for_each_joint_and_a_later_version_is_refused(tmp_path, planar_run):
+def test_factors_of_joints_and_old_names_are_read_and_a_later_version_is_refused(tmp_path, planar_run):
     summary = planar_run[1].summary | {"plant_factors": {"mass": [1.1, 0.9]}}
     file = tmp_path / "summary.json"
     file.write_text(json.dumps(summary))
     assert read_summary(file)["plant_factors"] == {"mass": [1.1, 0.9]}
+    file.write_text(json.dumps({"master": "jacobi", "settings": {"plant.mass": "2"}}))  # of an earlier version
+    assert read_summary(file) == {"algorithm": "jacobi", "parameters": {"plant.mass": "2"}}
     file.write_text(json.dumps(planar_run[1].summary | {"format": 2}))
     with pytest.raises(UsageError, match=r"summary.json: format: expected 1, got 2. A later vdfmu"):
         read_summary(file)

@@ -59,7 +59,7 @@ def study_of(folder, over, function, sample="grid", n=None, fail=()):
     values = function(*points.values())
     facts = {
         "vdfmu": "0", "scenario": "f", "source": "f", "axes": [str(axis) for axis in axes], "sample": sample,
-        "n": len(values), "seed": 0, "settings": {}, "options": {}, "systems": [],
+        "n": len(values), "seed": 0, "parameters": {}, "options": {}, "systems": [],
         "measures": {"y": "final(f.y)"},
         "units": {"y": "rad", **{axis.target: "kg" for axis in axes}},
     }  # fmt: skip

@@ -96,11 +96,11 @@ def test_sobol_points_fill_the_square_evenly_and_those_for_indices_are_as_many_a
 
 def test_a_file_has_targets_and_points(tmp_path):
     path = tmp_path / "points.csv"
-    path.write_text("plant.q_0[1], master\n0.1, jacobi\n0.2,gauss-seidel\n", encoding="utf-8-sig")
+    path.write_text("plant.q_0[1], algorithm\n0.1, jacobi\n0.2,gauss-seidel\n", encoding="utf-8-sig")
     axes, points = draw([], str(path))
-    assert [axis.target for axis in axes] == ["plant.q_0[1]", "master"]
+    assert [axis.target for axis in axes] == ["plant.q_0[1]", "algorithm"]
     assert points["plant.q_0[1]"].tolist() == [0.1, 0.2]
-    assert points["master"].tolist() == ["jacobi", "gauss-seidel"]
+    assert points["algorithm"].tolist() == ["jacobi", "gauss-seidel"]
     with pytest.raises(UsageError, match="has the points; leave it out"):
         draw([], str(path), 3)
 

@@ -32,7 +32,7 @@ OVER = {"controller.K_p": "*0.9, 1.1"}
 
 def test_each_point_is_the_run_of_its_values(tmp_path):
     """To the bit: a reset component computes what a new one does, and each point is a run of its own."""
-    axes = {"controller.K_p[2]": "lin(500, 2000, 2)", "plant.mass": "*0.9, 1.1", "master": "jacobi, gauss-seidel"}
+    axes = {"controller.K_p[2]": "lin(500, 2000, 2)", "plant.mass": "*0.9, 1.1", "algorithm": "jacobi, gauss-seidel"}
     swept = vdfmu.sweep(
         "planar_tracking", axes, stop=0.2, workers=2, out=tmp_path / "study", record=["plant.q[1]"],
         measure={"error": "rms(trajectory.q_d - plant.q)"},
@@ -47,7 +47,7 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
     for row in (rows[0], rows[3], rows[6]):
         mass = row["plant.mass"] * scenario.robot.mass
         results = vdfmu.simulate(
-            package, stop=0.2, step=1e-3, algorithm=row["master"],
+            package, stop=0.2, step=1e-3, algorithm=row["algorithm"],
             parameters={"controller.K_p[2]": row["controller.K_p[2]"], "plant.mass": mass.tolist()},
         )  # fmt: skip
         error = results["trajectory.q_d"] - results["plant.q"]
@@ -106,7 +106,7 @@ def test_words_and_steps_vary_too(tmp_path):
 def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_path):
     ways = ["well", "crash", "well", "leave", "hang", "well"]
     swept = vdfmu.sweep(
-        wild, {"unit.way": [WAYS[way] for way in ways]}, measure=MEASURES, settings={"unit.at": 0.5}, step=0.1,
+        wild, {"unit.way": [WAYS[way] for way in ways]}, measure=MEASURES, parameters={"unit.at": 0.5}, step=0.1,
         workers=1, chunk=6, time_limit=5.0, out=tmp_path / "study",
     )  # fmt: skip
     assert set(swept.failed) == {1, 3, 4}
@@ -272,7 +272,7 @@ def test_rows_are_found_by_what_they_measured(tmp_path):
     ),
     ({"robot": ["planar_2dof"]}, {}, "robot: expected a scenario"),
     ({"unit.at": "*1, 2"}, {}, "unit.at: expected a scenario"),
-    ({"master": ["fast"]}, {}, "fast"),
+    ({"algorithm": ["fast"]}, {}, "fast"),
 ])  # fmt: skip
 def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over, options, words):
     with pytest.raises(UsageError, match=words):
@@ -318,16 +318,16 @@ print(seen[10000] - seen[2000])
 def test_a_row_is_run_again_by_name(tmp_path, monkeypatch):
     """The run of the worst point has its error: of the same FMUs, values and master, so to the rounding of a sum."""
     monkeypatch.chdir(tmp_path)
-    over = {"plant.K_f0": "*0.5, 2", "feedforward.mode": "vdc, inverse", "master": ["jacobi", "gauss-seidel"]}
+    over = {"plant.K_f0": "*0.5, 2", "feedforward.mode": "vdc, inverse", "algorithm": ["jacobi", "gauss-seidel"]}
     swept = vdfmu.sweep(
         "planar_tracking", over, stop=0.2, measure={"error": "rms(trajectory.q_d - plant.q)"},
-        settings={"controller.K_p": 800.0},
+        parameters={"controller.K_p": 800.0},
     )  # fmt: skip
     worst = swept.row("worst")
     ran("run", "--from", "results/sweep_planar_tracking", "--no-reference")
     summary = json.loads(Path("results", "planar_tracking", "summary.json").read_bytes())
-    assert summary["master"] == worst["master"] and summary["stop"] == 0.2
-    assert summary["settings"]["controller.K_p"] == "800.0"
+    assert summary["algorithm"] == worst["algorithm"] and summary["stop"] == 0.2
+    assert summary["parameters"]["controller.K_p"] == "800.0"
     expected = np.degrees([worst["error[1]"], worst["error[2]"]])
     np.testing.assert_allclose(summary["rms_position_error_deg"], expected, rtol=1e-12)
     again = vdfmu.run(**swept.options(3), reference=False, out=False)
@@ -341,11 +341,11 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     mine = tmp_path / "mine.toml"
     mine.write_text((MODELS / "scenarios" / "planar_tracking.toml").read_text())
     swept = vdfmu.sweep(
-        mine, {"plant.mass": "*0.9, 1.1"}, stop=0.1, settings={"controller.K_p": np.array([900.0, 700.0])},
+        mine, {"plant.mass": "*0.9, 1.1"}, stop=0.1, parameters={"controller.K_p": np.array([900.0, 700.0])},
         out=tmp_path / "study",
     )  # fmt: skip
     options = swept.options(1)
-    assert options["settings"]["controller.K_p"] == [900.0, 700.0] and not swept.notes
+    assert options["parameters"]["controller.K_p"] == [900.0, 700.0] and not swept.notes
     vdfmu.run(**options, reference=False, out=False)
     mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
     done = ran("run", "--from", swept.folder, "--no-reference", "--out", tmp_path / "again")

@@ -32,13 +32,13 @@ def osp(attributes):
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
-@pytest.mark.parametrize(("master", "adaptive"), [("jacobi", None), ("iterative", 2e-6)])
-def test_what_is_written_is_read_back(master, adaptive, version):
+@pytest.mark.parametrize(("algorithm", "adaptive"), [("jacobi", None), ("iterative", 2e-6)])
+def test_what_is_written_is_read_back(algorithm, adaptive, version):
     scenario = dataclasses.replace(
-        load_scenario("planar_tracking"), step=2e-3, stop=3.0, master=master, adaptive=adaptive
+        load_scenario("planar_tracking"), step=2e-3, stop=3.0, algorithm=algorithm, adaptive=adaptive
     )
     root = structure_file(SystemDescription(scenario, version=version))
-    assert read_experiment(root, "x") == (Experiment(0.0, 3.0, 2e-3, master, adaptive), [])
+    assert read_experiment(root, "x") == (Experiment(0.0, 3.0, 2e-3, algorithm, adaptive), [])
 
 
 def test_annotations_of_others_are_left_alone_but_the_step_of_libcosim(tmp_path):

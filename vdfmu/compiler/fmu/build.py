@@ -89,7 +89,7 @@ def build_units(
     out_dir: str | os.PathLike[str],
     units: Sequence[type[BaseUnit]],
     *,
-    start_values: Mapping[str, Mapping[str, float]],
+    parameters: Mapping[str, Mapping[str, float]],
     backend: str | None,
     fmi_version: str,
     platforms: Sequence[str] | str | None,
@@ -104,7 +104,7 @@ def build_units(
     asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
     backend = choose_backend("native" if backend is None and asked else backend)  # options of native FMUs alone
     named = {unit_name(unit): unit for unit in units}
-    _check_names(named, start_values, backend, fmi_version, platforms)
+    _check_names(named, parameters, backend, fmi_version, platforms)
     if robot is not None and robot.n > _MOST_JOINTS:
         raise UsageError(
             f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
@@ -116,7 +116,7 @@ def build_units(
         out / (files or {}).get(name, f"{unit.__name__}.fmu"): Content(
             unit,
             robot if unit.needs_robot() else None,
-            dict(start_values.get(name, {})),
+            dict(parameters.get(name, {})),
             *form_of(unit, backend, fmi_version),
             sources=sources,
         )
@@ -182,13 +182,13 @@ def form_of(unit: type[BaseUnit], backend: str, fmi_version: str) -> tuple[str, 
 
 def _check_names(
     units: Mapping[str, type[BaseUnit]],
-    start_values: Mapping[str, Mapping[str, float]],
+    parameters: Mapping[str, Mapping[str, float]],
     backend: str,
     fmi_version: str,
     platforms: Sequence[str] | str | None,
 ) -> None:
-    if unknown := [unit for unit in start_values if unit not in units]:
-        raise UsageError(f"start_values: there is no unit {unknown[0]!r}. There are: {', '.join(units)}.")
+    if unknown := [unit for unit in parameters if unit not in units]:
+        raise UsageError(f"parameters: there is no unit {unknown[0]!r}. There are: {', '.join(units)}.")
     if fmi_version not in FMI_VERSIONS:
         raise UsageError(f"There is no FMI {fmi_version!r} here. There are: {', '.join(map(repr, FMI_VERSIONS))}.")
     if backend != "python":

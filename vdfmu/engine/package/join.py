@@ -40,7 +40,7 @@ def join(
     stop: float | None = None,
     step: float | None = None,
     algorithm: str | None = None,
-    values: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write FMUs and their connections as a package.
 
@@ -59,7 +59,7 @@ def join(
         shortest step of the FMUs' default experiments, else 1 s and a thousandth of the stop time.
     algorithm : str, optional
         Master algorithm of its default experiment.
-    values : mapping of ``component.variable`` to value, optional
+    parameters : mapping of ``component.variable`` to value, optional
         Values of parameters and start values of inputs, in the units of the FMUs.
 
     Returns
@@ -92,7 +92,7 @@ def join(
     pairs = [pair for start, end in _ends(connections) for pair in ports.pairs(start, end)]
     bound: Starts = {}
     try:
-        bound = overrides(ports.descriptions, values or {})
+        bound = overrides(ports.descriptions, parameters or {})
     except UsageError as error:
         ports.faults += str(error).splitlines()
     if ports.faults:

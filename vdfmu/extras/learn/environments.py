@@ -68,7 +68,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
         ``ended(seen)`` says whether the episode ends early.
     vary : mapping of parameter to (low, high), optional
         Drawn uniformly at each reset.
-    values : mapping of ``component.variable`` to value, optional
+    parameters : mapping of ``component.variable`` to value, optional
         Parameters and start values.
 
     Raises
@@ -104,13 +104,13 @@ class Environment(gymnasium.Env[Floats, Floats]):
         lost: float = 0.0,
         ended: Callable[[dict[str, Floats]], Any] | None = None,
         vary: Mapping[str, tuple[float, float]] | None = None,
-        values: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
     ) -> None:
         check_type("system", "System | Scenario | str | PathLike[str]", system)
         seen = observations if isinstance(observations, Mapping) else dict.fromkeys(observations)
         self._system = system  # a System has the folder of its FMUs
         with ExitStack() as stack:
-            simulator = stack.enter_context(self._simulator_of(system, [*actions], [*seen], values, stack))
+            simulator = stack.enter_context(self._simulator_of(system, [*actions], [*seen], parameters, stack))
             checked = simulator.checked
             tables = {name: list(each.variables.values()) for name, each in checked.descriptions.items()}
             fed = {".".join(link.end).partition("[")[0] for link in checked.links}
@@ -124,15 +124,13 @@ class Environment(gymnasium.Env[Floats, Floats]):
             self._begin(task, simulator, {"start": grid.begin, "stop": grid.end, "step": grid.step}, stack)
 
     @staticmethod
-    def _simulator_of(system: Any, actions: list[str], seen: list[str], values: Any, stack: ExitStack) -> Simulator:
+    def _simulator_of(system: Any, actions: list[str], seen: list[str], parameters: Any, stack: ExitStack) -> Simulator:
         if hasattr(system, "instance"):
-            return system.instance(values)
+            return system.instance(parameters=parameters)
         if isinstance(system, Scenario) or not str(system).lower().endswith(".ssp"):
             system = opened(scenario_of(system), actions, seen)
         package, options = stack.enter_context(packaged(system))
-        settings: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-        settings["parameters"] = values or {}
-        return Simulator(package, **settings)
+        return Simulator(package, **{**options, "parameters": parameters})
 
     def _begin(self, task: Any, simulator: Simulator, span: dict[str, float], held: ExitStack) -> None:
         self.task, self._simulator, self._span, self._done = task, simulator, span, -1

@@ -108,13 +108,13 @@ def make_problem(
 ) -> Problem:
     """Read and check the problem; for arguments see :func:`vdfmu.tune`. Nothing has run yet when it has faults."""
     over, limit, margin = options["combine"], options["limit"], options["margin"]
-    changes, settings = pick(ScenarioOptions, options), options["settings"] or {}
+    changes, parameters = pick(ScenarioOptions, options), options["parameters"] or {}
     if over not in ("mean", "worst"):
         raise UsageError(f"combine: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
         raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
     loaded = prepare(scenario, **changes)
-    axes, start = _elements(loaded, vary, settings, options["together"])
+    axes, start = _elements(loaded, vary, parameters, options["together"])
     spread_axes = read_axes(options["spread"])
     if wrong := [str(axis) for axis in spread_axes if is_option(axis.target) or isinstance(axis.at(0.0).item(), str)]:
         raise UsageError("\n".join(f"spread: expected parameters with numbers, got {text}." for text in wrong))
@@ -140,7 +140,7 @@ def make_problem(
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
     poses, required, rate = None, np.zeros(0), 0.0
     if margin is not None:
-        poses = _poses(loaded, settings, [axis.target.partition(".")[0] for axis in axes])
+        poses = _poses(loaded, parameters, [axis.target.partition(".")[0] for axis in axes])
         loops = judged(poses, 0.0, loaded.stop).loops
         required, same = loops.modulus, margin == "same"
         required, rate = (required, max(loops.rate, 0.0)) if same else (np.full(len(required), _number(margin)), 0.0)
@@ -149,13 +149,13 @@ def make_problem(
     return Problem(tuple(axes), np.array(start), limits, over, plan, poses, required, rate)
 
 
-def _poses(scenario: Scenario, settings: Mapping[str, Any], varied: Sequence[str]) -> Poses:
+def _poses(scenario: Scenario, parameters: Mapping[str, Any], varied: Sequence[str]) -> Poses:
     """Return the loops along the run of a scenario, whose components stay until nothing refers to them."""
     if "plant" in varied:
         raise UsageError("margin: expected parameters of other components than the plant to vary.")
     stack = ExitStack()
     try:
-        poses, *_ = stack.enter_context(run_along(scenario, again=True, settings=settings))
+        poses, *_ = stack.enter_context(run_along(scenario, again=True, parameters=parameters))
         assert poses.components is not None
         if fixed := [name for name in dict.fromkeys(varied) if not can_change(poses.components.exchange.checked, name)]:
             raise UsageError(
@@ -170,12 +170,12 @@ def _poses(scenario: Scenario, settings: Mapping[str, Any], varied: Sequence[str
 
 
 def _elements(
-    scenario: Any, vary: Mapping[str, Any] | Sequence[str], settings: Mapping[str, Any], together: bool
+    scenario: Any, vary: Mapping[str, Any] | Sequence[str], parameters: Mapping[str, Any], together: bool
 ) -> tuple[list[Axis], list[float]]:
     """Return an axis and the scenario's value for each number, or of factors for each parameter if `together`."""
     check_type("vary", "Mapping[str, Any] | Sequence[str]", vary)
     axes = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
-    values = system_values(scenario, settings)
+    values = system_values(scenario, parameters)
     elements: list[Axis] = []
     starts: list[float] = []
     problems: list[str] = []

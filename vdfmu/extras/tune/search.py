@@ -148,7 +148,7 @@ class Tuned:
     folder: Path
     """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs; and
     ``tuning.png``."""
-    settings: dict[str, Any]
+    parameters: dict[str, Any]
     """The values, as `vdfmu.run` takes them."""
     before: Score
     """Score of the scenario's values."""
@@ -228,7 +228,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             before, after = search(evaluations, method, options["seed"])
         ledger.finish()
         loaded = prepare(scenario, **pick(ScenarioOptions, options))
-        values = {**(options["settings"] or {}), **problem.parameters(after.values)}
+        values = {**(options["parameters"] or {}), **problem.parameters(after.values)}
         groups = list(dict.fromkeys(name.partition("[")[0] for name in problem.names))
         tuned = Tuned(
             folder,
@@ -264,7 +264,7 @@ def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
     from vdfmu.extras.tune.drawings import draw_tuning
 
     sections: dict[str, dict[str, Any]] = {}
-    for name, value in tuned.settings.items():
+    for name, value in tuned.parameters.items():
         component, _, group = name.partition(".")
         sections.setdefault(component, {})[group] = value if isinstance(value, float) else value.tolist()
     rows = [dict(zip(("name", "before", "after"), row, strict=True)) for row in tuned.table()]

@@ -93,7 +93,7 @@ def linearize(
     opened : sequence of str
         For a system: inputs whose connections are cut; the signals that would reach them are the last outputs.
     **options : Any
-        For a system: `master`, `settings`, `backend`, see :func:`vdfmu.study.analysis.arm_space.linearized`.
+        For a system: `algorithm`, `parameters`, `backend`, see :func:`vdfmu.study.analysis.arm_space.linearized`.
 
     Returns
     -------
@@ -165,25 +165,27 @@ def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
 @contextmanager
 def packaged(
     system: Scenario | str | os.PathLike[str],
-    settings: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
     backend: str | None = None,
-    master: str | None = None,
+    algorithm: str | None = None,
     **coupling: Unpack[CouplingOptions],
 ) -> Generator[tuple[Path, dict[str, Any]]]:
     """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
 
-    The system is a scenario, its name or file, or an ``.ssp``; `settings` change its parameters, `backend` is the kind
-    of a scenario's FMUs. `master` and `coupling` replace its options.
+    The system is a scenario, its name or file, or an ``.ssp``; `parameters` are set in it, `backend` is the kind of a
+    scenario's FMUs. `algorithm` and `coupling` replace its options.
     """
     changes = {name: value for name, value in coupling.items() if value is not None}
     if not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp":
-        yield Path(system), {**changes, "parameters": settings, "algorithm": master}
+        yield Path(system), {**changes, "parameters": parameters, "algorithm": algorithm}
         return
-    system = scenario_of(system, names=settings or ())
-    values = system_values(system, settings)
+    system = scenario_of(system, names=parameters or ())
+    values = system_values(system, parameters)
     with temporary_folder("vdfmu_") as folder:
         built = cached_fmus(system, folder, backend)
-        defaults = system.coupling if master in (None, system.master) else {**system.options, "algorithm": master}
+        defaults = (
+            system.coupling if algorithm in (None, system.algorithm) else {**system.options, "algorithm": algorithm}
+        )
         options = {**defaults, **changes, "inputs": system.inputs, "input_hold": system.input_hold}
         yield write_ssp(system, built, Path(folder) / "system.ssp", values, mixed=True), options
 
@@ -192,10 +194,10 @@ def linearized(
     system: Scenario | str | os.PathLike[str],
     at: float | None = None,
     *,
-    master: str | None = None,
-    settings: Mapping[str, Any] | None = None,
+    algorithm: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
     backend: str | None = None,
 ) -> LinearSystem:
     """Linearise components, see :func:`packaged`, at a time of the run, by default its start."""
-    with packaged(system, settings, backend, master) as (package, options):
+    with packaged(system, parameters, backend, algorithm) as (package, options):
         return linear_system(package, at, **options)

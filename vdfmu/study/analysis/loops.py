@@ -140,7 +140,7 @@ def run_along(
     others, and for errors, see :func:`margins_along`.
     """
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
-    scenario = system if package else scenario_of(system, names=options.get("settings") or ())
+    scenario = system if package else scenario_of(system, names=options.get("parameters") or ())
     step = options.pop("step", None)
     if isinstance(scenario, Scenario) and step is not None:
         scenario = replace(scenario, step=step)
@@ -152,7 +152,9 @@ def run_along(
                 raise UsageError(f"at: expected {grid.begin:g} s to {grid.end:g} s, got {', '.join(beyond)} s.")
             asked: dict[str, Any] = {"opened": opened, "more": [*map(round, places)], "again": again, "noted": True}
             if isinstance(scenario, Scenario):
-                poses = poses_of(SystemDescription(scenario, system_values(scenario, options.get("settings"))), **asked)
+                poses = poses_of(
+                    SystemDescription(scenario, system_values(scenario, options.get("parameters"))), **asked
+                )
             else:
                 poses = Poses("tau", TIED, **asked)
             failed = ""

@@ -173,7 +173,7 @@ def scenario_of(
 ) -> Scenario:
     """Load a scenario by name or file, or make ``reach`` for a robot.
 
-    The robot gets the parameters that settings of these `names` need, see `with_parameters`.
+    The robot gets the parameters that these `names` need, see `with_parameters`.
     """
     if source == "reach" and not Path("reach").exists():
         source = reach_scenario(robot)

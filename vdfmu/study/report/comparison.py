@@ -91,7 +91,7 @@ def figure_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> Sheet | 
 
 _MEASURED = (
     "Package", "Steps", "Wall time", "Real-time factor", "Pace", "Machine", "Communication", "Energy residual",
-    "Chaotic loop", "No reference", "Settings",
+    "Chaotic loop", "No reference", "Parameters",
 )  # fmt: skip
 """Facts that are results, or that are compared value by value."""
 _SHOWN = 6
@@ -116,7 +116,7 @@ def difference_sheet(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
     if None not in values:
         rows += _value_rows([each or {} for each in values])
     else:
-        rows += _compared([summary.get("settings") or {} for summary in summaries], "as in the scenario")
+        rows += _compared([summary.get("parameters") or {} for summary in summaries], "as in the scenario")
         notes.append("A package is missing, so only values of --set are compared.")
     differing = [row for row in rows if len(set(row[1:-1])) > 1]
     if not differing:

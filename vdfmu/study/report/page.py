@@ -199,8 +199,8 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
     return [f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-_OPTIONS = ("stop", "step", "master", "adaptive", "tolerance")
-_DEFAULTS = {"master": DEFAULT, "tolerance": SOLVER_TOLERANCE}
+_OPTIONS = ("stop", "step", "algorithm", "adaptive", "tolerance")
+_DEFAULTS = {"algorithm": DEFAULT, "tolerance": SOLVER_TOLERANCE}
 """Of a scenario's file without these keys."""
 
 
@@ -231,7 +231,9 @@ def run_command(summary: Mapping[str, Any]) -> str:
     limits = {key: entry["value"] for key, entry in entries if entry["by"] == "--limit"}
     words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value!r}")]
     words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
-    words += [word for each in (summary.get("settings") or {}).items() for word in ("--set", "=".join(map(str, each)))]
+    words += [
+        word for each in (summary.get("parameters") or {}).items() for word in ("--set", "=".join(map(str, each)))
+    ]
     return shlex.join(words)
 
 

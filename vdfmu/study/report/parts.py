@@ -174,8 +174,8 @@ def _facts_of(run: ShownRun) -> Iterator[tuple[str, str]]:
         yield "Date", summary["date"]
     if run.package.is_file():
         yield "system.ssp, SHA-256", sha256(run.package.read_bytes()).hexdigest()[:16]
-    if "scenario" in summary and "settings" in summary and not summary["settings"]:
-        yield "Settings", "none: all values are from the scenario"
+    if "scenario" in summary and "parameters" in summary and not summary["parameters"]:
+        yield "Parameters", "none: all values are from the scenario"
     for key, factor in (summary.get("plant_factors") or {}).items():
         yield f"Plant, {key}", f"times {factor}, unlike the model of the feedforward"
     if "scenario" in summary and "plant" in (summary.get("order") or ()):

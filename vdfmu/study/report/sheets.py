@@ -88,7 +88,7 @@ def tracking_sheet(summary: Summary, fit: bool = False) -> Sheet:
     notes = ["Position: desired minus actual. Torque: control minus feedforward, link side."]
     if paper:
         notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
-        set_plant = any(name.startswith("plant.") for name in summary.get("settings") or ())
+        set_plant = any(name.startswith("plant.") for name in summary.get("parameters") or ())
         notes.append(
             "The plant differs from the model by chosen values. The gains are chosen too."
             if summary.get("plant_factors") or set_plant
@@ -163,7 +163,7 @@ def reference_sheet(summary: Summary, fit: bool = False) -> Sheet:
 
 _FACTS = {
     "Package": ("package", "{}"), "Scenario": ("scenario", "{}"), "Robot": ("robot", "{}"),
-    "Friction": ("friction", "{}"), "Units": ("backend", "{} FMUs"), "Master": ("master", "{}"),
+    "Friction": ("friction", "{}"), "Units": ("backend", "{} FMUs"), "Algorithm": ("algorithm", "{}"),
     "Error control": ("adaptive", "{:g} a step"), "Step": ("step", "{:g} s"), "Stop": ("stop", "{:g} s"),
     "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
     "Real-time factor": ("real_time_factor", "{:.3g} simulated seconds a second"),
@@ -174,10 +174,10 @@ _FACTS = {
 
 
 def facts(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Yield names and texts of the facts of the run: scenario, robot, units, master, step, duration."""
+    """Yield names and texts of the facts of the run: scenario, robot, units, algorithm, step, duration."""
     fmi = summary.get("fmi", FMI_2.name)
     for name, (key, form) in _FACTS.items():
-        value = summary.get("master", summary.get("algorithm")) if key == "master" else summary.get(key)
+        value = summary.get(key)
         if value is not None:
             more = f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else ""
             more += f", {summary['compiler']}" if name == "Units" and summary.get("compiler") else ""
@@ -202,8 +202,8 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
     if (separation := summary.get("separation")) is not None:
         moved = f"move the run by {number(separation['max_position_difference_rad'])} rad or m"
         yield "Chaotic loop", f"rotor inertias larger by {separation['change']:g} of themselves {moved}"
-    if settings := summary.get("settings"):
-        yield "Settings", ", ".join(f"{key} = {value}" for key, value in settings.items())
+    if parameters := summary.get("parameters"):
+        yield "Parameters", ", ".join(f"{key} = {value}" for key, value in parameters.items())
 
 
 def _joints(summary: Summary, n: int) -> list[str]:

@@ -55,7 +55,7 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     check_wanted(options["judge"], options["sampled"], scenario.adaptive)
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])
-    system = SystemDescription(scenario, system_values(scenario, options["settings"]))
+    system = SystemDescription(scenario, system_values(scenario, options["parameters"]))
     for text in _notes(scenario, options, backend):
         note(options, text)
     of_file = read_limits(scenario.limits, "[limits] of the scenario")
@@ -71,35 +71,35 @@ def note(options: ScenarioRunOptions, text: str) -> None:
 
 
 def _notes(scenario: Scenario, options: ScenarioRunOptions, backend: str) -> Iterator[str]:
-    robot, settings = scenario.robot, options["settings"]
+    robot, parameters = scenario.robot, options["parameters"]
     yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
     yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
-    with_values = {*(settings or ()), *(name for table in scenario.inputs for name in table.names)}
+    with_values = {*(parameters or ()), *(name for table in scenario.inputs for name in table.names)}
     with_values |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
     groups = {name.partition("[")[0] for name in with_values}
     for end, names in scenario.system.unfed.items():
         if end not in groups:
             way_out = nearest(end.partition(".")[2], names) if names else "Give it by --set or --input."
             yield f"{end}: not connected, keeps its start value. {way_out}"
-    for text in (*model_notes(scenario, settings), *build_notes(robot, backend)):
+    for text in (*model_notes(scenario, parameters), *build_notes(robot, backend)):
         yield f"{(robot or scenario).name}: {text}"
 
 
 def _facts(
     system: SystemDescription, options: ScenarioRunOptions, backend: str, limits: Mapping[str, Limit]
 ) -> dict[str, Any]:
-    scenario, settings = system.scenario, options["settings"]
+    scenario, parameters = system.scenario, options["parameters"]
     robot = scenario.robot
     return run_facts(scenario) | {
         "backend": backend,
         **({"compiler": compiler_version()} if backend == "native" else {}),
         "fmi": options["fmi_version"],
-        "settings": {key: str(value) for key, value in (settings or {}).items()},
+        "parameters": {key: str(value) for key, value in (parameters or {}).items()},
         "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
         "left_out": list(scenario.system.dropped),
         "joined": list(scenario.system.joined),
         **({"own_limits": changed} if (changed := own_limits(limits)) else {}),
-        **remarks(scenario, settings, system.values, options["stop"] is not None),
+        **remarks(scenario, parameters, system.values, options["stop"] is not None),
         **({} if robot is None else {"arm": arm_of(robot, system.values.get("plant", {}))}),
         "scene": scene_of(system),
     }

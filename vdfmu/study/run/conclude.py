@@ -52,7 +52,7 @@ def judge_results(results: Results, scenario: Scenario, package: Path, **options
     """
     case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
     loops, measures = RunLoops(case), Measures(case)
-    simulate(case, package, options["settings"], record=(), taps=[*measures.taps, *loops.taps])
+    simulate(case, package, options["parameters"], record=(), taps=[*measures.taps, *loops.taps])
     results.summary.update({**case.facts, **results.summary})
     measures.add(results)
     conclude(case, package, results, loops)

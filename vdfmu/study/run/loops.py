@@ -67,7 +67,7 @@ def _loops_from(stored: bytes) -> dict[str, Any]:
 
 def _place_of(case: RunCase, package: Path) -> Path | None:
     """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
-    scenario, algorithm = case.scenario, ALGORITHMS[case.scenario.master]
+    scenario, algorithm = case.scenario, ALGORITHMS[case.scenario.algorithm]
     if not algorithm.stepper.startswith("vdfmu."):
         return None
     facts = [source_digest("study.runs"), np.__version__, sha256(package.read_bytes()).hexdigest(), algorithm]

@@ -35,5 +35,5 @@ class Measures:
             summary |= numbers.tracking_errors(results, scenario.robot, case.arm_limits, tau_m)
         summary |= numbers.time_at_limits(results, case.arm_limits)
         if numbers.has_signals(results, "plant.tau_s", "estimator.tau_s_hat", "estimator.tau_f_hat"):
-            summary |= numbers.estimation_errors(results, ALGORITHMS[scenario.master].substeps)
+            summary |= numbers.estimation_errors(results, ALGORITHMS[scenario.algorithm].substeps)
         summary |= {"paper": dict(scenario.paper)} | (self._bond.summary() if self._bond else {})

@@ -27,7 +27,7 @@ def prepare(
 ) -> Scenario:
     """Load a scenario and apply options to it, with the checks of a scenario file.
 
-    Names in `settings`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
+    Names in `parameters`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def prepare(
         robot = load_robot(robot)
     if robot is not None and isinstance(scenario, Scenario):
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
-    scenario = scenario_of(scenario, robot, [*names, *(options["settings"] or ())])
+    scenario = scenario_of(scenario, robot, [*names, *(options["parameters"] or ())])
     if options["units"]:
         scenario = with_units(scenario, options["units"])
     fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
@@ -48,9 +48,9 @@ def prepare(
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     more = pick(CouplingOptions, {name: changes[name] for name in changes.keys() - fields})
     scenario = dataclasses.replace(scenario, inputs=tables, options={**scenario.options, **more})
-    if scenario.master not in ALGORITHMS:
+    if scenario.algorithm not in ALGORITHMS:
         ALGORITHMS.names()  # so that the choice has those of other packages
-        raise UsageError(f"master: expected {choice()}, got {scenario.master!r}.")
-    check_coupling(scenario.master, scenario.adaptive)
+        raise UsageError(f"algorithm: expected {choice()}, got {scenario.algorithm!r}.")
+    check_coupling(scenario.algorithm, scenario.adaptive)
     count_steps(scenario.step, scenario.stop)
     return scenario

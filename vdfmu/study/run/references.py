@@ -39,7 +39,7 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
         visible = case.limits["reference"].value * max(
             float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
-    how = ALGORITHMS[scenario.master]
+    how = ALGORITHMS[scenario.algorithm]
     # without a feedforward torque in the controller there is no compensation error: all outputs are compared
     robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
     wanted = {"sampled": how.reference} if how.reference else {}

@@ -46,7 +46,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "format": FORMAT,
         "versions": {"Python": platform.python_version()} | versions,
-        "master": scenario.master,
+        "algorithm": scenario.algorithm,
         "adaptive": scenario.adaptive,
         "step": scenario.step,
         "stop": scenario.stop,

@@ -11,6 +11,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json
+from vdfmu.base.option import renamed
 from vdfmu.base.text import elided
 from vdfmu.base.version import format_problem
 from vdfmu.engine.results.formats import result_files
@@ -128,7 +129,6 @@ KEYS: Mapping[str, Any] = {
     "date": TEXT,  # date of the run, UTC
     "format": WHOLE,  # version of the layout of this file
     "versions": Keyed(TEXT),  # versions of Python and of the packages on which the numbers depend
-    "master": TEXT,  # master algorithm of the scenario
     "adaptive": NUMBER,  # largest relative error of a coupled signal in a step, if the steps are adapted
     "start": NUMBER,  # begin of the run [s]
     "stop": NUMBER,  # end of the run [s]
@@ -137,7 +137,7 @@ KEYS: Mapping[str, Any] = {
     "tolerance": NUMBER,  # relative tolerance of the plant's solver
     "inputs": _LINES,  # files of signals from outside
     "plant_factors": Keyed(ANY),  # ratios of the plant's numbers to the model's, common or per joint
-    "settings": Keyed(ANY),  # parameters and inputs that were set for this run
+    "parameters": Keyed(ANY),  # parameters and inputs that were set for this run
     "units": Keyed(TEXT),  # units instead of the scenario's, by component
     "backend": TEXT,  # kind of the FMUs
     "compiler": TEXT,  # C compiler of native FMUs
@@ -205,8 +205,10 @@ def read_summary(file: Path) -> dict[str, Any]:
             f"{file.parent}: expected the folder of a run, with summary.json and {' or '.join(result_files())}: "
             f"{getattr(error, 'strerror', None) or elided(str(error))}. 'vdfmu run' writes one."
         ) from None
-    if isinstance(content, dict) and (problem := format_problem(content.get("format", 1))):
-        raise UsageError(f"{file}: {problem}")
+    if isinstance(content, dict):
+        content = renamed(content)
+        if problem := format_problem(content.get("format", 1)):
+            raise UsageError(f"{file}: {problem}")
     lengths: dict[str, int] = {}
     summary, problems = typed(content, KEYS, lengths)
     if not problems:

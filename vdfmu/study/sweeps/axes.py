@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import MOST_FAULTS, open_csv
 from vdfmu.base.errors import UsageError
-from vdfmu.base.option import check_type
+from vdfmu.base.option import FORMER, check_type
 from vdfmu.study.options import SAMPLES
 
 _FORMS = {
@@ -30,7 +30,7 @@ _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 MOST_POINTS = 10_000_000
 """More are refused: a grid of many axes is more than one thinks."""
-OPTIONS = ("robot", "master", "step", "stop")
+OPTIONS = ("robot", "algorithm", "step", "stop")
 """Targets that are options of a run, not parameters."""
 
 
@@ -45,7 +45,7 @@ class Axis:
 
     target: str
     """``component.parameter``, with or without an index, ``robot.parameter``, or an option of a run:
-    ``robot``, ``master``, ``step``, ``stop``, ``unit:COMPONENT``."""
+    ``robot``, ``algorithm``, ``step``, ``stop``, ``unit:COMPONENT``."""
     form: str
     """``values``, or the name of a distribution: ``lin`` and ``log`` spread evenly, ``normal`` and ``lognormal``."""
     numbers: tuple[float, ...] = ()
@@ -101,6 +101,7 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
         except ValueError as error:
             problems.append(f"{target}: {error}")
     counts = Counter(axis.target for axis in axes)
+    problems += [f"{target} is now {FORMER[target]}." for target in counts if target in FORMER]
     problems += [f"{target}: expected once, got {n} times." for target, n in counts.items() if n > 1]
     if problems:
         raise UsageError("\n".join(problems))

@@ -99,7 +99,7 @@ def _facts(study: StudyTable) -> list[list[str]]:
             else [["Points", f"{len(study)} of {facts['n']} done, {facts['sample']}, seed {facts['seed']}"]]
         ),
         ["Time of a point", f"{np.nanmedian(wall):.3g} s in the median, {np.nansum(wall):.3g} s in all"],
-        *(["Setting", f"{name} = {value}"] for name, value in {**facts["settings"], **facts["options"]}.items()),
+        *(["Parameter", f"{name} = {value}"] for name, value in {**facts["parameters"], **facts["options"]}.items()),
         ["Engine", facts.get("engine", "fmu")],
         ["vdfmu", facts["vdfmu"]],
     ]

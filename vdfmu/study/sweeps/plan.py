@@ -36,6 +36,8 @@ TRACKING = {
     "peak_torque": "peak(controller.tau)",
 }
 """Measures of a tracking loop, if none are given."""
+_COUPLED = ("algorithm", "parameters", *CouplingOptions.__annotations__)
+"""Options of the simulator of a package."""
 
 
 def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], dict[str, str], tuple[float, float]]:
@@ -170,7 +172,7 @@ class Plan:
 def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
     """Plan a study; for arguments see `vdfmu.sweep`. Nothing has run yet when it has faults."""
     engine, measure, keep = options["engine"], options["measure"], options["record"]
-    sample, settings = os.fspath(options["sample"]), options["settings"] or {}
+    sample = os.fspath(options["sample"])
     if engine not in (None, *ENGINES):
         raise UsageError(f"engine: expected {' or '.join(ENGINES)}, got {engine!r}.")
     axes, points = draw(read_axes(over), sample, options["points"], options["seed"])
@@ -214,10 +216,10 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
         "sample": sample,
         "n": count,
         "seed": options["seed"],
-        "settings": {name: _plain(value) for name, value in settings.items()},
+        "parameters": {name: _plain(value) for name, value in (options["parameters"] or {}).items()},
         "options": {
             name: _plain(value) for name, value in changes.items()
-            if value is not None and name not in ("settings", "backend")
+            if value is not None and name not in ("parameters", "backend")
         },
         "measures": {m.name: m.text for m in measures},
         "units": {axis.target: _unit_of_axis(axis, systems[0], units) for axis in axes}
@@ -274,21 +276,19 @@ def _of_package(
     """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
         raise UsageError(f"engine: batch needs a scenario, whose equations are known; {package} is a package.")
-    wrong = [target for target in switched if target not in ("master", "step", "stop")]
+    wrong = [target for target in switched if target not in ("algorithm", "step", "stop")]
     wrong += [name for name in ("robot", "units") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:
         raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
-    settings: dict[str, Any] = {**options, **switched}
-    hold = bool(settings.get("input_hold"))
-    chosen = {**pick(CouplingOptions, settings), "algorithm": settings.get("master")}
-    chosen = {name: value for name, value in chosen.items() if value is not None}
+    chosen: dict[str, Any] = {name: value for name, value in {**options, **switched}.items() if value is not None}
+    hold = bool(chosen.get("input_hold"))
     return WiredSystem(
         Path(package).read_bytes(),
-        {**chosen, "parameters": dict(settings.get("settings") or {})},
-        {name: settings[name] for name in ("step", "stop") if settings.get(name) is not None},
-        read_inputs(settings.get("inputs"), hold),
+        {name: value for name, value in chosen.items() if name in _COUPLED},
+        {name: chosen[name] for name in ("step", "stop") if name in chosen},
+        read_inputs(chosen.get("inputs"), hold),
         hold,
         {axis.target: AxisBinding((axis.target,)) for axis in axes},
         name=Path(package).name,
@@ -307,9 +307,8 @@ def of_scenario(
     units |= {name.removeprefix("unit:"): value for name, value in switched.items() if name.startswith("unit:")}
     plain = {name: value for name, value in switched.items() if not name.startswith("unit:")}
     changes: dict[str, Any] = {**options, **plain, "units": units or None}
-    settings = options.get("settings") or {}
     loaded = prepare(scenario, [axis.target for axis in axes], **changes)
-    values = system_values(loaded, settings)
+    values = system_values(loaded, options.get("parameters"))
     bindings = {axis.target: _binding(loaded, axis, values) for axis in axes}
     bound = [name for binding in bindings.values() for name in binding.names]
     with temporary_folder("vdfmu_sweep_") as folder:

@@ -79,7 +79,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
     scenario : Scenario, str or path
         Loaded, the name of a shipped one, a file, or a system package, ``.ssp``.
     vary : mapping, or sequence of "TARGET=FORM"
-        Targets: ``component.parameter``, ``robot.parameter``, or ``robot``, ``master``, ``step``, ``stop`` and
+        Targets: ``component.parameter``, ``robot.parameter``, or ``robot``, ``algorithm``, ``step``, ``stop`` and
         ``unit:COMPONENT``. Its form is ``lin(a, b)``, ``log(a, b)``, with the number of values as a third for a grid,
         ``normal(mean, deviation)``, ``lognormal(median, deviation of the logarithm)``, or values, ``"1, 2, 5"`` or a
         sequence. A star before it makes them factors of the scenario's values: ``*lin(0.9, 1.1)``.

@@ -17,6 +17,7 @@ from vdfmu.base.cache import is_own
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json
 from vdfmu.base.foreign import read_arrow
+from vdfmu.base.option import renamed
 from vdfmu.base.text import close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.sheets import Sheet
@@ -27,7 +28,7 @@ from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_o
 
 _FACTS = Record({
     **dict.fromkeys(("scenario", "source", "vdfmu", "sample"), TEXT), "n": WHOLE, "seed": WHOLE,
-    "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "settings": Keyed(ANY), "options": Keyed(ANY),
+    "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "parameters": Keyed(ANY), "options": Keyed(ANY),
     "systems": List({"package": TEXT}),
 }, {"engine": TEXT})  # fmt: skip
 """Facts of the study that are read, and their types."""
@@ -88,7 +89,7 @@ class StudyTable:
             self._table_of = table_of if _sealed(folder) else _foreign_table
             self._schemas = [self._table_of(file, []).schema for file in self._files]
             content = read_json(self._table_facts() if self._files == [table] else readable(folder / LEDGER))
-            self.facts, problems = typed(content, _FACTS)
+            self.facts, problems = typed(renamed(content), _FACTS)
         except (UsageError, ValueError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
         if problems:
@@ -262,7 +263,7 @@ class StudyTable:
         if [table.digest for table in system.inputs] not in [each["inputs"] for each in was]:
             self._note(f"{source}: its inputs have changed since the study.")
         for target, binding in system.bindings.items():
-            options["settings"] |= binding.values(row[target])
+            options["parameters"] |= binding.values(row[target])
         return {"scenario": source, **options}
 
     def _note(self, note: str) -> None:
@@ -275,7 +276,7 @@ class StudyTable:
 
         switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
         axes = [axis for axis in read_axes(self.facts["axes"]) if not is_option(axis.target)]
-        options: Any = {**self.facts["options"], "settings": dict(self.facts["settings"])}
+        options: Any = {**self.facts["options"], "parameters": dict(self.facts["parameters"])}
         system = of_scenario(self.facts["source"], axes, switched, options)
         for axis, value in switched.items():
             if axis.startswith("unit:"):

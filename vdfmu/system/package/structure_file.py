@@ -70,7 +70,7 @@ def structure_file(description: SystemDescription) -> Any:
     )  # fmt: skip
     add_units(top, "ssd:Units", description.measures)
     add_experiment(
-        top, scenario.stop, float(scenario.step), algorithm=scenario.master, solverTolerance=description.tolerance,
+        top, scenario.stop, float(scenario.step), algorithm=scenario.algorithm, solverTolerance=description.tolerance,
         adaptive=scenario.adaptive,
     )  # fmt: skip
     return top
@@ -183,7 +183,7 @@ def _run(description: SystemDescription) -> str:
     scenario = description.scenario
     step, stop = f"{scenario.step:g}", f"{scenario.stop:g}"
     text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
-<code>{scenario.master}</code> algorithm; solver tolerance {description.tolerance:g}. The annotations
+<code>{scenario.algorithm}</code> algorithm; solver tolerance {description.tolerance:g}. The annotations
 of the default experiment say the same.</p>
 <p>Values apply in the order of the bindings of a component. An importer that applies one set of a component applies
 <code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by

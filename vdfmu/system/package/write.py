@@ -180,9 +180,9 @@ def build_parts(
     fmus: dict[str, Path] = {name: part.fmu for name, part in foreign if part.fmu is not None}
     for place, robot in dict.fromkeys((placed[name], robots[name]) for name in units):
         here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
-        start_values = {unit_name(unit): dict(starts.get(name, {})) for name, unit in here.items()}
+        parameters = {unit_name(unit): dict(starts.get(name, {})) for name, unit in here.items()}
         built = build_fmus(
-            robot, place, units=list(dict.fromkeys(here.values())), start_values=start_values, target=target,
+            robot, place, units=list(dict.fromkeys(here.values())), parameters=parameters, target=target,
             step=scenario.step, folded=True, **options,  # as far as the robot says: the caller has chosen
         )  # fmt: skip
         fmus |= {name: built[unit_name(unit)] for name, unit in here.items()}

@@ -17,8 +17,8 @@ from vdfmu.system.scenario.scenario_file import KEYS
 from vdfmu.system.scenario.values import group_of, override, robot_with, section_values
 
 
-def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> list[str]:
-    """Return notes on a scenario with settings: likely mistakes and unused values."""
+def model_notes(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> list[str]:
+    """Return notes on a scenario with parameters: likely mistakes and unused values."""
     robot, resolved = scenario.robot, scenario.resolved
     notes = [*scenario.notes, *_not_reached(scenario)]
     notes += [
@@ -38,34 +38,39 @@ def model_notes(scenario: Scenario, settings: Mapping[str, Any] | None = None) -
     notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
     robots = [scenario.robot] if scenario.robot is not None else []
     notes += [note for robot in robots for note in plain_notes(robot.sources)]
-    return list(dict.fromkeys([*notes, *implausible(scenario, settings)]))
+    return list(dict.fromkeys([*notes, *implausible(scenario, parameters)]))
 
 
-def implausible(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> list[str]:
-    """Return notes on likely mistakes of units or signs in the robots and motions of a scenario with settings."""
+def implausible(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> list[str]:
+    """Return notes on likely mistakes of units or signs in the robots and motions of a scenario with parameters."""
     written = section_values(scenario.resolved, scenario.sections)
-    for component, changed in override(scenario, settings or {}).items():
+    for component, changed in override(scenario, parameters or {}).items():
         written[component] = written.get(component, {}) | changed
     return list(dict.fromkeys([*_of_robots(scenario, written), *_of_motions(scenario, written)]))
 
 
 def remarks(
-    scenario: Scenario, settings: Mapping[str, Any] | None, values: Mapping[str, Mapping[str, Any]], asked: bool = False
+    scenario: Scenario,
+    parameters: Mapping[str, Any] | None,
+    values: Mapping[str, Mapping[str, Any]],
+    asked: bool = False,
 ) -> dict[str, Any]:
     """Return the entries of a summary that a verdict counts before any row: ``cut``, ``unfed``, ``implausible``.
 
-    `values` are those of the units with the `settings`. `asked`: whether the user chose the end of the run.
+    `values` are those of the units with the `parameters`. `asked`: whether the user chose the end of the run.
     """
     facts: dict[str, Any] = {}
     end = max((begin + length for _, begin, length in motions(scenario, values)), default=0.0)
     if end > scenario.stop + 0.5 * scenario.step:
         facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
     tables = read_inputs(scenario.inputs, scenario.input_hold)
-    fed_or_set = {name.partition("[")[0] for name in (*(settings or ()), *(n for table in tables for n in table.names))}
+    fed_or_set = {
+        name.partition("[")[0] for name in (*(parameters or ()), *(n for table in tables for n in table.names))
+    }
     fed_or_set |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
     lacking = [name for name in (*scenario.system.unfed, *_unmeasured(scenario)) if name not in fed_or_set]
     facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in dict.fromkeys(lacking)]
-    facts["implausible"] = implausible(scenario, settings)
+    facts["implausible"] = implausible(scenario, parameters)
     return {key: value for key, value in facts.items() if value}
 
 

@@ -29,15 +29,15 @@ _BOX, _GAP, _ROW = (70.0, 100.0), 130.0, 180.0
 """Size of a component in a diagram, and distances in a row and between rows [mm]."""
 
 
-def decomposed(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> tuple[Scenario, dict[str, Values]]:
+def decomposed(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> tuple[Scenario, dict[str, Values]]:
     """Return a scenario with joints and links for its plants and feedforwards, and the values of its components.
 
     ``plant`` becomes ``plant_base``, ``plant_joint_1``, ``plant_link_1``, .. and ``plant_tool``. A payload is part of
-    the last link. `settings` name variables of the given scenario, ``plant.q_0[2]``. See
+    the last link. `parameters` name variables of the given scenario, ``plant.q_0[2]``. See
     :func:`vdfmu.system.scenario.values.override`. UsageError for options of robots and signals that the units of links
     and joints lack.
     """
-    resolved, values = scenario.resolved, system_values(scenario, settings)
+    resolved, values = scenario.resolved, system_values(scenario, parameters)
     taken: dict[str, tuple[str, Robot]] = {}
     problems: list[str] = []
     for name, unit in resolved.units.items():

@@ -22,7 +22,7 @@ _PAYLOAD = {row.name for row in section("payload")}
 
 
 def with_parameters(scenario: Scenario, names: Iterable[str]) -> Scenario:
-    """Return the scenario whose robot has the parameters that settings name, see :func:`robot_for`."""
+    """Return the scenario whose robot has the parameters that these names set, see :func:`robot_for`."""
     robot = scenario.robot and robot_for(scenario.robot, names)
     return scenario if robot is scenario.robot else dataclasses.replace(scenario, robot=robot)
 
@@ -39,7 +39,7 @@ def unfolded(scenario: Scenario) -> Scenario:
 
 
 def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
-    """Return the robot with parameters that settings name and it lacks: an empty payload, zeros that are folded.
+    """Return the robot with named parameters that it lacks: an empty payload, zeros that are folded.
 
     Names are ``plant.payload_mass``, ``robot.gravity[1]``, or of a unit alone, ``gravity[1]``.
     """

@@ -250,7 +250,7 @@ class Scenario:
         component takes it.
     stop, step : float [s]
         End of the run, and communication step.
-    master : str
+    algorithm : str
         Name of an algorithm of `vdfmu.engine.algorithms`.
     adaptive : float or None
         Largest relative error of a coupled signal in a step. None for steps of the given length.
@@ -281,7 +281,7 @@ class Scenario:
     robot: Robot | None
     stop: float
     step: float
-    master: str
+    algorithm: str
     adaptive: float | None
     tolerance: float
     plant_factors: Mapping[str, Floats | float]
@@ -298,7 +298,7 @@ class Scenario:
     @property
     def coupling(self) -> SimulatorOptions:
         """Options of the coupling."""
-        return {**self.options, "algorithm": self.master, "adaptive": self.adaptive}
+        return {**self.options, "algorithm": self.algorithm, "adaptive": self.adaptive}
 
     @property
     def resolved(self) -> ResolvedSystem:

@@ -136,7 +136,7 @@ KEYS = {
     "friction": "Instead of the robot's",
     "stop": "End of the run [s]",
     "step": "Communication step [s]",
-    "master": "How the units are stepped",
+    "algorithm": "How the units are stepped",
     "adaptive": "Largest relative error of a coupled signal in a step",
     "tolerance": "Tolerance of the solvers",
     "inputs": "CSV file of signals for inputs that nothing is connected to",
@@ -199,8 +199,8 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
             count_steps(step, stop)
         except UsageError as error:
             problems.take(error)
-    master = file.text("master", DEFAULT, ALGORITHMS.names(file.data.get("master", DEFAULT)))
-    adaptive = _adaptive(file, master)
+    algorithm = file.text("algorithm", DEFAULT, ALGORITHMS.names(file.data.get("algorithm", DEFAULT)))
+    adaptive = _adaptive(file, algorithm)
     way_out = f"{SOLVER_TOLERANCE:g} is a good start."
     tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
     if tolerance >= 1:
@@ -229,7 +229,7 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     if system is None or problems.lines:
         return None
     return Scenario(
-        name=name, description=description, system=system, robot=robot, stop=stop, step=step, master=master,
+        name=name, description=description, system=system, robot=robot, stop=stop, step=step, algorithm=algorithm,
         adaptive=adaptive, tolerance=tolerance, plant_factors=factors, sections=sections, paper=paper, inputs=inputs,
         input_hold=input_hold, payload_known=payload_known, limits=limits,
     )  # fmt: skip
@@ -273,17 +273,17 @@ def _with_drive(table: Table, robot: Robot) -> Robot:
     return robot
 
 
-def _adaptive(file: Table, master: str) -> float | None:
+def _adaptive(file: Table, algorithm: str) -> float | None:
     """Read the error control of the communication step, by default off."""
     if "adaptive" not in file.data:
         return None
     error = file.number("adaptive", "", above=0)
     if error >= 1:
         file.problems.add("adaptive", "a relative error < 1", value_text(error), "1e-6 is a good start.")
-    if master in ALGORITHMS and not ALGORITHMS[master].continuous:
-        way_out = "Sampled control has a fixed step: leave adaptive out, or choose another master."
-        expected = f"master = {' or '.join(map(repr, named(continuous=True)))}"
-        file.problems.add("adaptive", expected, repr(master), way_out)
+    if algorithm in ALGORITHMS and not ALGORITHMS[algorithm].continuous:
+        way_out = "Sampled control has a fixed step: leave adaptive out, or choose another algorithm."
+        expected = f"algorithm = {' or '.join(map(repr, named(continuous=True)))}"
+        file.problems.add("adaptive", expected, repr(algorithm), way_out)
     return error
 
 

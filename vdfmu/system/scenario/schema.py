@@ -72,7 +72,7 @@ def scenario_schema(system: str = "system") -> Schema:
         **dict.fromkeys(("name", "description", "system", "robot", "inputs"), _TEXT),
         "friction": _FRICTION,
         **dict.fromkeys(("stop", "step"), _POSITIVE),
-        "master": {"enum": ALGORITHMS.names()},
+        "algorithm": {"enum": ALGORITHMS.names()},
         **dict.fromkeys(("adaptive", "tolerance"), share),
         "input_hold": _FLAG,
         "payload": _table(_rows("payload") | {"known": _FLAG}, _required("payload")),

@@ -1,4 +1,4 @@
-"""Values of the components from robot, scenario and settings, for the parameter sets of the SSP."""
+"""Values of the components from robot, scenario and parameters, for the parameter sets of the SSP."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from vdfmu.system.scenario.system_file import SystemFile
 Values = dict[str, Any]
 
 
-def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> dict[str, Values]:
-    """Return the values that robot, scenario and settings decide: component to variable to value.
+def system_values(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> dict[str, Values]:
+    """Return the values that robot, scenario and parameters decide: component to variable to value.
 
     Other variables keep the start values of their declaration. Free inputs, such as the wrench at the end effector,
     have their start value. UsageError as :func:`override`, and for positions beyond the end stops.
@@ -32,7 +32,7 @@ def system_values(scenario: Scenario, settings: Mapping[str, Any] | None = None)
     solvers = [n for n, u in resolved.units.items() if any(isinstance(d, Derivative) for d in u.declared.values())]
     tolerances = _set_all(resolved, {f"{name}.tolerance": scenario.tolerance for name in solvers})
     written = _set_all(resolved, _sections(resolved, scenario.sections))
-    changed = _set_all(resolved, settings or {})
+    changed = _set_all(resolved, parameters or {})
     values = {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(resolved.system, name, v)}
         | tolerances.get(name, {})
@@ -57,15 +57,15 @@ def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str,
     return values
 
 
-def override(scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Values]:
-    """Read settings such as ``controller.K_p[1]=3000``: component to variable to value.
+def override(scenario: Scenario, parameters: Mapping[str, Any]) -> dict[str, Values]:
+    """Read parameters such as ``controller.K_p[1]=3000``: component to variable to value.
 
     A name without an index sets all elements: ``controller.K_p=3000``, or each by a list or array. An integer with
     named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` sets the parameter in every component.
     Free inputs can be set too. UsageError has a line for each wrong setting: unknown component or variable, a variable
     that cannot be set, a wrong value or number of values.
     """
-    return _set_all(scenario.resolved, settings)
+    return _set_all(scenario.resolved, parameters)
 
 
 def present_values(
@@ -81,20 +81,20 @@ def present_values(
     }
 
 
-def start_values(unit: type[Unit], robot: Robot | None, settings: Mapping[str, Any]) -> Values:
-    """Read settings of a unit, ``K_p=3000`` or ``K_p[1]=3000``: variable to value. UsageError as :func:`override`."""
+def start_values(unit: type[Unit], robot: Robot | None, parameters: Mapping[str, Any]) -> Values:
+    """Read parameters of a unit, ``K_p=3000`` or ``K_p[1]=3000``: variable to value. UsageError as :func:`override`."""
     table = interface_of(unit, robot if unit.needs_robot() else None)
     values: Values = {}
-    for key, value in settings.items():
+    for key, value in parameters.items():
         values |= _spread(_named(table, key, key), key, value)
     return values
 
 
-def group_value(scenario: Scenario, name: str, settings: Mapping[str, Any] | None = None) -> Any:
+def group_value(scenario: Scenario, name: str, parameters: Mapping[str, Any] | None = None) -> Any:
     """Return the value of a group, ``controller.K_p``: a float, the name of a choice, or an array. None if unknown."""
     component, _, group = name.partition(".")
     table = scenario.resolved.tables.get(component, ())
-    return group_of(table, system_values(scenario, settings).get(component, {}), group)
+    return group_of(table, system_values(scenario, parameters).get(component, {}), group)
 
 
 def group_of(table: Iterable[Variable], values: Mapping[str, Any], group: str) -> Any:
@@ -152,11 +152,11 @@ def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]
     return written
 
 
-def _set_all(resolved: ResolvedSystem, settings: Mapping[str, Any]) -> dict[str, Values]:
-    """Read settings, see :func:`override`."""
+def _set_all(resolved: ResolvedSystem, parameters: Mapping[str, Any]) -> dict[str, Values]:
+    """Read parameters, see :func:`override`."""
     values: dict[str, Values] = {}
     problems: list[str] = []
-    for key, value in settings.items():
+    for key, value in parameters.items():
         component, _, name = key.partition(".")
         reached = [component]
         if component == "robot" and "robot" not in resolved.tables:
