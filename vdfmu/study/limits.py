@@ -11,9 +11,12 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import UsageError
-from vdfmu.base.measure import number, quantity
+from vdfmu.base.measure import number
 from vdfmu.base.text import nearest
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check
+
+_DIGITS = 9
+"""Most further digits of a number that rounds to its limit."""
 
 
 class Limit(NamedTuple):
@@ -37,11 +40,11 @@ class Limit(NamedTuple):
     failed: float = math.inf
     """A second limit, beyond which a run has failed; infinite without one."""
 
-    def shown(self, value: float) -> str:
-        """Return a number of the row as text."""
-        if self.unit == "%":
-            return f"{number(100.0 * value)} %"
-        return number(value, 2) if self.unit == "1" else quantity(value, self.unit)
+    def shown(self, value: float, more: int = 0) -> str:
+        """Return a number of the row as text, with some `more` digits."""
+        if self.unit == "1":
+            return number(value, 2 + more)
+        return f"{number(100.0 * value if self.unit == '%' else value, 3 + more)} {self.unit}"
 
     def state(self, value: float) -> str:
         """Return the state of a number; NaN is beyond every limit."""
@@ -53,10 +56,12 @@ class Limit(NamedTuple):
 
     def check(self, value: float, more: str = "", **places: Any) -> Check:
         """Judge a number; `places` are the other places of the sentence."""
-        state = self.state(value)
-        sentence = self.sentence.format(value=self.shown(value), **places)
+        state, digits = self.state(value), 0
+        limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
+        while state != GOOD and digits < _DIGITS and self.shown(value, digits) == self.shown(limit, digits):
+            digits += 1  # a number beyond its limit does not look like it
+        sentence = self.sentence.format(value=self.shown(value, digits), **places)
         if state != GOOD:
-            limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
             bound = f"limit {self.shown(limit)}{'' if self.by == LIMITS[self.key].by else f' by {self.by}'})"
             sentence = f"{sentence.removesuffix(')')}, {bound}" if sentence.endswith(")") else f"{sentence} ({bound}"
         return Check(self.key, self.name, state, sentence, more, value, self.value, self.by)

@@ -204,8 +204,10 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         sentence = f"equals the {compared['name']} scipy reference to {row.shown(check.value)} of the largest error"
         check = check._replace(sentence=sentence)
     elif apart <= tolerance:  # of a position of 1 rad: what the solvers of the units may be off by
-        more += f"; that is within the tolerance of the solvers, {tolerance:g}: a smaller --tolerance decides"
-        check = check._replace(state=DOUBTFUL, more=more)
+        more += f"; that is within the tolerance of the solvers, {number(tolerance)}"
+        smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
+        noise = f"{row.shown(check.value)} of the largest error may be solver noise: try --tolerance {number(smaller)}"
+        check = check._replace(state=DOUBTFUL, sentence=noise, more=more)
     yield check
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.engine.linear.loops import SLOW, Loop, _margins
+from vdfmu.engine.linear.loops import SLOW, Loop
 from vdfmu.unit import Output, Unit
 
 STEP = 1e-3
@@ -55,12 +55,12 @@ def test_margins_of_an_integrator_have_their_closed_form(share):
     # the grid ends at half the sampling frequency, where the least distance is: exact to rounding
     assert now.modulus[0] == pytest.approx(1 - share / 2, rel=1e-9)
     assert now.rate == pytest.approx(np.log(1 - share) / STEP, rel=1e-6)  # matrices are exact to 1e-11
-    # between frequencies 2.3 % apart the logarithm of L is linear to their square, 3e-4 of each at most
-    assert now.gain[0] == pytest.approx(2 / share, rel=1e-3)
-    assert now.phase[0] == pytest.approx(np.pi / 2 - angle / 2, rel=1e-3)
-    assert now.delay[0] == pytest.approx((np.pi / 2 - angle / 2) / angle * STEP, rel=1e-3)
-    assert then.gain[0] == pytest.approx(1 / share, rel=1e-3)
-    assert then.phase[0] == pytest.approx(np.pi / 2 - 1.5 * angle, rel=1e-3, abs=1e-3)
+    # between frequencies 17 % / 125 apart the logarithm of L is linear to their square, 2e-6 of each at most
+    assert now.gain[0] == pytest.approx(2 / share, rel=1e-5)
+    assert now.phase[0] == pytest.approx(np.pi / 2 - angle / 2, rel=1e-5)
+    assert now.delay[0] == pytest.approx((np.pi / 2 - angle / 2) / angle * STEP, rel=1e-5)
+    assert then.gain[0] == pytest.approx(1 / share, rel=1e-5)
+    assert then.phase[0] == pytest.approx(np.pi / 2 - 1.5 * angle, rel=1e-5, abs=1e-5)
     assert then.rate == pytest.approx(np.log(np.abs(np.roots([1, -1, share])).max()) / STEP, rel=1e-6)
 
 
@@ -142,12 +142,13 @@ def test_a_mass_that_nothing_holds_an_unstable_loop_and_one_that_is_zero_at_a_fr
     assert then.rate > 0.0 and then.modulus[0] == then.phase[0] == then.delay[0] == 0.0
     with pytest.raises(UsageError, match="Plain is not traced and has no derivatives"):
         Plain().linearize()
-    w = np.geomspace(0.1, 10.0, 200)
-    loop = 4.0 / (1.0 + 1j * w[:, None]) ** 3
-    cut = loop.copy()
-    cut[-1] = 0.0  # beyond all crossings
+    k = 0.8  # of a loop k (z + 1) / z^2, which is unstable from k = 1 on, and passes 1 where 2 k cos(w / 2) does
+    loop = Loop(Linear(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]])), np.array([[-k, -k]]), STEP)
     with np.errstate(all="raise"):
-        np.testing.assert_array_equal(_margins(cut, w, True), _margins(loop, w, True))
+        margins = loop.margins()
+    lag = 3.0 * np.arccos(0.5 / k)
+    assert margins.gain[0] == pytest.approx(1.0 / k, rel=1e-5) and lag < np.pi
+    assert margins.phase[0] == pytest.approx(np.pi - lag, rel=1e-5)
 
 
 class Plain(Unit):

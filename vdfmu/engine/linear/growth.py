@@ -6,7 +6,6 @@ import math
 import time as clock
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -17,7 +16,7 @@ from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.linear.linearise import Linearisation, with_part
 from vdfmu.engine.linear.loops import SLOW, Loop, Margins, Tied, fastest_mode, loop_of_part, moving, opened_at
-from vdfmu.engine.linear.system import LinearSystem, Places, cut
+from vdfmu.engine.linear.system import LinearSystem, cut
 from vdfmu.engine.linear.tied import with_tied
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.observer import Tap
@@ -93,7 +92,7 @@ class Pose(NamedTuple):
 
     time: float
     matrix: Floats
-    """All matrices of the system as one, see :func:`_matrix`."""
+    """All matrices of the system as one, see `LinearSystem.whole`."""
     rate: float
     """Largest rate of a mode [1/s]."""
     loop: Loop | None
@@ -103,7 +102,7 @@ class Pose(NamedTuple):
 class Along:
     """The loops of a run at times along it, opened at some inputs.
 
-    `system` is at any of these times, `rows` have times [s] and matrices, see :func:`_matrix`.
+    `system` is at any of these times, `rows` have times [s] and matrices, see `LinearSystem.whole`.
     """
 
     def __init__(self, system: LinearSystem, opened: Sequence[str], rows: Iterable[tuple[float, Floats]] = ()) -> None:
@@ -117,11 +116,11 @@ class Along:
         """Return the loops alone of a system with this matrix."""
         acts = (M != 0.0).tobytes()
         if acts not in self._parts:  # most are alike
-            system = _with_matrix(self.system, M)
+            system = self.system.with_whole(M)
             places = system.on(self.opened)
-            self._parts[acts] = system.part(places), _ix(system, places)
+            self._parts[acts] = system.part(places), system.in_whole(places)
         part, ix = self._parts[acts]
-        return _with_matrix(part, M[ix])
+        return part.with_whole(M[ix])
 
     def pose(self, time: float, M: Floats) -> Pose:
         """Return the loops at a time [s]."""
@@ -190,7 +189,7 @@ class Along:
         loops = [(pose.time, pose.loop) for pose in self.poses if pose.loop is not None and pose.loop.sampled]
         if not loops:
             return None
-        samples = np.array([loop.margins().delay / loop.step for _, loop in loops])
+        samples = np.array([loop.delay / loop.step for _, loop in loops])
         row, loop = (int(each) for each in np.unravel_index(samples.argmin(), samples.shape))
         return Late(float(samples[row, loop]), loops[row][0], self.opened_at(loop))
 
@@ -238,25 +237,6 @@ def _minima(poses: Sequence[Pose]) -> list[tuple[int, float]]:
     lowest = (modulus <= after) & (modulus <= before) & (modulus > 0.0) & (modulus <= _NEAR * modulus.min())
     minima = sorted((modulus[k, loop], loop, poses[k].time) for k, loop in np.argwhere(lowest).tolist())
     return [(loop, time) for _, loop, time in minima[:_MINIMA]]
-
-
-def _matrix(system: LinearSystem) -> Floats:
-    """Return all matrices of a system as one: rates, outputs and samples by states, inputs and sampled states."""
-    parts, (_, E, G, F) = system.parts, system.samples
-    return np.vstack([np.hstack([parts.A, parts.B, E]), np.hstack([parts.C, parts.D, G]), F])
-
-
-def _with_matrix(system: LinearSystem, M: Floats) -> LinearSystem:
-    (n, m), p = system.parts.B.shape, len(system.parts.C)
-    parts = replace(system.parts, A=M[:n, :n], B=M[:n, n : n + m], C=M[n : n + p, :n], D=M[n : n + p, n : n + m])
-    samples = system.samples._replace(E=M[:n, n + m :], G=M[n : n + p, n + m :], F=M[n + p :])
-    return replace(system, parts=parts, samples=samples)
-
-
-def _ix(system: LinearSystem, places: Places) -> Any:
-    """Return the places of a part in the matrix of a system."""
-    (n, m), p, (x, u, y, s) = system.parts.B.shape, len(system.parts.C), places
-    return np.ix_(np.concatenate([x, n + y, n + p + s]), np.concatenate([x, n + u, n + m + s]))
 
 
 class _ChosenRows:
@@ -379,11 +359,11 @@ class Poses(Tap):
             raise UsageError(f"{loops.algorithm} takes sampled states as continuous")
         u, y = (np.flatnonzero(system.links.any(axis=axis)) for axis in (1, 0))
         places = np.arange(len(system.parts.A)), u, y, np.arange(len(system.samples.signals))
-        self._linked = _ix(system, places)
+        self._linked = system.in_whole(places)
         return Along(system.part(places), opened)
 
     def _matrix(self, system: LinearSystem) -> Floats:
-        return _matrix(with_tied(system, self._tied))[self._linked]
+        return with_tied(system, self._tied).whole[self._linked]
 
     def changed(self, values: Mapping[str, Mapping[str, Value]]) -> Along:
         """Return the loops with other parameters of some components, at the states of all rows.

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.base.arrays import Floats, distinct
+from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, StateSpace
 from vdfmu.engine.linear.system import LinearSystem
@@ -35,17 +35,22 @@ SLOW = 2.0
 """Largest rate [1/s] of a slow mode: a disturbance then needs half a second to grow e-fold."""
 _STILL = 1e-3
 """Growth rate [1/s] that may be rounding: a double eigenvalue 1 is exact to 3e-8, or 3e-4 1/s over 0.1 ms."""
-_GRID, _COARSE = 400, 60
-"""Frequencies at which loops are calculated in addition to those around poles: for all margins, for the modulus."""
+_GRID = 60
+"""Frequencies at which loops are calculated in addition to those around poles, 17 % apart."""
 _AROUND = np.array([-6.0, -2.5, -1.0, -0.4, 0.0, 0.4, 1.0, 2.5, 6.0])
 """Distances to the frequency of a pole, as shares of its decay rate."""
 _BETWEEN = np.linspace(-1.0, 1.0, 11)[1:-1]
 """Places for a second calculation, between the neighbours of the frequency with the least modulus."""
+_INSIDE, _ZOOMS = np.linspace(0.0, 1.0, 6)[1:-1], 3
+"""Places for further calculations between two frequencies with a crossing of gain 1 or lag 180 degrees, and how often
+they divide the rest: to 1/125, over which a straight line is exact to 1e-5 of it."""
+_CLOSE = 0.5
+"""Logarithm of the gain of peaks and dips that may cross 1 between two frequencies."""
 _SLOWEST = 1e-4
 """Lowest frequency, as a share of half the sampling frequency."""
-_FAST, _DELAY = 0.05, 1e-6
-"""Eigenvalues up to the first size are not separated if their eigenvectors are ill-conditioned, as of delays in a row;
-up to the second they never are. Their part of S is a power series in 1 / z."""
+_FAST = 0.05
+"""Eigenvalues up to this size are not separated if their eigenvectors are ill-conditioned, as of delays in a row. Their
+part of S is a power series in 1 / z."""
 _TERMS, _LEAST = 12, 1e-15
 """Most terms of it, with the first omitted term at 1e-15 of the first; and states that count as 0."""
 _NUDGE = 1e-11
@@ -72,23 +77,6 @@ class Margins(NamedTuple):
     """Rate [1/s] of the mode that grows most, or decays least; -inf without any."""
 
 
-class _LoopModes(NamedTuple):
-    """Modes of closed loops: of n loops, k modes."""
-
-    poles: Complex
-    """Eigenvalues, (k,), without the small ones of :func:`_separated`."""
-    s: Complex
-    """The same in continuous time [1/s]."""
-    parts: Complex
-    """r, (n, k)."""
-    slow: npt.NDArray[np.bool_]
-    """Whether a mode is slow for a loop, (n, k)."""
-    grows: npt.NDArray[np.bool_]
-    """Whether a mode grows, (k,)."""
-    rest: Floats
-    """The terms of the power series in 1 / z, (t, n)."""
-
-
 @dataclass(frozen=True)
 class Loop:
     """The loops of a system at one time, opened."""
@@ -104,77 +92,33 @@ class Loop:
     """Largest rate [1/s] of a slow mode."""
 
     @cached_property
-    def _modes(self) -> _LoopModes:
-        (A, B), K, n = self.plant, self.K, len(self.K)
-        if not len(A):  # nothing comes back, as between an emergency stop and its brakes
-            none, never = np.zeros((n, 0), complex), np.zeros((n, 0), bool)
-            return _LoopModes(none[0], none[0], none, never, never[0], np.zeros((0, n)))
-        closed = A + B @ K
-        closed *= _nudges(len(closed))
-        poles, right, left = _separated(closed, self.sampled)
-        parts = (K @ right) * (left @ B).T
-        rest: list[Floats] = []
-        if len(poles) < len(A):
-            complement = np.eye(len(A)) - (right @ left).real  # onto the states of the other eigenvalues
-            power = complement @ B
-            while len(rest) < _TERMS and np.abs(power).max() > _LEAST:
-                rest.append((K * power.T).sum(axis=1))
-                power = complement @ (closed @ power)
-        s: Any = np.log(poles) / self.step if self.sampled else poles
-        moved = np.abs(parts / poles) / self.step if self.sampled else np.abs(parts)
-        slow = (moved <= self.slow) & (s.real <= self.slow) & (s.real > -moved)
-        return _LoopModes(poles, s, parts, slow, s.real > _STILL, np.array(rest).reshape(-1, n))
+    def _alone(self) -> _Stack:
+        return _Stack([self])
 
     @property
     def rate(self) -> float:
         """Rate [1/s] of the mode that grows most, or decays least, except constant modes; -inf without any."""
-        rates = self._modes.s.real
-        return float(rates[np.abs(rates) > _STILL].max(initial=-np.inf))
+        return float(self._alone.rates[0])
 
     @property
     def fastest(self) -> int:
         """The loop that moves most the mode that grows most."""
-        return int(np.abs(self._modes.parts[:, self._modes.s.real.argmax()]).argmax())
-
-    def _inverse(self, w: Floats) -> Any:
-        """``1 + L``, (m, n), at frequencies (m,) [rad/s], without slow modes."""
-        modes = self._modes
-        z = np.exp(1j * w * self.step) if self.sampled else 1j * w
-        S = 1.0 + (1.0 / (z[:, None] - modes.poles)) @ np.where(modes.slow, 0.0, modes.parts).T
-        series = np.zeros_like(S)
-        for term in modes.rest[::-1]:
-            series = (series + term) / z[:, None]
-        return 1.0 / (S + series)
-
-    def _grid(self, points: int) -> Floats:
-        """Frequencies [rad/s] up to half the sampling frequency, denser around poles with their peaks."""
-        spaced = _spaced(_SLOWEST * np.pi / self.step, np.pi / self.step, points)
-        least, most = spaced[[0, -1]]
-        s = self._modes.s
-        s = s[s.imag > least]
-        w = s.imag[:, None] + np.abs(s.real)[:, None] * _AROUND
-        return distinct(spaced, w[(w > least) & (w < most)])
+        return int(np.abs(self._alone.parts[0, :, self._alone.s[0].real.argmax()]).argmax())
 
     @property
-    def lost(self) -> Any:
-        """Whether a loop lacks margins, since a mode grows that is not slow, (n,)."""
-        return (self._modes.grows & ~self._modes.slow).any(axis=1)
-
-    @cached_property
     def modulus(self) -> Floats:
         """The modulus margin of each loop, (n,)."""
-        w = self._grid(_COARSE)
-        size = np.abs(self._inverse(w))
-        least = size.argmin(axis=0)
-        low, high = w[np.maximum(least - 1, 0)], w[np.minimum(least + 1, len(w) - 1)]
-        more = (low + high)[:, None] / 2.0 + (high - low)[:, None] / 2.0 * _BETWEEN
-        again = np.abs(self._inverse(more.ravel()))
-        return np.where(self.lost, 0.0, np.minimum(size.min(axis=0), again.min(axis=0)))
+        return self._alone.modulus[0]
 
     @property
     def least(self) -> float:
         """The least modulus margin of all loops; 0 if a loop lacks it."""
-        return 0.0 if self.lost.any() else float(self.modulus.min())
+        return float(self.modulus.min())
+
+    @property
+    def delay(self) -> Floats:
+        """The delay margin [s] of each loop, (n,)."""
+        return self._alone.crossings[2][0]
 
     def later(self) -> Loop:
         """Return the sampled loops with the feedback of all of them one sample later: the inputs are further states."""
@@ -184,14 +128,126 @@ class Loop:
 
     def margins(self) -> Margins:
         """Return all margins."""
-        w, n = self._grid(_GRID), len(self.K)
-        if self.lost.all():
-            return Margins(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), self.rate)
-        gain, phase, delay = _margins(self._inverse(w) - 1.0, w, self.sampled)
-        return Margins(
-            self.modulus, np.where(self.lost, 1.0, gain), np.where(self.lost, 0.0, phase),
-            np.where(self.lost, 0.0, delay), self.rate,
-        )  # fmt: skip
+        gain, phase, delay = (each[0] for each in self._alone.crossings)
+        return Margins(self.modulus, gain, phase, delay, self.rate)
+
+
+class _Stack:
+    """Modes and margins of m systems of n loops, with as many states k, and alike otherwise."""
+
+    def __init__(self, loops: Sequence[Loop]) -> None:
+        first, K, B = loops[0], np.array([loop.K for loop in loops]), np.array([loop.plant.B for loop in loops])
+        self._step, self._sampled, self._all = first.step, first.sampled, np.ix_(*map(range, K.shape[:2]))
+        closed = (np.array([loop.plant.A for loop in loops]) + B @ K) * _nudges(K.shape[2])
+        self._poles, right, left, rest = _separated(closed, self._sampled)
+        self._series = list[Floats]()
+        """Terms of a power series in 1 / z, (m, n) each."""
+        power = rest @ B
+        while len(self._series) < _TERMS and np.abs(power).max(initial=0.0) > _LEAST:
+            self._series.append((K * power.swapaxes(1, 2)).sum(axis=2))
+            power = rest @ (closed @ power)
+        self.parts = (K @ right) * (left @ B).swapaxes(1, 2)
+        """r, (m, n, k)."""
+        self.s: Any = np.log(self._poles) / self._step if self._sampled else self._poles
+        """Eigenvalues in continuous time [1/s], (m, k)."""
+        moved = np.abs(self.parts / self._poles[:, None]) / self._step if self._sampled else np.abs(self.parts)
+        rates = self.s.real[:, None]
+        slow = (moved <= first.slow) & (rates <= first.slow) & (rates > -moved)
+        self._acting = np.where(slow, 0.0, self.parts)
+        self._lost = ((rates > _STILL) & ~slow).any(axis=2)
+        self.rates: Floats = np.where(np.abs(rates) > _STILL, rates, -np.inf).max(axis=(1, 2), initial=-np.inf)
+        """See `Loop.rate`, (m,)."""
+
+    @cached_property
+    def _grid(self) -> tuple[Floats, Any]:
+        """Frequencies [rad/s] up to half the sampling frequency, denser around poles with their peaks; ``1 + L``."""
+        spaced = _spaced(_SLOWEST * np.pi / self._step, np.pi / self._step, _GRID)
+        least, most = spaced[[0, -1]]
+        swinging = (self.s.imag > least).sum(axis=1).max()
+        s: Any = np.take_along_axis(self.s, np.argsort(-self.s.imag)[:, :swinging], axis=1)[:, :, None]
+        near = np.clip(s.imag + np.abs(s.real) * _AROUND, least, most).reshape(len(s), -1)
+        w = np.sort(np.hstack([np.tile(spaced, (len(s), 1)), near]))
+        return w, self._inverse(w, *self._all)
+
+    def _inverse(self, w: Floats, row: Any, loop: Any) -> Any:
+        """``1 + L``, (c, p, l), at frequencies (c, p) [rad/s], of systems (c, 1) and their loops without slow modes."""
+        z: Any = np.exp(1j * w * self._step) if self._sampled else 1j * w
+        z = z[:, :, None]
+        S = 1.0 + (1.0 / (z - self._poles[row])) @ self._acting[row, loop].swapaxes(1, 2)
+        series = np.zeros_like(S)
+        for term in self._series[::-1]:
+            series = (series + term[row, loop][:, None]) / z
+        return 1.0 / (S + series)
+
+    @cached_property
+    def modulus(self) -> Floats:
+        """Modulus margins, (m, n)."""
+        w, inverse = self._grid
+        size = np.abs(inverse)
+        least = size.argmin(axis=1)
+        low, high = (np.take_along_axis(w, np.clip(least + k, 0, w.shape[1] - 1), axis=1) for k in (-1, 1))
+        more = (low + high)[:, :, None] / 2.0 + (high - low)[:, :, None] / 2.0 * _BETWEEN
+        again = np.abs(self._inverse(more.reshape(len(w), -1), *self._all))
+        return np.where(self._lost, 0.0, np.minimum(size.min(axis=1), again.min(axis=1)))
+
+    @cached_property
+    def crossings(self) -> tuple[Floats, Floats, Floats]:
+        """Gain, phase and delay margins, (m, n) each."""
+        gain, phase, delay = np.full((3, *self._lost.shape), np.inf)
+        place, _, of_loop = self._crossings(lag=True)
+        np.minimum.at(gain, place, np.where(of_loop.real < 0.0, np.exp(np.maximum(-of_loop.real, 0.0)), np.inf))
+        place, w, of_loop = self._crossings(lag=False)
+        left = np.mod(of_loop.imag, 2.0 * np.pi)
+        np.minimum.at(phase, place, left)
+        np.minimum.at(delay, place, left / w)
+        return np.where(self._lost, 1.0, gain), np.where(self._lost, 0.0, phase), np.where(self._lost, 0.0, delay)
+
+    def _crossings(self, *, lag: bool) -> tuple[tuple[Any, Any], Floats, Any]:
+        """Return loops, frequencies [rad/s] and ``log -L``, (c,) each, where a lag is 180 degrees, or a gain 1."""
+        w, inverse = self._grid
+        log = _log_of(inverse - 1.0)
+        if self._sampled:  # at half the sampling frequency a loop is real
+            log[:, -1].imag[np.abs(log[:, -1].imag) < np.pi / 2.0] = 0.0
+        row, k, loop = np.nonzero(_crosses(log, lag) | (False if lag else _may_cross(log.real)))
+        w, log = (
+            np.stack(each, axis=1) for each in ((w[row, k], w[row, k + 1]), (log[row, k, loop], log[row, k + 1, loop]))
+        )
+        for _ in range(_ZOOMS):
+            inside = w[:, :1] + (w[:, 1:] - w[:, :1]) * _INSIDE
+            log = np.hstack(
+                [log[:, :1], _log_of(self._inverse(inside, row[:, None], loop[:, None])[:, :, 0] - 1.0), log[:, 1:]]
+            )
+            w = np.hstack([w[:, :1], inside, w[:, 1:]])
+            which, k = np.nonzero(_crosses(log, lag))
+            row, loop = row[which], loop[which]
+            w, log = (np.stack([each[which, k], each[which, k + 1]], axis=1) for each in (w, log))
+        change = np.diff(log, axis=1)[:, 0]
+        change.imag -= 2.0 * np.pi * np.rint(change.imag / (2.0 * np.pi))
+        share = np.clip(-log[:, 0].imag / change.imag if lag else -log[:, 0].real / change.real, 0.0, 1.0)
+        return (row, loop), w[:, 0] + share * (w[:, 1] - w[:, 0]), log[:, 0] + share * change
+
+
+def _log_of(L: Any) -> Any:
+    """Return ``log -L``: the logarithm of a loop's gain, and its lag left until -1; of none the first is -691."""
+    return np.log(np.where(np.abs(L) > _NONE, -L, _NONE))
+
+
+def _crosses(log: Any, lag: bool) -> Any:
+    """Whether a lag crosses 180 degrees, or a gain 1, before the next frequency, which is in axis 1."""
+    part = log.imag if lag else log.real
+    before, after = part[:, :-1], part[:, 1:]
+    crosses = (before * after <= 0.0) & (before != after)
+    return crosses & (np.abs(before) < np.pi / 2.0) if lag else crosses
+
+
+def _may_cross(size: Floats) -> Any:
+    """Whether a frequency or the next, in axis 1, has a peak or dip of the logarithm of a gain close to 0."""
+    apart = np.abs(size)
+    closest = (apart[:, 1:-1] <= apart[:, :-2]) & (apart[:, 1:-1] <= apart[:, 2:]) & (apart[:, 1:-1] < _CLOSE)
+    near = np.zeros(size[:, 1:].shape, bool)
+    near[:, :-1] = closest
+    near[:, 1:] |= closest
+    return near
 
 
 def rates_of(loops: Sequence[Loop]) -> list[float]:
@@ -207,76 +263,13 @@ def rates_of(loops: Sequence[Loop]) -> list[float]:
 
 
 def margins_of(loops: Sequence[Loop]) -> tuple[Floats, Floats, Floats]:
-    """Return rates [1/s], (m,), and modulus and delay margins [s], (m, n) each, faster than one by one.
-
-    Delay margins are from fewer frequencies than those of :meth:`Loop.margins`: they differ by some per cent.
-    """
+    """Return rates [1/s], (m,), and modulus and delay margins [s], (m, n) each, faster than one by one."""
     rates, modulus, delay = np.empty(len(loops)), *np.empty((2, len(loops), len(loops[0].K)))
     for shape in {loop.K.shape for loop in loops}:
         alike = [k for k, loop in enumerate(loops) if loop.K.shape == shape]
-        rates[alike], modulus[alike], delay[alike] = _stacked([loops[k] for k in alike])
+        stack = _Stack([loops[k] for k in alike])
+        rates[alike], modulus[alike], delay[alike] = stack.rates, stack.modulus, stack.crossings[2]
     return rates, modulus, delay
-
-
-def _stacked(loops: Sequence[Loop]) -> tuple[Any, Any, Any]:
-    """Return the margins of loops with as many states, by stacked matrices as :class:`Loop` has them."""
-    first, K, B = loops[0], np.array([loop.K for loop in loops]), np.array([loop.plant.B for loop in loops])
-    closed = (np.array([loop.plant.A for loop in loops]) + B @ K) * _nudges(K.shape[2])
-    modes = _well_separated(closed) if closed.size else None
-    if modes is None:
-        alone = [loop.margins() for loop in loops]
-        return [each.rate for each in alone], [each.modulus for each in alone], [each.delay for each in alone]
-    poles, right, left = modes
-    poles = poles.astype(complex) + _NONE
-    parts = (K @ right) * (left @ B).swapaxes(1, 2)
-    s = np.log(poles) / first.step if first.sampled else poles
-    moved = np.abs(parts / poles[:, None]) / first.step if first.sampled else np.abs(parts)
-    rates = s.real[:, None]
-    slow = (moved <= first.slow) & (rates <= first.slow) & (rates > -moved)
-    lost = ((rates > _STILL) & ~slow).any(axis=2)
-    parts = np.where(slow, 0.0, parts).swapaxes(1, 2)
-
-    def inverse(w: Floats) -> Any:
-        z = np.exp(1j * w * first.step) if first.sampled else 1j * w
-        return 1.0 / (1.0 + (1.0 / (z[:, :, None] - poles[:, None])) @ parts)
-
-    spaced = _spaced(_SLOWEST * np.pi / first.step, np.pi / first.step, _COARSE)
-    swinging: Any = np.take_along_axis(s, np.argsort(-s.imag)[:, : (s.shape[1] + 1) // 2], axis=1)[:, :, None]
-    near = swinging.imag + np.abs(swinging.real) * _AROUND
-    w = np.hstack([np.tile(spaced, (len(s), 1)), near.reshape(len(s), -1)])
-    w = np.sort(np.clip(w, *spaced[[0, -1]]))
-    there = inverse(w)
-    size = np.abs(there)
-    least = size.argmin(axis=1)
-    low, high = (np.take_along_axis(w, np.clip(least + k, 0, w.shape[1] - 1), axis=1) for k in (-1, 1))
-    more = (low + high)[:, :, None] / 2.0 + (high - low)[:, :, None] / 2.0 * _BETWEEN
-    again = np.abs(inverse(more.reshape(len(s), -1)))
-    modulus = np.minimum(size.min(axis=1), again.min(axis=1))
-    delay = np.where(lost, 0.0, _delays(there - 1.0, w))
-    return np.where(np.abs(rates) > _STILL, rates, -np.inf).max(axis=(1, 2)), np.where(lost, 0.0, modulus), delay
-
-
-def _well_separated(A: Floats) -> tuple[Any, Any, Any] | None:
-    """Return eigenvalues, right eigenvectors and left ones of stacked matrices; None if some are ill-conditioned."""
-    try:
-        poles, right = np.linalg.eig(A)
-        left = np.linalg.inv(right)
-    except np.linalg.LinAlgError:
-        return None
-    condition = np.linalg.norm(right, axis=(1, 2)) * np.linalg.norm(left, axis=(1, 2))
-    return (poles, right, left) if condition.max() < _APART else None
-
-
-def _delays(L: Any, w: Floats) -> Floats:
-    """Return the delay margins [s], (m, n), of stacked loops L, (m, k, n), at frequencies w, (m, k): see _margins."""
-    size = np.log(np.maximum(np.abs(L), _NONE))
-    row, k, loop = np.nonzero((size[:, 1:] * size[:, :-1] <= 0.0) & (size[:, 1:] != size[:, :-1]))
-    before, after = L[row, k, loop], L[row, k + 1, loop]
-    share = size[row, k, loop] / (size[row, k, loop] - size[row, k + 1, loop])
-    lag = np.mod(np.angle(-before) + share * np.angle(after * before.conj()), 2.0 * np.pi)
-    delays = np.full((len(L), L.shape[2]), np.inf)
-    np.minimum.at(delays, (row, loop), lag / (w[row, k] + share * (w[row, k + 1] - w[row, k])))
-    return delays
 
 
 _spaced = lru_cache(np.geomspace)
@@ -347,45 +340,25 @@ class Tied(NamedTuple):
     rate: str
 
 
-def _separated(A: Floats, sampled: bool) -> tuple[Any, Any, Any]:
-    """Return the eigenvalues of a matrix, right eigenvectors, and left ones as rows: pairs have product 1.
+def _separated(A: Floats, sampled: bool) -> tuple[Any, Any, Any, Floats]:
+    """Return eigenvalues (m, k) of matrices, right eigenvectors, left ones as rows, and what is not separated.
 
-    Of a sampled system without small ones. LinAlgError if there are not as many eigenvectors.
+    Pairs of eigenvectors have product 1. In a sampled system, small eigenvalues with ill-conditioned eigenvectors are
+    not separated: they get eigenvectors of 0, and the projections onto their states are returned, (m, k, k).
+    LinAlgError if the others are ill-conditioned too.
     """
     poles, right = np.linalg.eig(A)
-    sizes = np.abs(poles)
-    with suppress(np.linalg.LinAlgError):
-        inverse = np.linalg.inv(right)
-        if np.linalg.norm(right) * np.linalg.norm(inverse) < _APART:
-            kept = np.flatnonzero(sizes > (_DELAY if sampled else -1.0))
-            return poles[kept].astype(complex), right[:, kept], inverse[kept]
-    kept = np.flatnonzero(sizes > (_FAST if sampled else -1.0))
-    same, left = np.linalg.eig(A.T)  # delays in a row have one eigenvector
-    left, right = left[:, np.argsort(-np.abs(same))[: len(kept)]].T, right[:, kept]
-    return poles[kept].astype(complex), right, np.linalg.solve(left @ right, left)
-
-
-def _margins(L: Any, w: Floats, sampled: bool) -> Floats:
-    """Gain, phase and delay margin of loops L (m, n) at frequencies w (m,): (3, n).
-
-    Between frequencies the logarithm of a loop is taken as linear.
-    """
-    margins = np.full((3, L.shape[1]), np.inf)
-    for i, loop in enumerate(L.T):
-        if not loop.any():  # nothing comes back
-            continue
-        size = np.log(np.maximum(np.abs(loop), np.finfo(float).tiny))  # of none the log is -708
-        left = np.angle(-loop)  # the lag left until -1
-        if sampled and loop[-1].real < 0.0:  # at half the sampling frequency a loop is real
-            left[-1] = 0.0
-        change = np.angle(loop[1:] * loop[:-1].conj())
-        turn = np.flatnonzero((left[1:] * left[:-1] <= 0.0) & (np.abs(left[:-1]) < np.pi / 2.0) & (change != 0.0))
-        share = np.clip(-left[turn] / change[turn], 0.0, 1.0)
-        gains = -(size[turn] + share * (size[turn + 1] - size[turn]))
-        margins[0, i] = np.exp(gains[gains > 0.0].min(initial=np.inf))
-        cross = np.flatnonzero(size[1:] * size[:-1] <= 0.0)
-        share = size[cross] / (size[cross] - size[cross + 1])
-        lag = np.mod(left[cross] + share * change[cross], 2.0 * np.pi)
-        margins[1, i] = lag.min(initial=np.inf)
-        margins[2, i] = (lag / (w[cross] + share * (w[cross + 1] - w[cross]))).min(initial=np.inf)
-    return margins
+    poles, right = poles.astype(complex) + _NONE, right.astype(complex)
+    left, rest = np.zeros_like(right), np.zeros_like(A)
+    for row, vectors in enumerate(right):
+        with suppress(np.linalg.LinAlgError):
+            left[row] = np.linalg.inv(vectors)
+            if np.linalg.norm(vectors) * np.linalg.norm(left[row]) < _APART:
+                continue
+        small = np.abs(poles[row]) <= (_FAST if sampled else -1.0)
+        same, vectors_of_same = np.linalg.eig(A[row].T)  # delays in a row have one eigenvector
+        kept = vectors_of_same[:, np.argsort(-np.abs(same))[: np.count_nonzero(~small)]].T
+        left[row, ~small] = np.linalg.solve(kept @ vectors[:, ~small], kept)
+        left[row, small] = right[row][:, small] = 0.0
+        rest[row] = np.eye(len(small)) - (right[row] @ left[row]).real if small.any() else 0.0
+    return poles, right, left, rest

@@ -143,6 +143,24 @@ class LinearSystem:
             fresh=self.fresh[u], samples=kept,
         )  # fmt: skip
 
+    @property
+    def whole(self) -> Floats:
+        """All matrices as one: rates, outputs and samples by states, inputs and sampled states."""
+        p, (_, E, G, F) = self.parts, self.samples
+        return np.vstack([np.hstack([p.A, p.B, E]), np.hstack([p.C, p.D, G]), F])
+
+    def with_whole(self, M: Floats) -> LinearSystem:
+        """Return the system with the matrices in `M`, see `whole`."""
+        (n, m), p = self.parts.B.shape, len(self.parts.C)
+        parts = replace(self.parts, A=M[:n, :n], B=M[:n, n : n + m], C=M[n : n + p, :n], D=M[n : n + p, n : n + m])
+        samples = self.samples._replace(E=M[:n, n + m :], G=M[n : n + p, n + m :], F=M[n + p :])
+        return replace(self, parts=parts, samples=samples)
+
+    def in_whole(self, places: Places) -> Any:
+        """Return the places of a part in `whole`, as an index."""
+        (n, m), p, (x, u, y, s) = self.parts.B.shape, len(self.parts.C), places
+        return np.ix_(np.concatenate([x, n + y, n + p + s]), np.concatenate([x, n + u, n + m + s]))
+
     def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system in continuous time; the connections of `opened` inputs are cut.
 

@@ -6,7 +6,7 @@ import { SimulationWorker } from "./worker.js";
 import { quantity, text } from "./numbers.js";
 
 /** A run of a system that exchanges values `split` times in each communication step. */
-export function finer(simulation, split) {
+function finer(simulation, split) {
   const steps = simulation.steps * split,
     step = simulation.step / split,
     { start, stop } = simulation;

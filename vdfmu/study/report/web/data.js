@@ -8,8 +8,6 @@ export const runs = content.runs;
 export const study = content.study;
 /** The robot, in the page of one. */
 export const robot = content.robot;
-/** The cells of a comparison of control laws, in its page. */
-export const compared = content.compared;
 /** Digest to module, of the systems that can be simulated. */
 export const binaries = content.binaries;
 

@@ -9,29 +9,31 @@ const [GOOD, DOUBTFUL, FAILED] = STATES;
 /** Comes last, so that the headline tells what is known to be doubtful. */
 const NOT_HERE = "stability not judged here";
 
-/** A number of a row of the table as text. */
-function shown({ unit }, value) {
-  if (unit === "%") return `${text(100 * value, 3)} %`;
-  return unit === "1" ? text(value, 2) : quantity(value, unit);
+/** A number of a row as text, with some more digits. */
+function shown({ unit }, value, more = 0) {
+  return unit === "1"
+    ? text(value, 2 + more)
+    : `${text(unit === "%" ? 100 * value : value, 3 + more)} ${unit}`;
 }
 
 /** State of a number; NaN is beyond every limit. */
 export function stateOf({ value: limit, failed = Infinity, at_least: atLeast, beyond }, value) {
   if (atLeast ? value >= limit : value <= limit) return GOOD;
-  return atLeast || failed === Infinity || value <= Math.max(failed, limit) ? beyond : FAILED;
+  return failed === Infinity || value <= Math.max(failed, limit) ? beyond : FAILED;
 }
 
 /** Judge a number by a row of the table; `places` are those of its sentence. */
 export function check(row, value, /** @type {Record<string, any>} */ places, more = "") {
   const state = stateOf(row, value),
-    words = { ...places, value: shown(row, value) };
+    limit = state === FAILED && row.beyond !== FAILED ? row.failed : row.value;
+  let digits = 0;
+  while (state !== GOOD && digits < 9 && shown(row, value, digits) === shown(row, limit, digits))
+    digits += 1;
+  const words = { ...places, value: shown(row, value, digits) };
   let sentence = row.sentence.replace(/\{(\w+)\}/g, (_, name) => words[name] ?? "");
   if (state !== GOOD) {
-    const limit = state === FAILED && row.beyond !== FAILED ? row.failed : row.value,
-      told = `limit ${shown(row, limit)}${row.own ? ` by ${row.by}` : ""})`;
-    sentence = sentence.endsWith(")")
-      ? `${sentence.slice(0, -1)}, ${told}`
-      : `${sentence} (${told}`;
+    const told = `limit ${shown(row, limit)}${row.own ? ` by ${row.by}` : ""})`;
+    sentence = sentence.replace(/\)?$/, (end) => (end ? ", " : " (")) + told;
   }
   const { key, name, by } = row;
   return { key, name, state, sentence, more, value, limit: row.value, by };
@@ -142,10 +144,9 @@ function* pathChecks(rows, { path, contact }) {
     share = path.value / path.size,
     [error, size] = [path.value, path.size].map((value) => quantity(value, path.unit));
   const made = check(row, share, { place: path.place, error, time: at(path.at_s) });
+  const whole = `maximum ${path.place} error ${error} over a motion of ${size}`;
   if (path.rest) yield { ...made, sentence: `at rest within ${error}` };
-  else if (made.state === GOOD)
-    yield { ...made, sentence: `maximum ${path.place} error ${error} over a motion of ${size}` };
-  else yield { ...made, more: `maximum ${path.place} error ${error} over a motion of ${size}` };
+  else yield { ...made, [made.state === GOOD ? "sentence" : "more"]: whole };
 }
 
 const isCut = ({ stop, step }, { end }) => end > stop + 0.5 * step;
