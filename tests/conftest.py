@@ -1,6 +1,7 @@
 """Robots, random states and a kernel cache that several folders use."""
 
 import cProfile
+import gc
 import os
 import signal
 import sys
@@ -21,12 +22,11 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.base import plugins
 from vdfmu.base.cache import cache_folder
 from vdfmu.base.errors import UsageError
+from vdfmu.base.plugins import PluginTable
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
 from vdfmu.compiler.unit.solver import Integrator
-from vdfmu.engine.results.formats import FORMATS
-from vdfmu.extras.identify.log import READERS
 
 
 class NoFiles(ModuleType):
@@ -314,6 +314,6 @@ def added(monkeypatch):
     plugins._points.cache_clear()
     yield lambda folder: monkeypatch.syspath_prepend(str(folder))
     plugins._points.cache_clear()
-    for table in (FORMATS, READERS):
+    for table in [each for each in gc.get_objects() if isinstance(each, PluginTable)]:
         for name in {*table} - table._shipped:
             del table[name]

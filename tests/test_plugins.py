@@ -14,7 +14,6 @@ import pytest
 import vdfmu
 from tests.added import installed
 from tests.docs.pages import ROOT, read_blocks
-from tests.extras.identify.recorded import T, motion
 from vdfmu.arm.units import find_unit, known_units
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError
@@ -79,19 +78,6 @@ def test_an_added_unit_is_built_and_one_that_does_not_work_is_named(acme, tmp_pa
     assert "unit 'gone' of the package broken 1.0 cannot be used: expected a class of a unit" in done.stderr
     done = command(tmp_path, acme, "build", "none_such")
     assert "no scenario 'none_such'" in done.stderr and done.returncode == 2
-
-
-@pytest.mark.heavy
-def test_a_log_is_identified(acme, tmp_path):
-    kappa, q, tau = motion(vdfmu.load_robot("planar_2dof"), T)
-    table = np.hstack([T[:, None], q, kappa, tau])
-    table.tofile(tmp_path / "log.blog")
-    names = "t [s],q[1] [rad],q[2] [rad],kappa[1] [rad],kappa[2] [rad],tau[1] [N.m],tau[2] [N.m]"
-    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="", fmt="%.17g")
-    blog, csv = (command(tmp_path, acme, "identify", name, "--robot", "acme_2") for name in ("log.blog", "log.csv"))
-    assert blog.returncode == 0, blog.stderr
-    assert "I_m[1]" in blog.stdout
-    assert blog.stdout == csv.stdout  # the same numbers, to the bit, in another file
 
 
 def test_names_are_found_in_python(acme, added):

@@ -20,6 +20,7 @@ from cells import MISMATCHES, MOTIONS, Arm
 from laws import LAWS, Law, load_law
 
 import vdfmu
+from vdfmu.extras.tune import tune
 from vdfmu.system.scenario.values import system_values
 
 ARMS = ("manipulator_6dof", "ur5e_6dof", "panda_7dof", "scara_4dof", "kr300_6dof")
@@ -61,7 +62,7 @@ class Of:
 def tuned(arm: Arm, law: Law, options: argparse.Namespace) -> Any:
     """Return the result of the search of a law on an arm."""
     start = {f"controller.{name}": value for name, value in arm.start_of(law).items()}
-    return vdfmu.tune(
+    return tune(
         arm.tuning, {f"controller.{name}": f"*log({low}, {high})" for name, (low, high) in law.vary.items()},
         Of("rms", arm.robot), limit={"margin": Of("missing", arm.robot, options.margin)}, together=True,
         parameters=start, units={"controller": law.unit}, method="global", seed=options.seed,

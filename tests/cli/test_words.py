@@ -39,7 +39,7 @@ def options(node):
 
 def test_every_command_that_writes_takes_out_and_its_letter():
     writes = {name for name, node in ALL.items() if "--out" in options(node)}
-    assert {"run", "report", "ssp", "build", "unit new", "tune"} <= writes
+    assert {"run", "report", "ssp", "build", "unit new"} <= writes
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
 
@@ -70,7 +70,6 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         ("run", "--algorithm", "gauss-seidel|jacobi|extrapolated|iterative"),
         ("run", "--backend", "python|native"),
         ("run", "--fmi", "2.0|3.0"),
-        ("tune", "--combine", "mean|worst"),
         ("ssp", "--ssp", "1.0|2.0"),
     ):
         assert options(ALL[name])[word].metavar == values

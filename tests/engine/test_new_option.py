@@ -14,7 +14,7 @@ from vdfmu.base.option import declared
 from vdfmu.engine.options import SimulateOptions
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run.simulator import Simulator
-from vdfmu.study.options import ScenarioRunOptions, SweepOptions, TuneOptions
+from vdfmu.study.options import ScenarioRunOptions, SweepOptions
 
 ROOT = Path(vdfmu.__file__).resolve().parents[1]
 DECLARED = """    label: Annotated[str | None, Option("Toy: name of the run in its summary.")]
@@ -51,11 +51,11 @@ def python(tmp_path_factory):
 def test_a_new_option_is_declared_in_one_file(python, pack):
     components = ["r Ramp y:output", "g Gain u:input y:output"]
     package = pack(components, ["r.y -> g.u"])
-    functions = "vdfmu.run, vdfmu.simulate, vdfmu.sweep, vdfmu.tune"
+    functions = "vdfmu.run, vdfmu.simulate, vdfmu.sweep"
     shown = python(code=f"import vdfmu\nfor f in ({functions}): help(f)")
-    assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 4
-    assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 4  # without quotes from Python 3.14 on
-    for command in (["run"], ["run", "x.ssp"], ["sweep", "run"], ["tune"], ["linear"]):
+    assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 3
+    assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 3  # without quotes from Python 3.14 on
+    for command in (["run"], ["run", "x.ssp"], ["sweep", "run"], ["linear"]):
         assert re.search("--label .* Toy: name", python(*command, "--help"))
     code = f"import vdfmu\nprint(vdfmu.simulate({str(package)!r}, step=0.1, stop=1.0, label='mine').summary['label'])"
     assert python(code=code) == "mine\n"
@@ -75,7 +75,6 @@ def test_the_run_of_a_scenario_and_its_sweep_pass_it_to_the_master(python):
 
 @pytest.mark.parametrize(("function", "options"), [
     (vdfmu.run, ScenarioRunOptions), (vdfmu.simulate, SimulateOptions), (vdfmu.sweep, SweepOptions),
-    (vdfmu.tune, TuneOptions),
 ])  # fmt: skip
 def test_help_names_each_option_with_type_default_and_sentence(function, options):
     text, parameters = inspect.getdoc(function), inspect.signature(function).parameters
@@ -94,7 +93,5 @@ def test_an_option_that_there_is_not_is_refused():
             function("tracking", stepp=0.1)
     with pytest.raises(TypeError, match="'recrod'; did you mean record"):
         vdfmu.simulate("tracking.ssp", recrod=["plant.q"])
-    with pytest.raises(TypeError, match=r"tune\(\) missing a required argument: 'cost'"):
-        vdfmu.tune("tracking", ["controller.K_p"])
     with pytest.raises(TypeError, match=r"simulate\(\) too many positional arguments"):
         vdfmu.simulate("tracking.ssp", 0.1)

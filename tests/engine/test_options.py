@@ -47,8 +47,6 @@ def test_so_it_is_of_a_study(wrong):
 
 
 def test_so_it_is_of_arguments_and_of_a_run_of_a_simulator(arm_package):
-    with pytest.raises(UsageError, match=r"^vary: .*, got 'controller.K_p'. Put it into a list: \['controller.K_p'\]"):
-        vdfmu.tune("planar_tracking", "controller.K_p", "rms(plant.q)")
     with pytest.raises(UsageError, match=r"^opened: .*, got 'plant.tau'. Put it into a list: \['plant.tau'\]"):
         vdfmu.linearize("planar_tracking", 0.1, sampled=True, opened="plant.tau")
     with vdfmu.Simulator(arm_package("python")) as simulator:

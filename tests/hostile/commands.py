@@ -12,7 +12,9 @@ import tempfile
 import time
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from vdfmu.base.cache import COMPILER, cache_folder
 
@@ -146,3 +148,9 @@ def begun(earlier: tuple[str, ...]) -> Path:
         done(folder, ("ssp", "planar_tracking", "--out", "arm.ssp"))
         done(folder, ("build", "planar_tracking", "--out", "fmus"))
     return folder
+
+
+def extra_tests(name: str) -> list[ModuleType]:
+    """Return the modules of this name among the tests of extras."""
+    files = sorted((Path(__file__).parents[1] / "extras").glob(f"*/{name}.py"))
+    return [import_module(f"tests.extras.{file.parent.name}.{name}") for file in files]

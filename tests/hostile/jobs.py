@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as parquet
 
-from tests.hostile.commands import BUILD, OTHER, RUN, SIMULATE
+from tests.hostile.commands import BUILD, OTHER, RUN, SIMULATE, extra_tests
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,9 @@ _SWEEP = (
     "sweep", "planar_tracking", "--vary", "controller.K_p=900,1000", "--stop", "0.02", "--workers", "1", "--chunk", "1",
     "--out", "out", "--engine", "fmu",
 )  # fmt: skip
-_TUNE = (
-    "tune", "planar_tracking", "--vary", "controller.K_p", "--cost", "rms(trajectory.q_d - plant.q)", "--stop", "0.02",
-    "--workers", "1", "--method", "global", "--out", "out", "--evaluations",
-)  # fmt: skip
 _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
 CONTAINER = ("build", "planar_tracking", "--container", "--out", "out/arm.fmu")
-_IDENTIFY = ("identify", "out/results.csv", "--robot", "planar_2dof", "--overwrite", "-o", "robot.toml")
 JOBS = {
     "run": Job((*RUN, "0.02"), (_EARLIER,), together=True),
     "run, Parquet": Job((*RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
@@ -79,8 +74,6 @@ JOBS = {
     "sweep, half done": Job(_SWEEP, (_SWEEP, _half)),
     "sweep, done": Job(_SWEEP, (_SWEEP,)),
     "sweep report": Job(("sweep", "report", "out"), (_SWEEP,)),
-    "tune": Job((*_TUNE, "3")),
-    "tune, more": Job((*_TUNE, "5"), ((*_TUNE, "3"),)),
     "build": Job(BUILD, ((*BUILD, *OTHER),)),
     "ssp": Job(_SSP, ((*_SSP, *OTHER),)),
     "build --container": Job(CONTAINER, ((*CONTAINER, *OTHER),)),
@@ -91,10 +84,11 @@ JOBS = {
     "robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,)),
     "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
     "scenario motion": Job(("scenario", "motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
-    "identify": Job(_IDENTIFY, ((*RUN, "1", "--no-reference"),)),
     "unit new": Job(("unit", "new", "brake", "--out", "out/brake.py")),
 }  # fmt: skip
 """Commands with what is there before them."""
+for _module in extra_tests("jobs"):
+    JOBS |= _module.JOBS
 
 
 def files(place: Path) -> dict[str, Any]:

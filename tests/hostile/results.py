@@ -1,4 +1,4 @@
-"""Corpora: summaries and logs with changes, which `vdfmu report` and `vdfmu identify` read."""
+"""Corpora: summaries with changes, which `vdfmu report` reads."""
 
 import copy
 import json
@@ -10,13 +10,10 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
-import numpy as np
-
 import vdfmu
 from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
 from vdfmu.engine.package_run import run_system
-from vdfmu.extras.identify.log import read_log
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
 from vdfmu.study.report.shown_run import read_run
@@ -79,49 +76,6 @@ def summaries(number: int, folder: Path) -> None:
         sheet_table(sheet)
 
 
-@cache
-def _log() -> str:
-    t = 1e-3 * np.arange(600)
-    columns = {"time": t}
-    for name in ("plant.q", "plant.kappa", "controller.tau"):
-        columns |= {f"{name}[{i}]": np.sin(9.0 * t + i) for i in (1, 2)}
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    units = ["s", *["rad"] * 4, *["N.m"] * 2]
-    return "\n".join([",".join(columns), ",".join(units), *(",".join(f"{x:.9g}" for x in row) for row in rows)])
-
-
-_WORDS = ("", "nan", "inf", "1e999", "x", "-1", '"', "\0", "\u202e", ",", ";", "\t", "0", "1e-300", "9" * 400)
-
-
-@cache
-def planar() -> vdfmu.Robot:
-    return vdfmu.load_robot("planar_2dof")
-
-
-def logs(number: int, folder: Path) -> None:
-    """Read a log of a measurement in which cells, lines or bytes are changed."""
-    rng = random.Random(number)
-    rows = [line.split(",") for line in _log().splitlines()]
-    for _ in range(rng.randint(1, 3)):
-        i = min(rng.choice([0, 0, 1, rng.randrange(len(rows))]), len(rows) - 1)
-        match rng.randrange(5):
-            case 0:
-                rows[i] = rows[i][: rng.randrange(len(rows[i]) + 1)]
-            case 1:
-                rows.insert(i, list(rng.choice(rows)))
-            case 2:
-                del rows[min(i, len(rows) - 2) : i + rng.choice([1, 1, len(rows)])]
-            case _:
-                if rows[i : i + 1] and rows[i]:
-                    rows[i][rng.randrange(len(rows[i]))] = rng.choice(_WORDS)
-        rows = rows or [[""]]
-    data = bytearray("\n".join(",".join(row) for row in rows).encode())
-    if rng.random() < 0.3 and data:
-        data[rng.randrange(len(data))] = rng.randrange(256)
-    (folder / "log.csv").write_bytes(data)
-    read_log(folder / "log.csv", planar())
-
-
 def pipes(number: int, folder: Path) -> None:
     """Make the page of a folder in which a file of the run is a pipe that nobody writes, a folder or a device."""
     source = arm_run()
@@ -141,7 +95,6 @@ def pipes(number: int, folder: Path) -> None:
 
 
 CORPORA = [
-    Corpus("logs of measurements, with changes", 500, logs),
     Corpus("pipes, folders and devices as files of a run", 9, pipes, quick=9, seconds=120.0),
     # the first try makes the runs, on an empty cache
     Corpus("summaries of runs, with changes", 400, summaries, quick=40, seconds=120.0),

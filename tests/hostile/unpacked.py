@@ -12,11 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as parquet
 from scipy.io import savemat
 
-from tests.hostile.results import planar
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import UsageError
 from vdfmu.base.foreign import read_foreign
-from vdfmu.extras.identify.log import read_log
 
 _MIB = 2**20
 
@@ -206,7 +204,7 @@ def damaged(number: int, folder: Path) -> None:
         content[first:last] = content[first:last] * int(rng.integers(0, 3))
     path.write_bytes(content)
     try:
-        read_log(path, planar())
+        read_foreign(path)
     except UsageError as error:
         assert path.name in str(error)
         raise

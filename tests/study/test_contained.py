@@ -112,7 +112,7 @@ def test_judge_and_linear_name_call_and_component_of_a_crash_and_go_on_in_the_ne
 
 
 def test_an_environment_steps_foreign_fmus_in_a_process_as_a_run_does(loaded, folder):
-    environment = pytest.importorskip("vdfmu.extras.learn.environments").Environment
+    environment = pytest.importorskip("vdfmu.extras.learn").Environment
     lone = vdfmu.load(folder / "Brittle.fmu")
     name = next(iter(lone.components))
     force, x = f"{name}.u", f"{name}.x"

@@ -30,43 +30,14 @@ def system(folder):
     return vdfmu.connect({"a": fmu, "b": fmu}, {"a.y": "b.u"}, stop=0.1, step=0.01)
 
 
-def reward(seen, action):
-    return -abs(seen["b.y"][0])
-
-
-def environment(plant, **changes):
-    arguments = dict(system=plant, actions={"a.u": 1.0}, observations={"b.y": 5.0}, reward=reward) | changes
-    return vdfmu.Environment(**arguments)
-
-
-def _one_step(**arguments):
-    made = vdfmu.Environment(**arguments)
-    try:
-        made.reset(seed=1)
-        made.step(np.zeros(made.action_space.shape))
-    finally:
-        made.close()
-
-
 @pytest.fixture(scope="module")
 def calls(folder, system):
     """Name to a function and its arguments that are not refused, or whose file there is not."""
     robot, fmu = vdfmu.load_robot("planar_2dof"), folder / "lag.fmu"
-    made = environment(system)
     simulator = system.instance().__enter__()
     simulator.reset()
 
-    def step(action):
-        made.reset()
-        made.step(action)
-
     yield {
-        "Environment": (_one_step, dict(
-            system=system, actions={"a.u": 1.0}, observations={"b.y": 5.0}, reward=reward, step=0.01, stop=0.1, hold=1,
-            lost=0.0, ended=None, vary=None, parameters=None,
-        )),
-        "Environment.reset": (made.reset, dict(options=None)),
-        "Environment.step": (step, dict(action=[0.0])),
         "connect": (vdfmu.connect, dict(
             components={"a": fmu}, connections=(), robot=None, fmi="2.0", stop=None, step=None, algorithm=None,
             parameters=None, name="s",
@@ -82,7 +53,6 @@ def calls(folder, system):
         "Simulator.get": (simulator.get, dict(name="a.u")),
         "run": (vdfmu.run, dict(scenario="nothing")),
         "sweep": (vdfmu.sweep, dict(scenario="planar_tracking", vary=())),
-        "tune": (vdfmu.tune, dict(scenario="planar_tracking", vary=(), cost="x")),
         "load_motion": (vdfmu.load_motion, dict(path="none.toml", robot=robot)),
         "robot_from_urdf": (vdfmu.robot_from_urdf, dict(path="none.urdf", base=None, tip=None, drives=None)),
         "build": (vdfmu.build, dict(unit="nothing", path=folder / "n.fmu", robot=None, fmi="2.0", parameters=None)),
@@ -92,15 +62,14 @@ def calls(folder, system):
         "load_robot": (vdfmu.load_robot, dict(path_or_name="planar_2dof")),
         "load_scenario": (vdfmu.load_scenario, dict(path_or_name="planar_tracking", robot=None)),
     }  # fmt: skip
-    made.close()
     simulator.__exit__(None, None)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("name", [
-    "Environment", "Environment.reset", "Environment.step", "connect", "connection", "load", "System.run",
+    "connect", "connection", "load", "System.run",
     "System.margins", "System.write", "System.container", "Simulator.reset", "Simulator.set", "Simulator.get", "run",
-    "sweep", "tune", "load_motion", "robot_from_urdf", "build", "build_fmus", "linearize", "forward_kinematics",
+    "sweep", "load_motion", "robot_from_urdf", "build", "build_fmus", "linearize", "forward_kinematics",
     "load_robot", "load_scenario",
 ])  # fmt: skip
 def test_no_argument_of_another_type_ends_in_an_error_of_python(calls, name, monkeypatch, folder):
@@ -114,44 +83,6 @@ def test_no_argument_of_another_type_ends_in_an_error_of_python(calls, name, mon
                 assert len(str(error)) > 10, (argument, value)
             except Exception as error:
                 raise AssertionError(f"{name}({argument}={value!r}): {type(error).__name__}: {error}") from error
-
-
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"actions": ["a.u"]}, "actions: expected a mapping with texts as keys, got"),
-    ({"actions": {}}, "actions: expected at least one input, such as"),
-    ({"actions": {"a.u": "x"}}, "limit: expected one finite number, or 1 for a.u, got 'x'"),
-    ({"actions": {"a.u": (1.0, -1.0)}}, "limit: expected finite bounds, the lower first"),
-    ({"observations": None}, "observations: expected a mapping with texts as keys or a sequence of texts, got None"),
-    ({"observations": {}}, "observations: expected at least one output"),
-    ({"reward": 5}, "reward: expected a function, got 5"),
-    ({"ended": 5}, "ended: expected None or a function, got 5|ended: expected a function, got 5"),
-    ({"step": "x"}, "step: expected a number, got 'x'"),
-    ({"hold": "x"}, "hold: expected a whole number, got 'x'"),
-    ({"lost": math.nan}, "lost: expected a finite number, got nan"),
-    ({"vary": {"a.T": "x"}}, "vary: a.T: expected two finite numbers"),
-    ({"parameters": {"b.T": math.nan}}, "'b.T': expected a finite number, got nan"),
-    ({"system": 5}, "system: expected a System or a Scenario or a text or a path, got 5"),
-])  # fmt: skip
-def test_an_environment_says_what_was_expected(system, changes, message):
-    with pytest.raises(UsageError, match=message):
-        environment(system, **changes)
-
-
-def test_a_reward_that_is_no_number_ends_the_episode_with_a_reason_or_is_refused(system):
-    made = environment(system, reward=lambda seen, action: math.nan, lost=-3.0)
-    made.reset()
-    _, value, ended, cut, info = made.step([0.0])
-    assert ended and not cut and value == -3.0 * 10  # of this action and the nine that are left
-    assert info == {"error": "the reward: expected a finite number at each step, so the episode ends."}
-    for wrong in (None, "x", [1.0, 2.0]):
-        made = environment(system, reward=lambda seen, action, wrong=wrong: wrong)
-        made.reset()
-        with pytest.raises(UsageError, match="reward: expected a function that returns a number, got"):
-            made.step([0.0])
-    with pytest.raises(UsageError, match="options: expected a mapping with texts as keys, got 5"):
-        made.reset(options=5)
-    with pytest.raises(UsageError, match="options: parameters: expected a mapping with texts as keys, got 5"):
-        made.reset(options={"parameters": 5})
 
 
 @pytest.mark.parametrize(("call", "message"), [

@@ -183,7 +183,6 @@ def test_packages_speak_of_no_robot(inside, form, name):
     "build motor.toml --out fmus", "build motor.toml --out fmus_python --backend python",
     "build motor.toml --container", "ssp motor.toml --reference", "check motor.toml", "check drive.toml",
     "run motor.toml --fmi 3.0 --algorithm iterative --adaptive 1e-4 --out adaptive",
-    "tune motor.toml --vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --evaluations 4",
 ])  # fmt: skip
 def test_commands_work(inside, words):
     done = command(*words.split())
@@ -220,9 +219,6 @@ def test_margins_and_linearization_are_those_of_the_matrices(inside):
 def test_a_margin_needs_no_torque_of_a_motor(inside):
     """The loop is opened at the input that cuts it."""
     assert "controller.w" in command("linear", "motor.toml", "--at", "0.0").output
-    words = "--vary controller.K_p=lin(0.02,0.2) --cost peak(motor.w) --margin 0.5 --evaluations 4 --out margin"
-    done = command("tune", "motor.toml", *words.split())
-    assert done.exit_code == 0, done.output
 
 
 TAKES_ONE = "takes a robot"

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tests.compiler.native.conftest import program, run
 from tests.extras.efmi.conftest import SINGLE, build
 from tests.extras.efmi.efmu import Efmu, Rows
 from tests.extras.efmi.runs import ScenarioRun, experiment, of_fmu
-from tests.compiler.native.conftest import program, run
 from vdfmu.extras.efmi.production import PRECISIONS
 
 HERE = Path(__file__).parent / "board"

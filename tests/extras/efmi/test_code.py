@@ -7,11 +7,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.compiler.native.conftest import program
 from tests.extras.efmi.conftest import SHIPPED, SINGLE
 from tests.extras.efmi.efmu import Efmu, Production, Rows
 from tests.extras.efmi.galec import FUNCTIONS, Program, Vector, python_of
 from tests.extras.efmi.runs import experiment, of_fmu
-from tests.compiler.native.conftest import program
 from vdfmu.extras.efmi.galec import GALEC_EXPRESSIONS
 
 STEPS = 1000

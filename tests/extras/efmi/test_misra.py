@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.compiler.native.conftest import program, run
 from tests.extras.efmi.conftest import SHIPPED, SINGLE
 from tests.extras.efmi.efmu import Efmu
-from tests.compiler.native.conftest import program, run
 
 pytestmark = pytest.mark.heavy
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.io
+from vdfmu.cli.identify import _difference
 
 import vdfmu
 from tests.conftest import ran
@@ -14,7 +15,6 @@ from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
-from vdfmu.cli.identify import _difference
 from vdfmu.engine.results.verdict import FAILED
 from vdfmu.extras.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.extras.identify.log import Log, read_log

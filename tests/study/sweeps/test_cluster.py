@@ -115,8 +115,9 @@ def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, 
 
 @pytest.mark.heavy
 def test_a_search_finds_there_what_it_finds_here(tmp_path, dask):
+    tune = pytest.importorskip("vdfmu.extras.tune").tune
     searches = {
-        name: vdfmu.tune(
+        name: tune(
             "planar_tracking", ["controller.K_p[1]"], "rms(trajectory.q_d - plant.q)", method="global", evaluations=9,
             stop=0.05, out=tmp_path / name, **where,
         )

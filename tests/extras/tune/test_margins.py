@@ -1,0 +1,32 @@
+"""Margins that a search keeps."""
+
+import dataclasses
+import tomllib
+
+import numpy as np
+import pytest
+
+from vdfmu.extras.tune import tune
+from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.reach_file import write_reach
+from vdfmu.study.run.prepare import prepare
+
+
+@pytest.mark.heavy
+def test_a_slow_mode_does_not_keep_a_search_from_its_margin(tmp_path):
+    path = tmp_path / "reach.toml"
+    write_reach("scara_4dof", path)
+    tuned = tune(
+        path, ["controller.K_p[3]", "controller.K_v[3]"], "rms(trajectory.q_d[3] - plant.q[3])", margin=0.4,
+        algorithm="jacobi", method="local", evaluations=20, stop=1.0, workers=1, out=tmp_path / "search",
+    )  # fmt: skip
+    assert tuned.margins[0].modulus.min() < 0.4 and tuned.after.feasible and (tuned.after.modulus >= 0.4).all()
+    assert any("is unstable from" in note for note in tuned.notes)
+    with (tuned.folder / "tuned.toml").open("rb") as file:
+        gains = tomllib.load(file)["controller"]
+    settings = {f"controller.{name}": value for name, value in gains.items()}
+    short = dataclasses.replace(prepare(path, algorithm="jacobi"), stop=1.0)
+    # states of a run with these gains instead of the first ones: the errors are some 1e-5 rad in either
+    np.testing.assert_allclose(
+        margins_along(short, parameters=settings).judged.loops.modulus, tuned.after.modulus, rtol=0.02
+    )
