@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import vdfmu
-from vdfmu.study.analysis.lqr import state_gains
+from vdfmu.extras.laws import state_gains
 
 LAWS = ("controller", "pd_gravity", "joint_torque", "state_feedback", "computed_torque")
 JOINT_TORQUE = {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vdfmu.study.analysis.lqr import state_gains
+from vdfmu.extras.laws import state_gains
 
 Start = Callable[[Mapping[str, Any], Any, Any], Mapping[str, Any]]
 

@@ -8,7 +8,6 @@ from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot.catalogue import catalogue, fit_spring
 from vdfmu.arm.units import find_unit as find_unit
 from vdfmu.arm.units import shipped_units
-from vdfmu.arm.units.devices.encoder import PAST as PAST
 from vdfmu.compiler.functions.rodas import ALPHA as ALPHA
 from vdfmu.compiler.functions.rodas import GAMMA_I as GAMMA_I
 from vdfmu.compiler.unit.interface import Interface
@@ -16,6 +15,7 @@ from vdfmu.engine.inspect import abilities as abilities
 from vdfmu.engine.inspect import reference as reference
 from vdfmu.engine.inspect import trial as trial
 from vdfmu.engine.package import limits as limits
+from vdfmu.extras.laws.units.encoder import PAST as PAST
 from vdfmu.study import coupling_error as coupling_error
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import steepest_fall as steepest_fall

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vdfmu.arm.equations.trajectory import played_motion
-from vdfmu.arm.units._signals import DESIRED
+from vdfmu.arm.signals import DESIRED
 from vdfmu.compiler.unit import Output, Parameter, Terminal, Unit
 
 

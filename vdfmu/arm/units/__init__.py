@@ -1,7 +1,6 @@
 """The units of the package, one file each, as users write theirs: of the shipped systems, and in the folders.
 
-`laws` has controllers, `observers` estimators and filters, `devices` actuators and sensors, `pieces` single links and
-joints.
+`laws` has the paper's control with adapted parameters, `pieces` single links and joints. Extras add units.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from pathlib import Path
 from pkgutil import walk_packages
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.plugins import Plugins
 from vdfmu.compiler.unit import Unit
 from vdfmu.compiler.unit.load import load_units
@@ -32,7 +32,10 @@ def shipped_units() -> dict[str, type[Unit]]:
 @lru_cache
 def _modules() -> dict[str, str]:
     """Return the modules of the units by the name of their file."""
-    paths = sorted(module.name for module in walk_packages(__path__, f"{__name__}.") if not module.ispkg)
+    places = [(__path__, __name__), *((module.__path__, module.__name__) for module in extra_modules("units"))]
+    paths = sorted(
+        module.name for path, name in places for module in walk_packages(path, f"{name}.") if not module.ispkg
+    )
     named = {path.rpartition(".")[2]: path for path in paths}
     return {name: path for name, path in named.items() if not name.startswith("_")}
 

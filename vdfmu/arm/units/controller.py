@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.units._signals import DESIRED, MEASURED, gain, small_motion, torque_limit
+from vdfmu.arm.signals import DESIRED, MEASURED, gain, small_motion, torque_limit
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
 
 

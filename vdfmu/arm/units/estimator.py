@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.equations.torque_estimation import torque_estimates
 from vdfmu.arm.robot.parameters import SPRING_KEYS
-from vdfmu.arm.units._signals import MEASURED, small_motion
+from vdfmu.arm.signals import MEASURED, small_motion
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Terminal, Unit
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.trajectory import Desired
-from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
+from vdfmu.arm.signals import DESIRED, MEASURED, base_motion, base_of, gain, small_motion, wave_wrench, wrench
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Output, RobotParameters, Terminal, Unit
 
 

@@ -12,7 +12,7 @@ from vdfmu.arm.drive.options import OPTIONS
 from vdfmu.arm.equations.flexible_joint import rest_state, state_names
 from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
 from vdfmu.arm.equations.plant import balance, equilibrium_torque, plant_derivative, plant_outputs
-from vdfmu.arm.units._signals import (
+from vdfmu.arm.signals import (
     ACCELERATION,
     MASS,
     MEASURED,

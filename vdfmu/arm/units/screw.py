@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units._signals import WRENCH, six, tool_inputs
+from vdfmu.arm.signals import WRENCH, six, tool_inputs
 from vdfmu.arm.world.contact import normal_force, screw_torque
 from vdfmu.compiler.unit import Derivative, Output, Parameter, State, Terminal, Unit, clip, where
 

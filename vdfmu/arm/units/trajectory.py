@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vdfmu.arm.equations.trajectory import desired_motion
-from vdfmu.arm.units._signals import DESIRED
+from vdfmu.arm.signals import DESIRED
 from vdfmu.compiler.unit import JOINTS, Output, Parameter, Terminal, Unit
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units._signals import WRENCH, six, tool_inputs
+from vdfmu.arm.signals import WRENCH, six, tool_inputs
 from vdfmu.arm.world.contact import friction_force, normal_force
 from vdfmu.compiler.unit import Output, Parameter, Terminal, Unit
 

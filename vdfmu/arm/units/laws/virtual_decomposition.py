@@ -20,8 +20,8 @@ from vdfmu.arm.equations.inverse_dynamics import (
 )
 from vdfmu.arm.equations.rigid_body import PAIRS, body_parameters
 from vdfmu.arm.equations.spatial import skew
-from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain
-from vdfmu.arm.units.laws._law import TORQUE, Law
+from vdfmu.arm.law import TORQUE, Law
+from vdfmu.arm.signals import DESIRED, MEASURED, base_motion, base_of, gain
 from vdfmu.compiler.scalar import zeros
 from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, Sampled, clip
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS, STATELESS
 from vdfmu.arm.robot.parameters import ENDS, PARAMETERS, Section
-from vdfmu.arm.units._signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
+from vdfmu.arm.signals import ACCELERATION, MASS, VELOCITY, WRENCH, six
 from vdfmu.arm.world.payload import link_body
 from vdfmu.base.measure import derivative_of, unit_of
 from vdfmu.compiler.scalar import jets

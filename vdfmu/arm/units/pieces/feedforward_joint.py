@@ -19,7 +19,7 @@ from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, driven_accel
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
-from vdfmu.arm.units._signals import DESIRED, MEASURED
+from vdfmu.arm.signals import DESIRED, MEASURED
 from vdfmu.arm.units.pieces._piece import (
     JOINT,
     Piece,

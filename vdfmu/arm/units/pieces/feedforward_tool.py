@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.units._signals import wrench
+from vdfmu.arm.signals import wrench
 from vdfmu.arm.units.pieces._piece import TOOL, Piece, desired_forces, numbers
 from vdfmu.compiler.unit import Output, Terminal
 

@@ -20,7 +20,7 @@ from vdfmu.arm.equations.forward_dynamics import accelerate, eliminate, handed_o
 from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, driven_velocity, joint_torques
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
-from vdfmu.arm.units._signals import MEASURED, WRENCH
+from vdfmu.arm.signals import MEASURED, WRENCH
 from vdfmu.arm.units.pieces._piece import (
     JOINT,
     Piece,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.units._signals import WRENCH, wrench
+from vdfmu.arm.signals import WRENCH, wrench
 from vdfmu.arm.units.pieces._piece import TOOL, Piece, numbers, six_vector
 from vdfmu.compiler.unit import Input, Output, Terminal
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units.devices._common import PAST, rounded, shifted, whole
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, maximum, where
+from vdfmu.extras.laws.sampling import PAST, rounded, shifted, whole
 
 
 class Encoder(Unit):

@@ -10,7 +10,7 @@ from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.inverse_dynamics import AT_REST, Base
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, gain, small_motion, torque_limit
+from vdfmu.arm.signals import DESIRED, MEASURED, base_motion, gain, small_motion, torque_limit
 from vdfmu.compiler.scalar import clip
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit
 

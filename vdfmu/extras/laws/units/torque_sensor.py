@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from vdfmu.arm.units._signals import MEASURED
-from vdfmu.arm.units.devices._common import rounded, seed, whole
+from vdfmu.arm.signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, normal, seeded
+from vdfmu.extras.laws.sampling import rounded, seed, whole
 
 
 class TorqueSensor(Unit):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units._signals import torque_limit
+from vdfmu.arm.signals import torque_limit
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, clip, minimum
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vdfmu.arm.units._signals import MEASURED
+from vdfmu.arm.signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, RobotParameters, Sampled, Unit, clip, minimum, where
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 

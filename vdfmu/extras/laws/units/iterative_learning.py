@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units.devices._common import whole
-from vdfmu.arm.units.laws._law import SampledPD
+from vdfmu.arm.law import SampledPD
 from vdfmu.compiler.unit import JOINTS, Parameter, Sampled, clip, minimum, where
+from vdfmu.extras.laws.sampling import whole
 
 HARMONICS = 20
 """Most harmonics of a cycle that are learned."""

@@ -9,7 +9,7 @@ from tests.arm.units.one_joint import one_joint
 from tests.conftest import make_optional
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.study.analysis.lqr import state_gains
+from vdfmu.extras.laws import state_gains
 
 STEP = 1e-3
 

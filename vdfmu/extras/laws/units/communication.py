@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units.devices._common import PAST, seed, shifted, whole
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, seeded, uniform, where
+from vdfmu.extras.laws.sampling import PAST, seed, shifted, whole
 
 _NEVER = 1e6
 

@@ -11,7 +11,7 @@ from vdfmu.arm.equations.flexible_joint import link_torques
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import jacobian
-from vdfmu.arm.units._signals import MEASURED, WRENCH, six, small_motion
+from vdfmu.arm.signals import MEASURED, WRENCH, six, small_motion
 from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameters, Sampled, Terminal, Unit, solve
 

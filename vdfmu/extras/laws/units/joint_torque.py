@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from vdfmu.arm.units._signals import MEASURED
-from vdfmu.arm.units.laws.pd_gravity import PDGravity
+from vdfmu.arm.signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
+from vdfmu.extras.laws.units.pd_gravity import PDGravity
 
 
 class JointTorque(PDGravity):

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.units._signals import MEASURED
-from vdfmu.arm.units.laws._law import GravityLaw
+from vdfmu.arm.law import GravityLaw
+from vdfmu.arm.signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
 
 
@@ -27,7 +27,7 @@ class StateFeedback(GravityLaw):
                      + K_kappa (kappa_d - kappa) + K_kappa_dot (q_d_dot - kappa_dot)] / ell   within -tau_max .. tau_max
 
     The gains are matrices, link-side: joint i's torque takes the errors of all joints. The start values are PD control
-    of the rotors. ``vdfmu.study.analysis.lqr.state_gains`` calculates optimal gains at a pose (LQR). A column of a
+    of the rotors. ``vdfmu.extras.laws.gains.state_gains`` calculates optimal gains at a pose (LQR). A column of a
     prismatic joint is per m instead of per rad.
 
     Source: A. De Luca, W. Book, "Robots with Flexible Elements", Springer Handbook of Robotics, 2008, section 13.1.

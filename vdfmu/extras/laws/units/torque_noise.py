@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from vdfmu.arm.units.devices._common import seed, whole
 from vdfmu.compiler.unit import JOINTS, Input, Parameter, Sampled, Unit, normal, seeded
+from vdfmu.extras.laws.sampling import seed, whole
 
 
 class TorqueNoise(Unit):
@@ -15,7 +15,7 @@ class TorqueNoise(Unit):
 
         tau[k] = tau_c(t_k) + sigma w_k
 
-    w_k is the white noise of :class:`~vdfmu.arm.units.devices.torque_sensor.TorqueSensor`.
+    w_k is the white noise of :class:`~vdfmu.extras.laws.units.torque_sensor.TorqueSensor`.
     """
 
     tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")

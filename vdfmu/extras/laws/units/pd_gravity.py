@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from vdfmu.arm.units._signals import MEASURED, gain
-from vdfmu.arm.units.laws._law import GravityLaw
+from vdfmu.arm.law import GravityLaw
+from vdfmu.arm.signals import MEASURED, gain
 from vdfmu.compiler.unit import Input
 
 

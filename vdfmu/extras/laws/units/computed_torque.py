@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from vdfmu.arm.equations.flexible_joint import axial_torques, link_torques, rotor_forces
 from vdfmu.arm.equations.inverse_dynamics import joint_torques, link_forces, link_motion
-from vdfmu.arm.units._signals import DESIRED, MEASURED, base_motion, base_of, gain
-from vdfmu.arm.units.laws._law import Law
+from vdfmu.arm.law import Law
+from vdfmu.arm.signals import DESIRED, MEASURED, base_motion, base_of, gain
 from vdfmu.compiler.unit import Input
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units.laws._law import SampledPD
+from vdfmu.arm.law import SampledPD
 from vdfmu.compiler.unit import JOINTS, Parameter, RobotParameters, Sampled, clip
 
 

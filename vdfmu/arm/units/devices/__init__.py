@@ -1,1 +1,0 @@
-"""Actuators, sensors and communication, one file each: units between the laws and the plant."""

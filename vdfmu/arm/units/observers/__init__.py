@@ -1,1 +1,0 @@
-"""Observers and filters, one file each: units for measurements and commands."""

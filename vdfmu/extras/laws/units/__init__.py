@@ -1,0 +1,1 @@
+"""Control laws, observers and filters, sensors and actuators: a unit in each file."""
