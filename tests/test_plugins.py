@@ -2,18 +2,13 @@
 
 import json
 import logging
-import os
-import subprocess
-import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import vdfmu
-from tests.added import installed
-from tests.docs.pages import ROOT, read_blocks
+from tests.added import command, installed, write_acme
 from vdfmu.arm.units import find_unit, known_units
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError
@@ -21,29 +16,10 @@ from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results.folder import known_formats
 from vdfmu.engine.results.formats import FORMATS
 
-PAGE = ROOT / "docs" / "plugins.md"
-
 
 @pytest.fixture(scope="module")
 def acme(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("acme")
-    files = {options.split('"')[1]: body for _, options, body, _, _ in read_blocks(PAGE) if "title=" in options}
-    project = tomllib.loads(files.pop("pyproject.toml"))["project"]
-    for name, body in files.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(body)
-    robot = (ROOT / "models" / "robots" / "planar_2dof.toml").read_text()
-    (folder / "acme_arms" / "acme_2.toml").write_text(robot.replace('"planar_2dof"', '"acme_2"'))
-    installed(folder, project["name"], project["entry-points"])
-    return folder
-
-
-def command(folder: Path, acme: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    path = os.pathsep.join([str(ROOT), str(acme)])
-    return subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", *words], cwd=folder, capture_output=True, text=True,
-        env=os.environ | {"PYTHONPATH": path, "COLUMNS": "200"},
-    )  # fmt: skip
+    return write_acme(tmp_path_factory.mktemp("acme"))
 
 
 @pytest.mark.heavy

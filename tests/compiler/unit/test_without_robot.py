@@ -9,70 +9,13 @@ from click.testing import CliRunner
 from scipy.linalg import expm
 
 import vdfmu
+from tests.compiler.unit.motor import write_motor
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.cli.commands import app
 from vdfmu.engine.run import Results
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.schema import scenario_schema
 
-UNITS = '''
-from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
-
-
-class DCMotor(Unit):
-    """DC motor with a load."""
-
-    u = Input("V")
-    R = Parameter("Ohm", start=1.0)
-    L = Parameter("H", start=0.01)
-    k = Parameter("N.m/A", start=0.05)
-    J = Parameter("kg.m2", start=1e-4)
-    b = Parameter("N.m.s/rad", start=1e-4)
-    i = State("A")
-    w = State("rad/s")
-    i_dot = Derivative(i)
-    w_dot = Derivative(w)
-
-    def derivatives(self) -> None:
-        self.i_dot = (self.u - self.R * self.i - self.k * self.w) / self.L
-        self.w_dot = (self.k * self.i - self.b * self.w) / self.J
-
-
-class SpeedPI(Unit):
-    """PI controller of a speed."""
-
-    w = Input("rad/s")
-    w_d = Input("rad/s")
-    K_p = Parameter("V.s/rad", start=0.05, tunable=True)
-    K_i = Parameter("V/rad", start=1.0)
-    e = State("rad")
-    e_dot = Derivative(e)
-    u = Output("V")
-
-    def derivatives(self) -> None:
-        self.e_dot = self.w_d - self.w
-
-    def outputs(self) -> None:
-        self.u = self.K_p * (self.w_d - self.w) + self.K_i * self.e
-'''
-SYSTEM = """
-name = "drive"
-[components]
-controller = "motor.py:SpeedPI"
-motor = "motor.py:DCMotor"
-[connections]
-"controller.u" = "motor.u"
-"motor.w" = "controller.w"
-"""
-SCENARIO = """
-name = "motor"
-description = "A step of the speed"
-system = "drive.toml"
-stop = 0.5
-step = 0.001
-[controller]
-w_d = 100.0
-"""
 R, L, K, J, B, K_P, K_I, W_D, H, STEPS = 1.0, 0.01, 0.05, 1e-4, 1e-4, 0.05, 1.0, 100.0, 1e-3, 500
 MOTOR = np.array([[-R / L, -K / L, 1.0 / L], [K / J, -B / J, 0.0], [0.0, 0.0, 0.0]])  # of i, w, and u, which is held
 LOOP = np.array([[0.0, 0.0, -1.0], [K_I / L, -R / L, -(K + K_P) / L], [0.0, K / J, -B / J]])  # of e, i, w
@@ -104,10 +47,8 @@ K_v = 20.0
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("motor")
-    files = {
-        "motor.py": UNITS, "drive.toml": SYSTEM, "motor.toml": SCENARIO, "own_robots.toml": ARM, "reach.toml": REACH,
-    }  # fmt: skip
-    for name, text in files.items():
+    write_motor(place)
+    for name, text in {"own_robots.toml": ARM, "reach.toml": REACH}.items():
         (place / name).write_text(text)
     return place
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.io
-from vdfmu.cli.identify import _difference
 
 import vdfmu
 from tests.conftest import ran
@@ -16,6 +15,7 @@ from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
+from vdfmu.extras.identify.commands import _difference
 from vdfmu.extras.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.verdict import verdict

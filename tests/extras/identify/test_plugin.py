@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.added import command, write_acme
 from tests.extras.identify.recorded import T, motion
-from tests.test_plugins import acme as acme
-from tests.test_plugins import command
 
 
 @pytest.mark.heavy
-def test_a_log_is_identified(acme, tmp_path):
+def test_a_log_is_identified(tmp_path):
+    acme = write_acme(tmp_path / "acme")
     kappa, q, tau = motion(vdfmu.load_robot("planar_2dof"), T)
     table = np.hstack([T[:, None], q, kappa, tau])
     table.tofile(tmp_path / "log.blog")

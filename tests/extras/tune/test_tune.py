@@ -17,8 +17,7 @@ import pyarrow.parquet
 import pytest
 
 import vdfmu
-from tests.compiler.unit.test_without_robot import folder as folder
-from tests.compiler.unit.test_without_robot import inside as inside
+from tests.compiler.unit.motor import write_motor
 from tests.conftest import ran
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError
@@ -335,8 +334,10 @@ def test_the_best_values_are_within_the_limits_also_where_others_cost_less(metho
 
 
 @pytest.mark.parametrize("margin", [(), ("--margin", "0.5")])
-def test_a_system_without_a_robot_is_tuned(inside, margin):
+def test_a_system_without_a_robot_is_tuned(tmp_path, monkeypatch, margin):
     """Its loop is opened at the input that cuts it."""
+    monkeypatch.chdir(tmp_path)
+    write_motor(tmp_path)
     done = ran(
         "tune", "motor.toml", "--vary", "controller.K_p=lin(0.02,0.2)", "--cost", "peak(motor.w)", "--evaluations", "4",
         *margin,
