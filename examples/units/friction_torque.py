@@ -3,7 +3,7 @@
 from typing import Any
 
 from vdfmu.arm.equations.friction import joint_friction
-from vdfmu.extras.laws.units.computed_torque import ComputedTorque
+from vdfmu.extras.laws.units.laws.computed_torque import ComputedTorque
 
 
 class FrictionTorque(ComputedTorque):

@@ -15,7 +15,7 @@ from vdfmu.engine.inspect import abilities as abilities
 from vdfmu.engine.inspect import reference as reference
 from vdfmu.engine.inspect import trial as trial
 from vdfmu.engine.package import limits as limits
-from vdfmu.extras.laws.units.encoder import PAST as PAST
+from vdfmu.extras.laws.units.devices.encoder import PAST as PAST
 from vdfmu.study import coupling_error as coupling_error
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import steepest_fall as steepest_fall

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from scipy.linalg import expm
 
 import vdfmu
-from tests.compiler.unit.motor import write_motor
+from tests.compiler.unit.motor import SCENARIO, SYSTEM, write_motor
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.cli.commands import app
 from vdfmu.engine.run import Results

@@ -10,7 +10,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import find_unit, package_units
 from vdfmu.extras.efmi.build import reason_against
-from vdfmu.extras.laws.units import iterative_learning
+from vdfmu.extras.laws.units.laws import iterative_learning
 
 SHIPPED = [name for name, unit in package_units().items() if not reason_against(unit) and name != "wall"]
 """Units of the package without continuous states, which control or observe an arm."""

@@ -16,10 +16,10 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
 from vdfmu.extras.identify.commands import _difference
+from vdfmu.extras.identify.drawings import draw_torques
 from vdfmu.extras.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.verdict import verdict
-from vdfmu.study.report.drawings import draw_torques
 
 PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vdfmu.arm.signals import MEASURED
 from vdfmu.compiler.unit import JOINTS, Input, Parameter
-from vdfmu.extras.laws.units.pd_gravity import PDGravity
+from vdfmu.extras.laws.units.laws.pd_gravity import PDGravity
 
 
 class JointTorque(PDGravity):

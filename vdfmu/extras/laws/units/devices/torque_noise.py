@@ -15,7 +15,7 @@ class TorqueNoise(Unit):
 
         tau[k] = tau_c(t_k) + sigma w_k
 
-    w_k is the white noise of :class:`~vdfmu.extras.laws.units.torque_sensor.TorqueSensor`.
+    w_k is the white noise of :class:`~vdfmu.extras.laws.units.devices.torque_sensor.TorqueSensor`.
     """
 
     tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")

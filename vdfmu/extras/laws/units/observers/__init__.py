@@ -1,0 +1,1 @@
+"""Observers and filters, one file each: units for measurements and commands."""
