@@ -103,6 +103,8 @@ def files(place: Path) -> dict[str, Any]:
         if path.name == "summary.json":
             summary = json.loads(content)
             contents[name] = [summary.get(key) for key in ("scenario", "stop", "files", "error")]
+        elif path.name == "sweep.json":  # its seal is of its place
+            contents[name] = {key: value for key, value in json.loads(content).items() if key != "seal"}
         elif path.suffix == ".html":
             contents[name] = content.rstrip().endswith(b"</html>")
         elif path.suffix == ".parquet":
