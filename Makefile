@@ -16,7 +16,7 @@ LINT_WEB := lint-web
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-memory test-all test-lowest hostile mutants claims bench docs lint lint-web pages sbom audit release lock vendor clean
+.PHONY: demo test test-core test-memory test-all test-lowest hostile mutants claims bench docs lint lint-web pages sbom audit release lock vendor clean
 
 demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 	$(BIN)/vdfmu run tracking
@@ -24,7 +24,15 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python $(PYTEST) -n 2 -m "$(MARKS)" $(PYTEST_ARGS)
 
-test-all: test $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
+# Files that git does not know, such as caches, stay behind.
+CORE := $(CURDIR)/$(VENV)/core
+
+test-core: $(VENV)/test  ## run the tests on a copy without the extras, which the core does not need
+	rm -rf $(CORE) && mkdir $(CORE)
+	git ls-files | grep -v -e ^vdfmu/extras/ -e ^tests/extras/ | tar -cT - | tar -xC $(CORE)
+	cd $(CORE) && PYTHONPATH=$(CORE) $(CURDIR)/$(BIN)/python $(PYTEST) -n 2 -m "$(MARKS)" $(PYTEST_ARGS)
+
+test-all: test test-core $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
 	$(BIN)/python $(PYTEST) -n 3 -m heavy $(PYTEST_ARGS)
 
 # The compiler of the system: the guard needs nothing else. What tests start has it too.
