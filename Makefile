@@ -24,12 +24,12 @@ demo: $(VENV)/demo  ## run the paper's tracking simulation (Section IV-B)
 test: $(VENV)/test  ## run the tests, except for the heavy ones: some minutes
 	$(BIN)/python $(PYTEST) -n 2 -m "$(MARKS)" $(PYTEST_ARGS)
 
-# Files that git does not know, such as caches, stay behind.
+# Tests of the documentation stay behind: its pages describe the extras too.
 CORE := $(CURDIR)/$(VENV)/core
 
 test-core: $(VENV)/test  ## run the tests on a copy without the extras, which the core does not need
 	rm -rf $(CORE) && mkdir $(CORE)
-	git ls-files | grep -v -e ^vdfmu/extras/ -e ^tests/extras/ | tar -cT - | tar -xC $(CORE)
+	git ls-files | grep -v -e ^vdfmu/extras/ -e ^tests/extras/ -e ^tests/docs/test_ | tar -cT - | tar -xC $(CORE)
 	cd $(CORE) && PYTHONPATH=$(CORE) $(CURDIR)/$(BIN)/python $(PYTEST) -n 2 -m "$(MARKS)" $(PYTEST_ARGS)
 
 test-all: test test-core $(VENV)/platforms  ## run the heavy ones too: all platforms, emulators, sanitizers, C++ templates, installs
