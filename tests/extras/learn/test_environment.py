@@ -282,7 +282,7 @@ def reward_of(seen, action):
 
 @pytest.mark.filterwarnings("ignore:.*not within the observation space")
 def test_a_system_of_fmus_is_an_environment(drive):
-    env = drive.environment({"motor.u": (0.0, 3.0)}, {"load.q": 2.0, "motor.w": None}, reward_of, hold=5,
+    env = Environment(drive, {"motor.u": (0.0, 3.0)}, {"load.q": 2.0, "motor.w": None}, reward_of, hold=5,
                             vary={"motor.T": (0.1, 0.2)}, lost=-2.0)  # fmt: skip
     check_env(env, skip_render_check=True)
     assert (env.task.inputs, env.task.action_units) == (["motor.u"], ["V"])
@@ -323,4 +323,4 @@ def test_a_scenario_is_opened_at_the_actions_of_an_environment():
 ])  # fmt: skip
 def test_wrong_environments_are_refused(drive, actions, seen, options, message):
     with pytest.raises(UsageError, match=message):
-        drive.environment(actions, seen, reward_of, **options)
+        Environment(drive, actions, seen, reward_of, **options)
