@@ -10,7 +10,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-RUN_TOO = "runs native modes identification world motions systems observers laws sweeps tuning learning reference/units".split()
+RUN_TOO = (
+    "runs native modes identification world motions systems observers laws sweeps tuning learning reference/units"
+).split()
 PAGES = [*TUTORIALS, *(ROOT / "docs" / f"{name}.md" for name in RUN_TOO)]
 TOOLS = ROOT / "docs" / "importers.md"
 """Each section of it is about a tool, and runs by itself."""
