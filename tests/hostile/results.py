@@ -15,6 +15,7 @@ import numpy as np
 import vdfmu
 from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
+from vdfmu.arm.robot import Robot
 from vdfmu.engine.package_run import run_system
 from vdfmu.study.identify.log import read_log
 from vdfmu.study.report.page import report_page
@@ -94,7 +95,7 @@ _WORDS = ("", "nan", "inf", "1e999", "x", "-1", '"', "\0", "\u202e", ",", ";", "
 
 
 @cache
-def planar() -> vdfmu.Robot:
+def planar() -> Robot:
     return vdfmu.load_robot("planar_2dof")
 
 

@@ -2,7 +2,7 @@
 
 DOORS = (
     "analysis.arm_space", "analysis.bode", "analysis.loops", "analysis.modes", "analysis.reach", "analysis.reach_file",
-    "connected", "environment.environments", "identify.design", "identify.fit", "identify.log", "identify.verdict",
+    "connected", "identify.design", "identify.fit", "identify.log", "identify.verdict",
     "judgement", "options", "report.drawings", "report.page", "report.robot_page", "report.sheets",
     "report.shown_run", "run.scenario_run", "runs", "sweeps.sweep", "tuning.tune", "verdict",
 )  # fmt: skip

@@ -121,7 +121,7 @@ class System:
         Raises
         ------
         UsageError, SspError, CosimError
-            See :func:`vdfmu.simulate`.
+            See :func:`vdfmu.engine.run.simulate`.
         """
         results = self._runs.run(**self._with(options))
         if self._scenario is not None:
@@ -134,7 +134,7 @@ class System:
 
     @with_options
     def instance(self, **options: Unpack[SimulatorOptions]) -> Simulator:
-        """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
+        """Return the system as a `vdfmu.engine.run.Simulator`, for many runs or steps by hand, used by ``with``."""
         simulator = Simulator(self.path, **self._with(options))
         simulator.owner = self._keep
         return simulator
@@ -160,7 +160,7 @@ class System:
     def environment(
         self, actions: Mapping[str, Any], observations: Any, reward: Callable[[Any, Any], float], **options: Any
     ) -> Any:
-        """Return the system as an environment of gymnasium, see :class:`vdfmu.Environment`."""
+        """Return the system as an environment of gymnasium, see `vdfmu.study.environment.environments.Environment`."""
         from vdfmu.study.environment.environments import Environment
 
         return Environment(self, actions, observations, reward, **options)
@@ -184,7 +184,7 @@ class System:
 
     @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
-        """Write the system as one FMU, see :func:`vdfmu.write_container`; the default step is the system's."""
+        """Write the system as one FMU, see `vdfmu.engine.container.write_container`; default step of the system."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")

@@ -214,7 +214,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
 
 
 class TuneOptions(ProblemOptions, WorkerOptions, total=False):
-    """Options of `vdfmu.tune`."""
+    """Options of `vdfmu.study.tuning.tune.tune`."""
 
     method: Annotated[str, Option("Global search, local search, or both.",
         more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",

@@ -7,8 +7,8 @@ import pytest
 from scipy import io, signal
 from scipy.integrate import solve_ivp
 
-import vdfmu
 from tests.compiler.unit.conftest import command
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.new import unit_from
@@ -124,7 +124,7 @@ def test_each_kind_as_an_fmu_equals_the_unit(design):
     for source, values in (("table.csv", {"T": 1.7}), ("design.py:maps", {"a": np.arange(6.0).reshape(2, 3), "b": 3.0}),
                            ("design.py:held", {"u": [0.7]}), ("design.py:transfer", {"u": [1.0]})):  # fmt: skip
         unit = made(source)
-        ((_, fmu),) = vdfmu.build_fmus(None, "fmus", units=[unit]).items()
+        ((_, fmu),) = build_fmus(None, "fmus", units=[unit]).items()
         names = {name: [f"{name}[{','.join(str(k + 1) for k in index)}]".replace("[]", "")
                         for index in np.ndindex(np.shape(value))] for name, value in values.items()}  # fmt: skip
         start = {key: v for name, keys in names.items() for key, v in zip(keys, np.ravel(values[name]), strict=True)}

@@ -20,6 +20,7 @@ from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.scenario_run import prepare
 from vdfmu.study.tuning.problem import make_problem
+from vdfmu.study.tuning.tune import tune
 from vdfmu.study.verdict import loop_checks, loop_sentences
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
@@ -165,7 +166,7 @@ def test_all_commands_have_one_margin(algorithm, tmp_path):
 def test_a_slow_mode_does_not_keep_a_search_from_its_margin(tmp_path):
     path = tmp_path / "reach.toml"
     write_reach("scara_4dof", path)
-    tuned = vdfmu.tune(
+    tuned = tune(
         path, ["controller.K_p[3]", "controller.K_v[3]"], "rms(trajectory.q_d[3] - plant.q[3])", margin=0.4,
         algorithm="jacobi", method="local", evaluations=20, stop=1.0, workers=1, out=tmp_path / "search",
     )  # fmt: skip

@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 
 import vdfmu
 from vdfmu.base.errors import UsageError
+from vdfmu.study.environment.environments import ArmEnv, ArmVectorEnv, Environment
 from vdfmu.study.environment.tasks import TrackingTask
 from vdfmu.system.scenario import load_scenario
 from vdfmu.unit import Derivative, Input, Parameter, State, Unit
@@ -32,7 +33,7 @@ def with_devices(folder, units, connections):
 
 @pytest.fixture(scope="module")
 def arm():
-    with vdfmu.ArmEnv(short(), vary=VARY) as env:
+    with ArmEnv(short(), vary=VARY) as env:
         yield env
 
 
@@ -68,7 +69,7 @@ def test_numbers_have_names_units_and_limits_and_a_seed_gives_an_episode(arm):
 def test_an_episode_is_a_run_of_the_scenario_with_its_torques(arm):
     """The torques of the controller, played as actions held over one step, move the arm as the controller does."""
     run = vdfmu.run(short(), reference=False, out=False)
-    env = vdfmu.ArmEnv(short(), hold=1)
+    env = ArmEnv(short(), hold=1)
     seen, _ = env.reset()
     rows, ends = [seen], []
     for torque in run["controller.tau"][1:]:
@@ -85,7 +86,7 @@ def test_an_episode_is_a_run_of_the_scenario_with_its_torques(arm):
 
 
 def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
-    env = vdfmu.ArmEnv(short(), limits={"plant.q_dot": 0.5}, hold=10)
+    env = ArmEnv(short(), limits={"plant.q_dot": 0.5}, hold=10)
     env.reset()
     ended, count = False, 0
     while not ended:
@@ -96,7 +97,7 @@ def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
     assert reward == pytest.approx(-1.01 * (21 - count), rel=1e-12)  # of this action and those that are left
     assert env.reset()[0][2] == 0.0
     env.close()
-    env = vdfmu.ArmEnv(short(), limit=1e6, hold=10)
+    env = ArmEnv(short(), limit=1e6, hold=10)
     env.reset()
     _, reward, ended, _, info = env.step(np.array([1e6, -1e6]))
     assert ended and "doStep" in info["error"] and reward == pytest.approx(-1.01 * 20)
@@ -115,11 +116,11 @@ def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
     seen = ("encoder.q_m", "encoder.q_dot_m", "trajectory.q_d")
     track = ("trajectory.q_d", "encoder.q_m")
     task = {"action": "actuator.tau_c", "seen": seen, "track": track}
-    env = vdfmu.ArmEnv(path, **task)
+    env = ArmEnv(path, **task)
     assert set(env.task.scenario.system.parts) == {"trajectory", "plant", "encoder", "actuator"}
     counts = env.reset()[0][:2] / (2.0 * np.pi / 2**17)
     np.testing.assert_allclose(counts, np.rint(counts), rtol=0, atol=1e-9)  # of 3e4 steps, rounded
-    many = vdfmu.ArmVectorEnv(2, path, **task)
+    many = ArmVectorEnv(2, path, **task)
     many.reset()
     for action in np.random.default_rng(0).uniform(-0.3, 0.3, (10, 2)):
         row, rows = env.step(action)[0], many.step(np.tile(action, (2, 1)))[0]
@@ -157,7 +158,7 @@ def test_what_is_not_there_is_refused(options, message):
 
 @pytest.mark.heavy
 def test_steps_need_a_reset_and_actions_are_finite(arm):
-    single, many = vdfmu.ArmEnv(short()), vdfmu.ArmVectorEnv(2, short())
+    single, many = ArmEnv(short()), ArmVectorEnv(2, short())
     for env in (single, many):
         with pytest.raises(UsageError, match=r"expected reset\(\) before the first step"):
             env.step(env.action_space.sample())
@@ -168,12 +169,12 @@ def test_steps_need_a_reset_and_actions_are_finite(arm):
         with pytest.raises(UsageError, match="action: expected finite numbers of shape"):
             many.step(np.array([wrong, wrong]))
     with pytest.raises(UsageError, match="num_envs: expected a whole number of at least 1, got 0"):
-        vdfmu.ArmVectorEnv(0, short())
+        ArmVectorEnv(0, short())
 
 
 def test_a_seed_reaches_the_random_numbers_of_devices(tmp_path):
     path = with_devices(tmp_path, 'sensor = "torque_sensor"', '"plant.tau_s" = ["sensor.tau_s"]')
-    with vdfmu.ArmEnv(path, seen=("sensor.tau_s_m", "plant.q", "trajectory.q_d")) as env:
+    with ArmEnv(path, seen=("sensor.tau_s_m", "plant.q", "trajectory.q_d")) as env:
 
         def episode(**options):
             env.reset(**options)
@@ -191,7 +192,7 @@ def test_arms_in_lanes_are_that_of_the_master():
     """Eleven arms, each with parameters and torques of its own, fill blocks of 4 or 8 lanes."""
     n, rng = 11, np.random.default_rng(0)
     actions = rng.uniform(-0.3, 0.3, (20, n, 2))
-    many = vdfmu.ArmVectorEnv(n, short(), vary=VARY, hold=10)
+    many = ArmVectorEnv(n, short(), vary=VARY, hold=10)
     seen, _ = many.reset(seed=5)
     observed, rewards = [seen], []
     for each in actions:
@@ -200,7 +201,7 @@ def test_arms_in_lanes_are_that_of_the_master():
     assert not ended.any() and late.all()
     observed, rewards = np.array(observed), np.array(rewards)
     drawn = np.random.default_rng(5)
-    single = vdfmu.ArmEnv(short(), hold=10)
+    single = ArmEnv(short(), hold=10)
     for i in range(n):
         parameters = {name: drawn.uniform(*bounds) for name, bounds in VARY.items()}
         rows = [single.reset(options={"parameters": parameters})[0]]
@@ -215,8 +216,8 @@ def test_arms_in_lanes_are_that_of_the_master():
 
 
 def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
-    many = vdfmu.ArmVectorEnv(3, short(), limit=1e6, hold=10)
-    alone = vdfmu.ArmVectorEnv(1, short(), limit=1e6, hold=10)
+    many = ArmVectorEnv(3, short(), limit=1e6, hold=10)
+    alone = ArmVectorEnv(1, short(), limit=1e6, hold=10)
     first, _ = many.reset(seed=1)
     alone.reset(seed=1)
     calm, wild = np.zeros((3, 2)), np.zeros((3, 2))
@@ -307,7 +308,7 @@ def test_a_system_of_fmus_is_an_environment(drive):
 
 
 def test_a_scenario_is_opened_at_the_actions_of_an_environment():
-    env = vdfmu.Environment("planar_tracking", {"plant.tau": 1.0}, ["plant.q"], lambda seen, action: 0.0, stop=0.1,
+    env = Environment("planar_tracking", {"plant.tau": 1.0}, ["plant.q"], lambda seen, action: 0.0, stop=0.1,
                             ended=lambda seen: seen["plant.q"][0] > 1e9)  # fmt: skip
     env.reset()
     assert env.task.length == 100 and not env.step(np.zeros(2))[2]

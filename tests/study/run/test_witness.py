@@ -21,6 +21,7 @@ from vdfmu.study.run import scenario_run as study
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.witness import Witness
+from vdfmu.system.scenario import load_scenario
 
 SHORT = {"stop": 0.05, "reference": False}
 
@@ -221,7 +222,7 @@ def test_a_number_that_is_off_by_more_than_the_promise_is_a_fault_and_a_smaller_
 
     The arm hangs at rest. A number that is off by 1e-8 of itself is beyond both: its sources move it by less.
     """
-    system = SystemDescription(vdfmu.load_scenario("planar_tracking"))
+    system = SystemDescription(load_scenario("planar_tracking"))
     witness, values, places = Witness(system), {}, {}
     for name, table in system.tables.items():
         plain = Plain(table, table.memory_of(system.values[name]))

@@ -18,6 +18,7 @@ from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps import cluster
 from vdfmu.study.sweeps.sweep import Sweep
+from vdfmu.study.tuning.tune import tune
 
 MEASURES = ["end=final(unit.y)"]
 AXES = {"unit.at": np.linspace(0.0, 1.0, 60)}
@@ -116,7 +117,7 @@ def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, 
 @pytest.mark.heavy
 def test_a_search_finds_there_what_it_finds_here(tmp_path, dask):
     searches = {
-        name: vdfmu.tune(
+        name: tune(
             "planar_tracking", ["controller.K_p[1]"], "rms(trajectory.q_d - plant.q)", method="global", evaluations=9,
             stop=0.05, out=tmp_path / name, **where,
         )

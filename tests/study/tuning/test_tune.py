@@ -16,16 +16,19 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-import vdfmu
 from tests.conftest import ran
 from tests.study.sweeps.conftest import table
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
+from vdfmu.engine.run import simulate
 from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
 from vdfmu.study.tuning.problem import Evaluations, Score, SpentError, make_problem
-from vdfmu.study.tuning.tune import search
+from vdfmu.study.tuning.tune import search, tune
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
 SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
@@ -39,7 +42,7 @@ MARGIN = 0.7
 def tuned(tmp_path_factory):
     """Gains of the planar arm with a margin, which is 0.8 at its own."""
     folder = tmp_path_factory.mktemp("tuned") / "search"
-    return vdfmu.tune("planar_tracking", GAINS, ERRORS, margin=MARGIN, out=folder, **SEARCH, **SHORT)
+    return tune("planar_tracking", GAINS, ERRORS, margin=MARGIN, out=folder, **SEARCH, **SHORT)
 
 
 @pytest.mark.heavy
@@ -47,7 +50,7 @@ def test_each_joint_is_better_with_the_margin(tuned):
     assert tuned.after.feasible
     # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
     assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
-    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), stop=0.3)
+    scenario = dataclasses.replace(load_scenario("planar_tracking"), stop=0.3)
     settings = {name: value.tolist() for name, value in tuned.parameters.items()}
     for point, gains in ((tuned.before, {}), (tuned.after, settings)):
         with run_along(scenario, parameters=gains) as (poses, _, _):
@@ -59,7 +62,7 @@ def test_each_joint_is_better_with_the_margin(tuned):
 
 @pytest.mark.heavy
 def test_a_function_of_a_script_is_a_cost(tmp_path):
-    search = vdfmu.tune(
+    search = tune(
         "planar_tracking", ["controller.K_p"], lambda results: float(np.abs(results["controller.tau"]).max()),
         limit={"far": lambda results: float(results["plant.q[1]"].max() - 100.0)}, together=True, method="global",
         evaluations=2, stop=0.05, workers=1, out=tmp_path / "search",
@@ -73,13 +76,11 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     with open(tuned.folder / "tuned.toml", "rb") as file:
         gains = tomllib.load(file)["controller"]
     problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_points=2, stop=0.3)
-    scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp"
-    )
+    scenario = load_scenario("planar_tracking")
+    package = write_ssp(scenario, build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp")
     costs = []
     for factor in problem.spread["plant.mass"]:
-        results = vdfmu.simulate(
+        results = simulate(
             package, stop=0.3, step=1e-3,
             parameters={
                 "controller.K_p": gains["K_p"], "controller.K_v": gains["K_v"],
@@ -107,7 +108,7 @@ def test_all_runs_are_kept(tuned):
 SCRIPT = """
 import sys
 import vdfmu
-vdfmu.tune("planar_tracking", eval(sys.argv[1]), sys.argv[2], **eval(sys.argv[3]))
+tune("planar_tracking", eval(sys.argv[1]), sys.argv[2], **eval(sys.argv[3]))
 """
 
 
@@ -167,7 +168,7 @@ def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
         assert process.poll() is None, f"it ended before {runs} files of runs were there"
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(60)
-    search = vdfmu.tune("planar_tracking", GAINS, ERRORS, **options)
+    search = tune("planar_tracking", GAINS, ERRORS, **options)
     assert table(Sweep(folder)) == table(Sweep(tuned.folder))
     np.testing.assert_array_equal(search.after.values, tuned.after.values)
     for name in ("tuned.toml", "tune.json"):
@@ -177,7 +178,7 @@ def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
 @pytest.mark.heavy
 def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
     def search():
-        return vdfmu.tune(
+        return tune(
             "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", evaluations=3, stop=0.05,
             workers=1, out=tmp_path / "s",
         )  # fmt: skip
@@ -203,7 +204,7 @@ def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_pa
 def test_a_larger_budget_goes_on(tmp_path):
     def ask(budget):
         options = {"stop": 0.1, "method": "local", "evaluations": budget, "workers": 1, "out": tmp_path}
-        vdfmu.tune("planar_tracking", ["controller.K_p[1]"], ERRORS, **options)
+        tune("planar_tracking", ["controller.K_p[1]"], ERRORS, **options)
         return table(Sweep(tmp_path))
 
     first, second = ask(3), ask(6)
@@ -214,7 +215,7 @@ def test_a_larger_budget_goes_on(tmp_path):
 @pytest.mark.heavy
 def test_a_start_without_margin_is_noted(tmp_path):
     """The loops of tracking have modes that grow with one sample of delay."""
-    search = vdfmu.tune(
+    search = tune(
         "tracking",
         ["controller.K_p[1]"],
         ERRORS,
@@ -232,13 +233,13 @@ def test_a_start_without_margin_is_noted(tmp_path):
 @pytest.mark.heavy
 def test_runs_that_fail_cost_infinity_and_limits_hold_for_every_robot(tmp_path):
     """Velocity gains of up to a hundredfold destabilise the sampled loop; the search stays where it runs."""
-    search = vdfmu.tune(
+    search = tune(
         "planar_tracking", {"controller.K_v[1]": "*log(0.5, 200)"}, f"worst({ERRORS})", method="global", evaluations=8,
         out=tmp_path / "search", stop=0.5, workers=2,
     )  # fmt: skip
     assert search.failed == len(Sweep(search.folder).failed) > 0
     assert search.after.feasible and search.after.cost[0] <= search.before.cost[0]
-    search = vdfmu.tune(
+    search = tune(
         "planar_tracking", ["controller.K_p[2]=log(100, 5000)"], "rms(trajectory.q_d[2] - plant.q[2])",
         limit=["peak(controller.tau_e[2]) < 0.0"], method="global", evaluations=8, out=tmp_path / "limited", **SHORT,
     )  # fmt: skip
@@ -281,7 +282,7 @@ def test_the_command_shows_before_and_after(tmp_path):
 def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
     arguments = {"vary": GAINS, "cost": ERRORS, "out": tmp_path / "search", "stop": 0.1, **options}
     with pytest.raises(UsageError, match=words):
-        vdfmu.tune("planar_tracking", **arguments)
+        tune("planar_tracking", **arguments)
     assert not (tmp_path / "search").exists()
 
 
@@ -289,7 +290,7 @@ def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
 def test_the_batch_engine_gives_the_same_costs(tmp_path):
     options = {"method": "local", "evaluations": 8, **SHORT}
     searches = {
-        e: vdfmu.tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options) for e in ("fmu", "batch")
+        e: tune("planar_tracking", GAINS, ERRORS, engine=e, out=tmp_path / e, **options) for e in ("fmu", "batch")
     }
     fmu, batch = (Sweep(searches[e].folder) for e in ("fmu", "batch"))
     assert (fmu.facts["engine"], batch.facts["engine"]) == ("fmu", "batch")

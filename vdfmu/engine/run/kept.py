@@ -21,7 +21,7 @@ _PLAIN = (str, int, float, type(None))
 
 
 class KeptRuns:
-    """Runs of a package, each like :func:`vdfmu.simulate`.
+    """Runs of a package, each like :func:`vdfmu.engine.run.simulate`.
 
     Components stay loaded while the package and the options are the same but for values, times and rows. They are
     terminated after each run and reset before the next. Isolated and foreign components, and FMUs that allow one
@@ -33,7 +33,7 @@ class KeptRuns:
         self._path, self._lock, self._loaded, self._process = path, threading.Lock(), _Loaded(), 0
 
     def run(self, **options: Unpack[SimulateOptions]) -> Results:
-        """Run the package; for options and errors see :func:`vdfmu.simulate`."""
+        """Run the package; for options and errors see :func:`vdfmu.engine.run.simulate`."""
         rows: Any = {name: value for name, value in options.items() if name in _ROWS}
         fixed: Any = {name: value for name, value in options.items() if name not in _ROWS}
         parameters, log, files = fixed.pop("parameters", None), fixed.get("log"), fixed.get("inputs")

@@ -85,7 +85,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
     --------
     >>> def reward(seen, action):
     ...     return -abs(seen["load.w"][0] - 1.0)
-    >>> env = vdfmu.Environment(system, {"motor.u": 12.0}, {"load.w": 50.0}, reward)
+    >>> env = Environment(system, {"motor.u": 12.0}, {"load.w": 50.0}, reward)
     """
 
     metadata: dict[str, Any] = {"render_modes": []}

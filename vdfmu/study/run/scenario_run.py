@@ -235,7 +235,7 @@ class ScenarioRun:
         self.judge(results)
 
     def _simulated(self, parameters: Any = None, package: Path | None = None, **options: Any) -> Results:
-        """Co-simulate; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
+        """Co-simulate; for `options` see :meth:`vdfmu.engine.run.Simulator.run`, and `log`."""
         scenario = self.scenario
         settings: SimulatorOptions = {
             **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
