@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from benchmarks.timing import processor_time
 from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.base.cache import COMPILER, cache_folder
+from vdfmu.engine.run import simulate
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.modes import natural_modes
 from vdfmu.study.analysis.reach import reach_scenario
@@ -70,7 +70,7 @@ def _ran(name: str) -> dict[str, float]:
     scenario, began = reach_scenario(name), processor_time()
     with packed(scenario, "native") as package:
         built = processor_time()
-        results = vdfmu.simulate(package, stop=scenario.stop, step=scenario.step)
+        results = simulate(package, stop=scenario.stop, step=scenario.step)
         ended = processor_time()
     error = np.abs(results["trajectory.q_d"] - results["plant.q"])
     return {

@@ -25,9 +25,9 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from scipy.integrate import solve_ivp
 
-import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.timing import Case, measure, processor_time
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.compiler.fmu.native import fmi_headers
 
 TITLE = "Exporters from Python"
@@ -127,7 +127,7 @@ def _ours(folder: Path, subject: Subject, version: str) -> Path:
     for name, body in methods.items():
         lines += [f"    def {name}(self):", *(f"        {line}" for line in body)]
     (folder / "model.py").write_text("\n".join(lines) + "\n")
-    built = vdfmu.build_fmus(None, folder, units=[folder / "model.py"], backend="native", fmi_version=version)
+    built = build_fmus(None, folder, units=[folder / "model.py"], backend="native", fmi_version=version)
     return next(iter(built.values()))
 
 

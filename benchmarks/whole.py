@@ -19,6 +19,7 @@ import vdfmu
 from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from benchmarks.timing import Case, measure
+from vdfmu.engine.run import Simulator, simulate
 from vdfmu.system.scenario import load_scenario
 
 TITLE = "Whole commands and calls"
@@ -137,14 +138,17 @@ def _files(report: Report, folder: Path, rounds: int) -> None:
 
 def _simulator(report: Report, name: str, stop: float, rounds: int) -> None:
     """Compare runs that load their components with runs of components that stay loaded."""
-    with packed(load_scenario(name), "native") as package, vdfmu.Simulator(package) as simulator:
+    with packed(load_scenario(name), "native") as package, Simulator(package) as simulator:
         simulator.run(stop=stop, step=1e-3)
-        spent: dict[str, list[tuple[float, float, float]]] = {"vdfmu.simulate": [], "vdfmu.Simulator": []}
+        spent: dict[str, list[tuple[float, float, float]]] = {
+            "vdfmu.engine.run.simulate": [],
+            "vdfmu.engine.run.Simulator": [],
+        }
         for _ in range(rounds):
             for which, runs in spent.items():
                 began, processor = time.perf_counter(), time.process_time()
-                if which == "vdfmu.simulate":
-                    results = vdfmu.simulate(package, stop=stop, step=1e-3)
+                if which == "simulate":
+                    results = simulate(package, stop=stop, step=1e-3)
                 else:
                     results = simulator.run(stop=stop, step=1e-3)
                 took = time.perf_counter() - began
@@ -222,15 +226,17 @@ def _dynamics(report: Report, rounds: int) -> None:
     robot = vdfmu.load_robot("manipulator_6dof")
     many = np.random.default_rng(3).standard_normal((3, _LARGE, robot.n))
     single, few = [array[0] for array in many], [array[: _LARGE // 100] for array in many]
-    vdfmu.inverse_dynamics(robot, *many)  # compiles
+    vdfmu.dynamics.inverse_dynamics(robot, *many)  # compiles
     plain = robot.with_parameters(gravity=robot.gravity)  # of which no batch is large
     cases = [
-        Case("one state", lambda: vdfmu.inverse_dynamics(robot, *single)),
-        Case("a state of a batch, compiled", lambda: vdfmu.inverse_dynamics(robot, *many)),
-        Case("a state of a small batch", lambda: vdfmu.inverse_dynamics(plain, *few)),
+        Case("one state", lambda: vdfmu.dynamics.inverse_dynamics(robot, *single)),
+        Case("a state of a batch, compiled", lambda: vdfmu.dynamics.inverse_dynamics(robot, *many)),
+        Case("a state of a small batch", lambda: vdfmu.dynamics.inverse_dynamics(plain, *few)),
     ]
     measure(cases, rounds)
-    table = Table("dynamics", "vdfmu.inverse_dynamics, six joints", [("call", ""), ("time a state [us]", ".2f")])
+    table = Table(
+        "dynamics", "vdfmu.dynamics.inverse_dynamics, six joints", [("call", ""), ("time a state [us]", ".2f")]
+    )
     for case, states in zip(cases, (1, _LARGE, _LARGE // 100), strict=True):
         table.add(case.name, 1e6 * case.best / states)
         report.facts[case.name] = case.best / states

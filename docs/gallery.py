@@ -12,9 +12,11 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 import vdfmu  # noqa: E402
+from vdfmu.arm.robot import robot_names  # noqa: E402
 from vdfmu.base.files import write_whole  # noqa: E402
 from vdfmu.study.report.page import report_page  # noqa: E402
 from vdfmu.study.report.shown_run import read_run  # noqa: E402
+from vdfmu.system.scenario import load_scenario, scenario_names  # noqa: E402
 
 PICTURES = ROOT / "docs" / "images" / "gallery"
 _SIZE = 480, 336
@@ -29,10 +31,8 @@ _SHOWN, _LAST = 5.0, 1200
 
 def gallery_page() -> str:
     """Return the page of the shipped arms and scenarios, in markdown."""
-    robots = [
-        (name, vdfmu.load_robot(name).description, f"vdfmu run reach --robot {name}") for name in vdfmu.robot_names()
-    ]
-    scenarios = [(name, vdfmu.load_scenario(name).description, f"vdfmu run {name}") for name in vdfmu.scenario_names()]
+    robots = [(name, vdfmu.load_robot(name).description, f"vdfmu run reach --robot {name}") for name in robot_names()]
+    scenarios = [(name, load_scenario(name).description, f"vdfmu run {name}") for name in scenario_names()]
     return "\n".join([
         "# Gallery\n",
         "All shipped arms and scenarios. The line below a picture runs it. "
@@ -89,8 +89,8 @@ def _write(path: Path, pictures: list[Any], width: int, height: int, quality: in
 
 def main() -> int:
     """Run what is shipped, and take a picture of each, and those that move; return the exit code."""
-    runs = [("robot", name, "reach", name) for name in vdfmu.robot_names()]
-    runs += [("scenario", name, name, None) for name in vdfmu.scenario_names()]
+    runs = [("robot", name, "reach", name) for name in robot_names()]
+    runs += [("scenario", name, name, None) for name in scenario_names()]
     PICTURES.mkdir(exist_ok=True)
     for kind, name, scenario, robot in runs:
         with tempfile.TemporaryDirectory() as folder:

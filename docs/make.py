@@ -27,6 +27,7 @@ import vdfmu
 from vdfmu.base.files import write_whole
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import system_texts
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import unfolded
 
 DOCS = Path(__file__).resolve().parent
@@ -49,7 +50,7 @@ _SHIM = re.compile(r'src="https://[^"]*iframe-worker[^"]*"')
 
 def ssp_texts() -> dict[str, bytes]:
     """Return the files of ``ssp/tracking``: what the package of the paper's tracking study has besides its FMUs."""
-    return system_texts(SystemDescription(unfolded(vdfmu.load_scenario("tracking"))))
+    return system_texts(SystemDescription(unfolded(load_scenario("tracking"))))
 
 
 def main() -> int:

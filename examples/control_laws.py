@@ -13,6 +13,7 @@ import numpy as np
 
 import vdfmu
 from vdfmu.extras.laws import state_gains
+from vdfmu.system.scenario import load_scenario
 
 LAWS = ("controller", "pd_gravity", "joint_torque", "state_feedback", "computed_torque")
 JOINT_TORQUE = {
@@ -28,7 +29,7 @@ JOINT_TORQUE = {
 
 def gains_of(law: str, scenario: str) -> dict[str, Any]:
     """Return the gains of a law by name, K_p and K_v link-side, as arrays or numbers."""
-    loaded = vdfmu.load_scenario(scenario)
+    loaded = load_scenario(scenario)
     if law == "state_feedback":
         ends = loaded.sections["trajectory"]
         middle = np.add(ends["q_start"], ends["q_end"]) / 2.0

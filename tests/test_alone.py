@@ -26,9 +26,10 @@ build_units(None, ".", [unit], parameters={}, target="fmi", precision="double", 
 RUN = """
 import numpy as np
 import vdfmu
+from vdfmu.engine.run import simulate
 
 start = {"first.y_0": 1.0}
-results = vdfmu.simulate("two.ssp", stop=0.5, step=1e-3, algorithm="jacobi", parameters=start)
+results = simulate("two.ssp", stop=0.5, step=1e-3, algorithm="jacobi", parameters=start)
 np.save("y.npy", np.stack([results.time, results["second.y"]]))
 """
 SSD = """<?xml version="1.0" encoding="UTF-8"?>

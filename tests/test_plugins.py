@@ -9,12 +9,14 @@ import pytest
 
 import vdfmu
 from tests.added import command, installed, write_acme
+from vdfmu.arm.robot import robot_names
 from vdfmu.arm.units import find_unit, known_units
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results.folder import known_formats
 from vdfmu.engine.results.formats import FORMATS
+from vdfmu.system.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,7 @@ def test_names_are_found_in_python(acme, added):
     assert find_unit("plain_pd").__name__ == "PlainPD"
     assert "plain_pd" in known_units()
     assert vdfmu.load_robot("acme_2").name == "acme_2"
-    assert "acme_2" in vdfmu.robot_names()
+    assert "acme_2" in robot_names()
 
 
 def broken(tmp_path: Path, added) -> Plugins:
@@ -105,7 +107,7 @@ def test_entry_points_are_read_only_for_names_that_are_not_shipped(monkeypatch):
 
     monkeypatch.setattr(plugins, "_points", refuse)
     assert find_unit("plant") and vdfmu.load_robot("planar_2dof")
-    vdfmu.load_scenario("planar_tracking")
+    load_scenario("planar_tracking")
     with pytest.raises(AssertionError, match="units"):
         find_unit("plaint")
 

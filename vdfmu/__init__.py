@@ -4,113 +4,108 @@ Python API
 ----------
 ``build``, ``connect``, ``load``
     One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
-``load_robot``, ``load_scenario``, ``load_motion``
-    A robot, scenario or motion of a file, shipped ones by name.
-``vdfmu.motion``, ``vdfmu.unit``, ``vdfmu.drive``, ``vdfmu.plugin``
-    Functions that make motions, and what own units, drives and plugins are made of.
-``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``
-    An arm of a file of another tool, and a robot as such a file.
-``inverse_dynamics``, ``forward_dynamics``, ``gravity_torque``, ``mass_matrix``, ``jacobian``, ``forward_kinematics``
-    Rigid links, link-side torques, one state or a batch.
+``System``, ``Results``
+    A system, which runs, checks, judges, varies and writes itself; the signals and the summary of a run.
+``run``, ``judge``, ``sweep``
+    A whole scenario with references, verdict and page; the coupling error of a package; many runs in a table.
+``load_robot``, ``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``, ``load_motion``
+    A robot or a motion of a file, shipped robots by name; a robot as a file of another tool.
 ``linearize``, ``natural_modes``
-    An arm at rest as a linear system, and its natural frequencies, damping and mode shapes.
-``build_fmus``, ``write_ssp``, ``write_container``
-    The units as FMUs, their system as a package or for libcosim, and the system as one FMU.
-``run``, ``animate``
-    A whole scenario: co-simulation, references, comparison, files; the moving arm of a run.
-``simulate``, ``load_ssp``, ``Simulator``
-    The master for systems of FMUs of FMI 2.0 and 3.0: one run, or many.
-``sweep``
-    A scenario or package at many points in a durable table.
-``write_robot_page``
-    The page of a robot, with sliders of its joints, for a browser.
-``package_limit``
-    Limit of the unpacked size of a package.
+    An arm at rest, or a system at a time, as a linear system; natural frequencies, damping and mode shapes.
+``vdfmu.dynamics``, ``vdfmu.motion``, ``vdfmu.unit``, ``vdfmu.drive``, ``vdfmu.plugin``
+    Rigid-body dynamics, functions that make motions, and what own units, drives and plugins are made of.
+``VdfmuError``
+    Base of all errors.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from vdfmu.base.version import __version__
+from vdfmu.base.version import __version__ as __version__
 
-if TYPE_CHECKING:
-    from vdfmu.arm.dynamics import (
-        forward_dynamics,
-        forward_kinematics,
-        gravity_torque,
-        inverse_dynamics,
-        jacobian,
-        mass_matrix,
-    )
-    from vdfmu.arm.export import export_robot
-    from vdfmu.arm.fmus import build, build_fmus
-    from vdfmu.arm.imports import robot_from_mjcf, robot_from_urdf
-    from vdfmu.arm.motion.read import load_motion
-    from vdfmu.arm.robot import Robot, load_robot, robot_names
-    from vdfmu.base.errors import VdfmuError
-    from vdfmu.base.state_space import StateSpace
-    from vdfmu.engine.container import write_container
-    from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.package.read import load_ssp
-    from vdfmu.engine.run import Results, Simulator, simulate
-    from vdfmu.study.analysis.arm_space import linearize
-    from vdfmu.study.analysis.modes import Modes, natural_modes
-    from vdfmu.study.connected import System, connect, load
-    from vdfmu.study.report.page import Animation, animate
-    from vdfmu.study.report.robot_page import write_robot_page
-    from vdfmu.study.runs import run
-    from vdfmu.study.sweeps.sweep import Sweep, sweep
-    from vdfmu.system.package.write import write_ssp
-    from vdfmu.system.scenario import Scenario, load_scenario, scenario_names
+if TYPE_CHECKING:  # for checkers and editors, which do not read the table
+    from vdfmu import drive as drive
+    from vdfmu import dynamics as dynamics
+    from vdfmu import motion as motion
+    from vdfmu import plugin as plugin
+    from vdfmu import unit as unit
+    from vdfmu.arm.export import export_robot as export_robot
+    from vdfmu.arm.fmus import build as build
+    from vdfmu.arm.imports import robot_from_mjcf as robot_from_mjcf
+    from vdfmu.arm.imports import robot_from_urdf as robot_from_urdf
+    from vdfmu.arm.motion.read import load_motion as load_motion
+    from vdfmu.arm.robot import load_robot as load_robot
+    from vdfmu.base.errors import VdfmuError as VdfmuError
+    from vdfmu.engine.run import Results as Results
+    from vdfmu.study.analysis.arm_space import linearize as linearize
+    from vdfmu.study.analysis.modes import natural_modes as natural_modes
+    from vdfmu.study.connected import System as System
+    from vdfmu.study.connected import connect as connect
+    from vdfmu.study.connected import load as load
+    from vdfmu.study.judgement import judge as judge
+    from vdfmu.study.runs import run as run
+    from vdfmu.study.sweeps.sweep import sweep as sweep
 
-_NAMES = {
-    "vdfmu.study.analysis.modes": ("Modes", "natural_modes"),
-    "vdfmu.study.analysis.arm_space": ("linearize",),
-    "vdfmu.study.runs": ("run",),
-    "vdfmu.arm.dynamics": (
-        "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
+_PLACES = {
+    "Results": "vdfmu.engine.run",
+    "System": "vdfmu.study.connected",
+    "VdfmuError": "vdfmu.base.errors",
+    "build": "vdfmu.arm.fmus",
+    "connect": "vdfmu.study.connected",
+    "drive": "",
+    "dynamics": "",
+    "export_robot": "vdfmu.arm.export",
+    "judge": "vdfmu.study.judgement",
+    "linearize": "vdfmu.study.analysis.arm_space",
+    "load": "vdfmu.study.connected",
+    "load_motion": "vdfmu.arm.motion.read",
+    "load_robot": "vdfmu.arm.robot",
+    "motion": "",
+    "natural_modes": "vdfmu.study.analysis.modes",
+    "plugin": "",
+    "robot_from_mjcf": "vdfmu.arm.imports",
+    "robot_from_urdf": "vdfmu.arm.imports",
+    "run": "vdfmu.study.runs",
+    "sweep": "vdfmu.study.sweeps.sweep",
+    "unit": "",
+}
+"""Names of the API and their modules, imported at first use so that an FMU does not load the master; "" for modules."""
+_MOVED = {
+    **dict.fromkeys(("ArmEnv", "ArmVectorEnv", "Environment"), "extras.learn"),
+    **dict.fromkeys(("Simulator", "simulate"), "engine.run"),
+    **dict.fromkeys(("Scenario", "load_scenario", "scenario_names"), "system.scenario"),
+    **dict.fromkeys(("Robot", "robot_names"), "arm.robot"),
+    **dict.fromkeys(("Animation", "animate"), "study.report.page"),
+    **dict.fromkeys(
+        ("forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix"),
+        "dynamics",
     ),
-    "vdfmu.engine.run": ("Results", "Simulator", "simulate"),
-    "vdfmu.engine.container": ("write_container",),
-    "vdfmu.base.state_space": ("StateSpace",),
-    "vdfmu.engine.package.read": ("load_ssp",),
-    "vdfmu.engine.package.limits": ("package_limit",),
-    "vdfmu.base.errors": ("VdfmuError",),
-    "vdfmu.arm.fmus": ("build", "build_fmus"),
-    "vdfmu.arm.export": ("export_robot",),
-    "vdfmu.study.connected": ("System", "connect", "load"),
-    "vdfmu.arm.robot": ("Robot", "load_robot", "robot_names"),
-    "vdfmu.arm.motion.read": ("load_motion",),
-    "vdfmu.study.report.page": ("Animation", "animate"),
-    "vdfmu.study.report.robot_page": ("write_robot_page",),
-    "vdfmu.arm.imports": ("robot_from_mjcf", "robot_from_urdf"),
-    "vdfmu.system.scenario": ("Scenario", "load_scenario", "scenario_names"),
-    "vdfmu.system.package.write": ("write_ssp",),
-    "vdfmu.study.sweeps.sweep": ("Sweep", "sweep"),
-}  # fmt: skip
-_MODULES = ("drive", "motion", "plugin", "unit")
-_WHERE = {name: module for module, names in _NAMES.items() for name in names}
-
-__all__ = [
-    "Animation", "Modes", "Results", "Robot", "Scenario", "Simulator",
-    "StateSpace", "Sweep", "System", "VdfmuError", "__version__", "animate", "build", "build_fmus", "connect",
-    "export_robot", "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian",
-    "linearize", "load", "load_motion", "load_robot", "load_scenario", "load_ssp", "mass_matrix", "natural_modes",
-    "package_limit", "robot_from_mjcf", "robot_from_urdf", "robot_names", "run", "scenario_names", "simulate", "sweep",
-    "write_container", "write_robot_page", "write_ssp",
-]  # fmt: skip
+    "Modes": "study.analysis.modes",
+    "StateSpace": "base.state_space",
+    "Sweep": "study.sweeps.sweep",
+    "build_fmus": "arm.fmus",
+    "load_ssp": "engine.package.read",
+    "package_limit": "engine.package.limits",
+    "tune": "extras.tune",
+    "write_container": "engine.container",
+    "write_robot_page": "study.report.robot_page",
+    "write_ssp": "system.package.write",
+}
+"""Names that this package had before, and their modules now."""
+__all__ = [*_PLACES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of the API when it is first used, so that an FMU does not load the master or the plots."""
-    if name in _MODULES:
-        return import_module(f"{__name__}.{name}")
-    if name not in _WHERE:
+    """Import a name of the API."""
+    if name in _MOVED:
+        raise AttributeError(f"vdfmu.{name} is now vdfmu.{_MOVED[name]}.{name}.")
+    if name not in _PLACES:
         raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_WHERE[name]), name)
+    place = _PLACES[name]
+    value = globals()[name] = getattr(import_module(place), name) if place else import_module(f"vdfmu.{name}")
     return value
 
 
 def __dir__() -> list[str]:
     """Names of the API."""
-    return sorted([*__all__, *_MODULES])
+    return sorted(__all__)

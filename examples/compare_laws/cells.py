@@ -15,6 +15,7 @@ from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.motion.read import KINDS
 from vdfmu.base.toml_file import toml_text
 from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import system_values
 
@@ -80,7 +81,7 @@ class Arm:
 
     def write(self, motion: str, law: Law, values: Mapping[str, Any], loop: str) -> Path:
         """Write the scenario of a motion under a law with values of its parameters, and its system."""
-        system = with_units(vdfmu.load_scenario(self.tuning), {"controller": law.unit}).system
+        system = with_units(load_scenario(self.tuning), {"controller": law.unit}).system
         wires = {source: list(targets) for source, targets in system.connections.items()}
         units: dict[str, Any] = {name: {"unit": str(part.unit)} for name, part in system.parts.items()}
         if loop == "sensed":
@@ -113,7 +114,7 @@ class Arm:
 
     def differences(self, path: Path, mismatch: Mismatch, seed: int) -> dict[str, float]:
         """Return the settings by which a mismatch makes a scenario differ from the model of its law."""
-        scenario = vdfmu.load_scenario(path)
+        scenario = load_scenario(path)
         settings = {PAYLOAD: mismatch.payload * self.mass}
         if mismatch.factors:
             nominal = system_values(scenario)["plant"]
@@ -121,7 +122,9 @@ class Arm:
             settings |= {f"plant.{name}": x for name, x in other.items() if nominal.get(name) != x}
         if mismatch.loop == "driven":
             q, q_dot, q_ddot = self._planned("point_to_point")[1]
-            torque = vdfmu.inverse_dynamics(self.robot, q, q_dot, q_ddot) / self.robot.ell + self.robot.I_m * q_ddot
+            torque = (
+                vdfmu.dynamics.inverse_dynamics(self.robot, q, q_dot, q_ddot) / self.robot.ell + self.robot.I_m * q_ddot
+            )
             sigma = mismatch.noise * np.abs(torque).max(axis=0)
             settings |= {f"noise.sigma[{i}]": float(x) for i, x in enumerate(sigma, 1)}
             settings |= {"noise.seed": float(seed), "communication.T_d": 0.0}
@@ -145,7 +148,7 @@ class Arm:
             corner = self.pose + 0.25 * (end - start) * (-1.0) ** np.arange(len(way))
             tried = [("fastest", {"points": [start, corner, end]})]
         else:  # a circle of 4 % of the arm's length, horizontal if the arm can
-            p, _ = vdfmu.forward_kinematics(self.robot, end)
+            p, _ = vdfmu.dynamics.forward_kinematics(self.robot, end)
             tried = []
             for axis in np.eye(3)[::-1]:
                 inward = axis * (axis @ p) - p
@@ -173,7 +176,7 @@ class Arm:
 
     def _wall(self, motion: str) -> dict[str, Any]:
         """Return a wall across the way from the start of a path to its farthest place."""
-        path, _ = vdfmu.forward_kinematics(self.robot, self._planned(motion)[1][0])
+        path, _ = vdfmu.dynamics.forward_kinematics(self.robot, self._planned(motion)[1][0])
         far = path[np.linalg.norm(path - path[0], axis=1).argmax()] - path[0]
         normal = far / np.linalg.norm(far)
         return {"normal": normal, "distance": float((path @ normal).max()) - BEHIND, "k": 2e4, "c": 2.0, "mu": 0.3}

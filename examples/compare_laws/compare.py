@@ -21,6 +21,7 @@ from laws import LAWS, Law, load_law
 
 import vdfmu
 from vdfmu.extras.tune import tune
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
 ARMS = ("manipulator_6dof", "ur5e_6dof", "panda_7dof", "scara_4dof", "kr300_6dof")
@@ -54,7 +55,7 @@ class Of:
                 return float(poses.loops.growth(0.0, float(results.time[-1])).unstable)
             modulus = float(poses.loops.modulus.min())
             return self.least - modulus if self.name == "missing" else modulus
-        wanted = vdfmu.forward_kinematics(self.robot, results["trajectory.q_d"])[0]
+        wanted = vdfmu.dynamics.forward_kinematics(self.robot, results["trajectory.q_d"])[0]
         error = np.linalg.norm(results["plant.p_O"] - wanted, axis=1)
         return float(error.max() if self.name == "peak" else np.sqrt(np.mean(error**2)))
 
@@ -77,7 +78,7 @@ def cells(arm: Arm, law: Law, values: dict[str, Any], options: argparse.Namespac
             path = arm.write(motion, law, values, loop)
             names = [name for name in options.mismatch if MISMATCHES[name].loop == loop]
             settings = [arm.differences(path, MISMATCHES[name], options.seed) for name in names]
-            scenario = vdfmu.load_scenario(path)
+            scenario = load_scenario(path)
             values_of = {f"{c}.{v.name}": v.start for c, table in scenario.resolved.tables.items() for v in table}
             values_of |= {f"{c}.{name}": x for c, each in system_values(scenario).items() for name, x in each.items()}
             targets = list(dict.fromkeys(target for each in settings for target in each))

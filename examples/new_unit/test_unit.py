@@ -4,7 +4,7 @@ import fmpy
 import pytest
 from FILE import NAME
 
-import vdfmu
+from vdfmu.arm.fmus import build_fmus
 
 
 def test_outputs_and_derivatives():
@@ -19,7 +19,7 @@ def test_outputs_and_derivatives():
 
 def test_fmu(tmp_path):
     """The FMU integrates: a constant error gives a ramp."""
-    fmu = next(iter(vdfmu.build_fmus(None, tmp_path, units=[NAME]).values()))
+    fmu = next(iter(build_fmus(None, tmp_path, units=[NAME]).values()))
     result = fmpy.simulate_fmu(
         fmu, stop_time=1.0, output_interval=0.1, start_values={"r": 1.0, "K": 3.0, "T": 2.0}, output=["u"]
     )

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-import vdfmu
 from tests.warm import command
 from vdfmu.base.option import Option
 from vdfmu.cli.app import FunctionCommand
 from vdfmu.cli.commands import COMMANDS, FIRST, app
 from vdfmu.cli.parameters import parameter, rows_by_task
+from vdfmu.engine.run import simulate
 
 
 def commands(name="", node=None):
@@ -110,7 +110,7 @@ def test_a_wrong_keyword_has_a_close_one():
     with pytest.raises(
         TypeError, match=r"simulate\(\) got .* keyword argument 'wait_limmit'; did you mean wait_limit\?"
     ):
-        vdfmu.simulate("x.ssp", wait_limmit=1.0)
+        simulate("x.ssp", wait_limmit=1.0)
 
 
 def test_the_bare_command_names_eight_commands_and_help_has_all_in_groups(tmp_path):

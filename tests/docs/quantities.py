@@ -5,6 +5,7 @@ import numpy as np
 import vdfmu
 from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.robot import robot_names as robot_names
 from vdfmu.arm.robot.catalogue import catalogue, fit_spring
 from vdfmu.arm.units import find_unit as find_unit
 from vdfmu.arm.units import shipped_units
@@ -19,7 +20,8 @@ from vdfmu.extras.laws.units.devices.encoder import PAST as PAST
 from vdfmu.study import coupling_error as coupling_error
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.reach import steepest_fall as steepest_fall
-from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario import load_scenario as load_scenario
+from vdfmu.system.scenario import scenario_names as scenario_names
 from vdfmu.system.scenario.values import group_value
 
 N = 6
@@ -106,7 +108,7 @@ def contact_dampings():
     q, R, normal = (results[name][-1] for name in ("plant.q", "plant.R_O", "wall.N"))
     wall, J = scenario.sections["wall"], jacobian(scenario.robot, q)
     levers = [np.concatenate([R.T @ axis, np.zeros(3)]) @ J for axis in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])]
-    M = vdfmu.mass_matrix(scenario.robot, q)
+    M = vdfmu.dynamics.mass_matrix(scenario.robot, q)
     across, along = (2.0 / scenario.step / (lever @ np.linalg.solve(M, lever)) for lever in levers)
     sliding = wall["mu"] * normal / find_unit("wall").declared["v_eps"].start
     return 0.5 * wall["k"] * scenario.step, wall["c"] * normal, across, sliding, along

@@ -17,6 +17,7 @@ from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, veloc
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.compiler.functions.rodas import GAMMA
 from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
+from vdfmu.engine.run import simulate
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -103,7 +104,7 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
     settings = system_values(scenario, {"controller.K_p": "100", "controller.K_v": "5"})
     package = write_ssp(scenario, cached_fmus(scenario, tmp_path), tmp_path / "system.ssp", settings)
     q = [
-        vdfmu.simulate(
+        simulate(
             package, stop=10.0, step=1e-3, algorithm="gauss-seidel", record=["plant.q[*]"],
             parameters={"plant.tolerance": tolerance},
         )["plant.q"]

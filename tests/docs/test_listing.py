@@ -72,5 +72,5 @@ def test_each_entry_is_in_the_lists_of_fmi_ssp_efmi_and_awesome_things():
     (entry,) = yaml.safe_load(text("awesome-robotics-libraries.yaml"))
     assert entry.keys() == {"name", "github", "description", "license", "languages", "models", "features"}
     assert (entry["name"], entry["license"]) == ("vdfmu", PROJECT["license"])
-    assert {"robot_from_urdf", "robot_from_mjcf", "inverse_dynamics"} <= {*vdfmu.__all__}
+    assert {"robot_from_urdf", "robot_from_mjcf", "dynamics"} <= {*vdfmu.__all__}
     assert {"id", "urdf", "mjcf"} <= {*entry["features"]}

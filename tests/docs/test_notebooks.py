@@ -24,7 +24,7 @@ def test_a_notebook_runs_and_prints_what_it_shows(monkeypatch, name):
     assert any(printed(kept))
     text, pictures = pages.page(name)
     assert "<iframe" not in str(kept)  # its libraries are 0.3 MB; the page makes the arm again
-    assert text.count("<iframe") == sum(cell.source.startswith("vdfmu.animate") for cell in kept.cells)
+    assert text.count("<iframe") == sum("animate(run)" in cell.source for cell in kept.cells)
     assert len(pictures) == text.count("![") >= 1
     for cell in kept.cells:
         assert cell.source in text

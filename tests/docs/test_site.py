@@ -16,11 +16,15 @@ import vdfmu
 from tests.docs.pages import loaded as loaded_versions
 from tests.study.page.browser import Browser
 from vdfmu.arm import dynamics
+from vdfmu.arm.fmus import build_fmus
+from vdfmu.arm.robot import Robot
+from vdfmu.engine.container import write_container
+from vdfmu.engine.run import simulate
 
 pytestmark = pytest.mark.heavy
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTED = [vdfmu.Robot, vdfmu.Results, *(f for f in vars(dynamics).values() if inspect.isfunction(f)),
-              vdfmu.run, vdfmu.simulate, vdfmu.build_fmus, vdfmu.write_container]  # fmt: skip
+DOCUMENTED = [Robot, vdfmu.Results, *(f for f in vars(dynamics).values() if inspect.isfunction(f)),
+              vdfmu.run, simulate, build_fmus, write_container]  # fmt: skip
 
 
 VERSIONS = loaded_versions()

@@ -15,7 +15,7 @@ ARM = ("casadi", "matplotlib", "vdfmu.arm", "vdfmu.compiler", "vdfmu.system")
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("code", [
-    "import vdfmu\nvdfmu.simulate(PATH, stop=0.2, step=0.1)",
+    "from vdfmu.engine.run import simulate\nsimulate(PATH, stop=0.2, step=0.1)",
     "sys.argv[1:] = ['run', PATH, '--stop', '0.2', '--step', '0.1', '--out', OUT]\nrun()",
     "sys.argv[1:] = ['check', PATH]\nrun()",
 ], ids=["run", "vdfmu run", "vdfmu check"])  # fmt: skip

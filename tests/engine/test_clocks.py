@@ -8,13 +8,12 @@ import pytest
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-import vdfmu
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system, with_steps
-from vdfmu.engine.run import Results, simulate
+from vdfmu.engine.run import Results, Simulator, simulate
 
 LOOP = {"c": (models.CONTROLLER, "3.0"), "p": (models.LAG, "3.0")}
 WIRES = ["p.x -> c.e", "c.u -> p.u"]
@@ -157,7 +156,7 @@ def test_components_that_stay_loaded_begin_anew(system, exchange):
     """Clocks, events and solver too."""
     ball = replace(models.BOUNCING_BALL, name="BallME", kinds=("ModelExchange",)) if exchange else models.BOUNCING_BALL
     path = system(LOOP | {"b": (ball, "3.0"), "s": (models.STAIR, "3.0")}, WIRES)
-    with vdfmu.Simulator(path, isolate=False) as simulator:
+    with Simulator(path, isolate=False) as simulator:
         runs = [simulator.run(stop=2.0, step=0.1, parameters={"c.w": w}) for w in (1.0, 2.0, 1.0)]
     for name in runs[0].names:
         np.testing.assert_array_equal(runs[0][name], runs[2][name])

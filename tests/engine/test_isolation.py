@@ -284,8 +284,8 @@ def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_a
 
 def test_after_a_run_the_process_may_end_as_it_likes(package):
     code = (
-        "import ctypes, sys, vdfmu\n"
-        "for _ in range(3): vdfmu.simulate(sys.argv[1], step=0.25, isolate=False)\n"
+        "import ctypes, sys\nfrom vdfmu.engine.run import simulate\n"
+        "for _ in range(3): simulate(sys.argv[1], step=0.25, isolate=False)\n"
         "ctypes.CDLL(None).exit(5)"
     )
     done = subprocess.run(

@@ -21,6 +21,7 @@ from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Results, simulate
 from vdfmu.study.batch.make import make_program
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import load_scenario
 
 TOY = '''
 from vdfmu.engine.masters.sampled import SampledStepper
@@ -167,7 +168,7 @@ def test_what_steps_once_refuses_it(toy, chain, xml, pack, row):
     toy(row)
     own_step = '<ssc:Annotation type="com.opensimulationplatform"><osp:StepSizeHint xmlns:osp='
     own_step += '"http://opensimulationplatform.com/SSP/OSPAnnotations" value="0.2"/></ssc:Annotation>'
-    scenario = replace(vdfmu.load_scenario("planar_tracking"), algorithm="halving")
+    scenario = replace(load_scenario("planar_tracking"), algorithm="halving")
     with pytest.raises(UsageError, match="algorithm: expected gauss-seidel or jacobi, got halving"):
         make_program(SystemDescription(scenario), [])
     slow = xml.component("g", "Gain", "u:input y:output", f"<ssd:Annotations>{own_step}</ssd:Annotations>")

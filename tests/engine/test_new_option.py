@@ -13,6 +13,7 @@ import vdfmu
 from vdfmu.base.option import declared
 from vdfmu.engine.options import SimulateOptions
 from vdfmu.engine.package_run import run_system
+from vdfmu.engine.run import simulate
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.options import ScenarioRunOptions, SweepOptions
 
@@ -51,13 +52,15 @@ def python(tmp_path_factory):
 def test_a_new_option_is_declared_in_one_file(python, pack):
     components = ["r Ramp y:output", "g Gain u:input y:output"]
     package = pack(components, ["r.y -> g.u"])
-    functions = "vdfmu.run, vdfmu.simulate, vdfmu.sweep"
-    shown = python(code=f"import vdfmu\nfor f in ({functions}): help(f)")
+    imports = "import vdfmu\nfrom vdfmu.engine.run import simulate\n"
+    functions = "vdfmu.run, vdfmu.sweep, simulate"
+    shown = python(code=f"{imports}for f in ({functions}): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 3
     assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 3  # without quotes from Python 3.14 on
     for command in (["run"], ["run", "x.ssp"], ["sweep", "run"], ["linear"]):
         assert re.search("--label .* Toy: name", python(*command, "--help"))
-    code = f"import vdfmu\nprint(vdfmu.simulate({str(package)!r}, step=0.1, stop=1.0, label='mine').summary['label'])"
+    runs = f"simulate({str(package)!r}, step=0.1, stop=1.0, label='mine')"
+    code = f"from vdfmu.engine.run import simulate\nprint({runs}.summary['label'])"
     assert python(code=code) == "mine\n"
     python("run", str(package), "--step", "0.1", "--stop", "1", "--label", "typed", "--out", "out")
     assert '"label": "typed"' in python(code="print(open('out/summary.json').read())")
@@ -74,7 +77,7 @@ def test_the_run_of_a_scenario_and_its_sweep_pass_it_to_the_master(python):
 
 
 @pytest.mark.parametrize(("function", "options"), [
-    (vdfmu.run, ScenarioRunOptions), (vdfmu.simulate, SimulateOptions), (vdfmu.sweep, SweepOptions),
+    (vdfmu.run, ScenarioRunOptions), (simulate, SimulateOptions), (vdfmu.sweep, SweepOptions),
 ])  # fmt: skip
 def test_help_names_each_option_with_type_default_and_sentence(function, options):
     text, parameters = inspect.getdoc(function), inspect.signature(function).parameters
@@ -87,11 +90,11 @@ def test_help_names_each_option_with_type_default_and_sentence(function, options
 
 
 def test_an_option_that_there_is_not_is_refused():
-    for function in (vdfmu.run, vdfmu.simulate, vdfmu.sweep, run_system, Simulator):
+    for function in (vdfmu.run, simulate, vdfmu.sweep, run_system, Simulator):
         words = rf"{function.__name__}\(\) got an unexpected keyword argument 'stepp'"
         with pytest.raises(TypeError, match=words):
             function("tracking", stepp=0.1)
     with pytest.raises(TypeError, match="'recrod'; did you mean record"):
-        vdfmu.simulate("tracking.ssp", recrod=["plant.q"])
+        simulate("tracking.ssp", recrod=["plant.q"])
     with pytest.raises(TypeError, match=r"simulate\(\) too many positional arguments"):
-        vdfmu.simulate("tracking.ssp", 0.1)
+        simulate("tracking.ssp", 0.1)

@@ -10,6 +10,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import declared, type_problem
 from vdfmu.engine import options as of_systems
 from vdfmu.engine.plan.inputs import read_inputs
+from vdfmu.engine.run import Simulator
 from vdfmu.study import options as of_studies
 from vdfmu.study.sweeps.axes import read_axes
 
@@ -49,7 +50,7 @@ def test_so_it_is_of_a_study(wrong):
 def test_so_it_is_of_arguments_and_of_a_run_of_a_simulator(arm_package):
     with pytest.raises(UsageError, match=r"^opened: .*, got 'plant.tau'. Put it into a list: \['plant.tau'\]"):
         vdfmu.linearize("planar_tracking", 0.1, sampled=True, opened="plant.tau")
-    with vdfmu.Simulator(arm_package("python")) as simulator:
+    with Simulator(arm_package("python")) as simulator:
         for run in (simulator.run, simulator.reset):
             with pytest.raises(UsageError, match="^parameters: expected a mapping with texts as keys, got 3"):
                 run(stop=0.01, parameters=3)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-import vdfmu
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.run import Simulator, simulate
 
 OPTIONS = {"stop": 0.05, "step": 1e-3}
 CHANGED = {"plant.I_m[1]": 2e-3}  # another rotor, so another run
@@ -18,10 +18,10 @@ def same(a, b):
 @pytest.mark.parametrize("backend", ["native", "python"])
 def test_each_run_is_that_of_components_that_are_new(arm_package, backend, algorithm):
     options = OPTIONS | {"stop": 0.02}
-    alone = vdfmu.simulate(arm_package(backend), algorithm=algorithm, **options)
-    changed = vdfmu.simulate(arm_package(backend), algorithm=algorithm, parameters=CHANGED, **options)
+    alone = simulate(arm_package(backend), algorithm=algorithm, **options)
+    changed = simulate(arm_package(backend), algorithm=algorithm, parameters=CHANGED, **options)
     assert not same(alone, changed)
-    with vdfmu.Simulator(arm_package(backend), algorithm=algorithm) as simulator:
+    with Simulator(arm_package(backend), algorithm=algorithm) as simulator:
         first = simulator.run(**options)
         other = simulator.run(parameters=CHANGED, **options)
         again = simulator.run(**options)
@@ -31,13 +31,13 @@ def test_each_run_is_that_of_components_that_are_new(arm_package, backend, algor
 
 
 def test_each_run_has_its_own_times_and_signals(package):
-    with vdfmu.Simulator(package) as simulator:
+    with Simulator(package) as simulator:
         short = simulator.run(stop=0.01, step=2e-3, record=["plant.q[*]"])
         long = simulator.run(start=0.5, stop=0.53, step=1e-3)
     assert short.names == ["plant.q[1]", "plant.q[2]"] and len(short) == 6
-    alone = vdfmu.simulate(package, start=0.5, stop=0.53, step=1e-3)
+    alone = simulate(package, start=0.5, stop=0.53, step=1e-3)
     assert same(long, alone) and long.time[0] == 0.5
-    with vdfmu.Simulator(package) as simulator:
+    with Simulator(package) as simulator:
         alone = simulator.run(**OPTIONS)
         before = list(alone.messages)
         with pytest.raises(CosimError, match="plant"):
@@ -48,7 +48,7 @@ def test_each_run_has_its_own_times_and_signals(package):
 
 @pytest.mark.heavy
 def test_isolated_components_run_again(package):
-    with vdfmu.Simulator(package, isolate=True) as simulator:
+    with Simulator(package, isolate=True) as simulator:
         first = simulator.run(**OPTIONS)
         again = simulator.run(**OPTIONS)
     assert first.summary["isolated"]
@@ -56,8 +56,8 @@ def test_isolated_components_run_again(package):
 
 
 def test_what_is_wrong_is_told_where_it_is_said(package):
-    simulator = vdfmu.Simulator(package)
-    with pytest.raises(UsageError, match="'with vdfmu.Simulator"):
+    simulator = Simulator(package)
+    with pytest.raises(UsageError, match="'with Simulator"):
         simulator.run(**OPTIONS)
     with simulator:
         with pytest.raises(UsageError, match=r"has no variable 'mess'"):
@@ -68,8 +68,8 @@ def test_what_is_wrong_is_told_where_it_is_said(package):
     with pytest.raises(UsageError, match="made in a block"):
         simulator.run(**OPTIONS)
     with pytest.raises(UsageError, match="tolerance must be positive"):
-        vdfmu.Simulator(package, tolerance=0.0)
-    with pytest.raises((SspError, UsageError)), vdfmu.Simulator(package, parameters={"plant.mess": 1.0}):
+        Simulator(package, tolerance=0.0)
+    with pytest.raises((SspError, UsageError)), Simulator(package, parameters={"plant.mess": 1.0}):
         pass
 
 
@@ -91,8 +91,8 @@ def test_steps_by_hand_are_those_of_a_run(arm_package, backend, algorithm):
     force = np.where(times > 0.0, 5.0 * np.sin(200.0 * times), 0.0)
     inputs = {"plant.F_e[2]": (times, force)}
     options = {"algorithm": algorithm, "isolate": False}
-    run = vdfmu.simulate(arm_package(backend), inputs=inputs, input_hold=True, **options, **OPTIONS)
-    with vdfmu.Simulator(arm_package(backend), **options) as simulator:
+    run = simulate(arm_package(backend), inputs=inputs, input_hold=True, **options, **OPTIONS)
+    with Simulator(arm_package(backend), **options) as simulator:
         first = pushed(simulator, lambda k: force[k])
         assert simulator.time == OPTIONS["stop"]
         assert simulator.get("plant.E_kin") == run["plant.E_kin"][-1]
@@ -105,7 +105,7 @@ def test_steps_by_hand_are_those_of_a_run(arm_package, backend, algorithm):
 
 
 def test_by_hand_runs_and_other_values_take_turns(package):
-    with vdfmu.Simulator(package) as simulator:
+    with Simulator(package) as simulator:
         plain = simulator.run(**OPTIONS)
         simulator.reset(**OPTIONS, parameters=CHANGED)
         simulator.step(50)
@@ -120,7 +120,7 @@ def test_by_hand_runs_and_other_values_take_turns(package):
 
 
 def test_what_is_wrong_by_hand_is_said_and_a_reset_is_cheap(package, calls):
-    with vdfmu.Simulator(package) as simulator:
+    with Simulator(package) as simulator:
         simulator.reset(**OPTIONS)
         for name, text in (
             ("plant.tau[1]", "controller.tau\\[1\\] feeds it"),
@@ -137,7 +137,7 @@ def test_what_is_wrong_by_hand_is_said_and_a_reset_is_cheap(package, calls):
             with pytest.raises(UsageError, match="expected a (whole number|number of steps, 0 or more)"):
                 simulator.step(count)
         simulator.step(50)
-    with vdfmu.Simulator(package) as simulator:
+    with Simulator(package) as simulator:
         first = calls(lambda: simulator.reset(**OPTIONS))
         again = calls(lambda: simulator.reset(**OPTIONS))
     assert again < first / 50  # four states of some kB are copied: 129 calls, and 20,900 with an initialization

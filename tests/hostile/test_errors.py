@@ -5,7 +5,7 @@ import inspect
 import pytest
 from click.testing import CliRunner
 
-import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.text import error_text, kind_text
@@ -62,7 +62,7 @@ def test_a_unit_that_raises_such_an_error_is_refused_in_words(tmp_path, place):
         f"from vdfmu.unit import Output, Parameter, Unit\n{inspect.getsource(MuteError)}{CASES[place]}\n"
     )
     with pytest.raises(VdfmuError, match=SAID):
-        vdfmu.build_fmus(None, tmp_path, units=str(tmp_path / "u.py"), backend="python")
+        build_fmus(None, tmp_path, units=str(tmp_path / "u.py"), backend="python")
 
 
 @pytest.mark.parametrize("name", ["a:x:b", ":smile:", "[red]x[/red]"])

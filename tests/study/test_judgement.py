@@ -13,6 +13,7 @@ from tests.conftest import heavy, invoked, ran, refused
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.coupling_error import KINDS, OPEN, RIGHT, WRONG, differences, error_of, kind_of, verdict_of
@@ -115,7 +116,7 @@ def test_a_period_that_is_declared_is_kept(tmp_path):
     continuous = system.judge(0.001, step=0.005, algorithm="jacobi", sampled=False)
     assert continuous.verdict == WRONG
     package = system.write(tmp_path / "loop.ssp")
-    flat = vdfmu.load_ssp(package)
+    flat = load_ssp(package)
     parts = tuple(replace(each, step=0.005) if each.name == "law" else each for each in flat.components)
     sampled = judge(replace(flat, components=parts), 0.001, step=0.005, algorithm="gauss-seidel")
     assert "Kept periods: law 5 ms." in sampled.text

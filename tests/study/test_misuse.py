@@ -7,9 +7,11 @@ import pytest
 
 import vdfmu
 from tests.conftest import invoked
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import ModelError, UsageError, VdfmuError
 from vdfmu.base.files import data_path
+from vdfmu.system.scenario import load_scenario
 
 LAG = find_unit(data_path("examples") / "units" / "low_pass.py")
 BAD = [
@@ -56,11 +58,11 @@ def calls(folder, system):
         "load_motion": (vdfmu.load_motion, dict(path="none.toml", robot=robot)),
         "robot_from_urdf": (vdfmu.robot_from_urdf, dict(path="none.urdf", base=None, tip=None, drives=None)),
         "build": (vdfmu.build, dict(unit="nothing", path=folder / "n.fmu", robot=None, fmi="2.0", parameters=None)),
-        "build_fmus": (vdfmu.build_fmus, dict(robot=None, out_dir=folder, units="nothing", parameters=None)),
+        "build_fmus": (build_fmus, dict(robot=None, out_dir=folder, units="nothing", parameters=None)),
         "linearize": (vdfmu.linearize, dict(system=robot, at=[0.0, 0.0], dry=False, opened=())),
-        "forward_kinematics": (vdfmu.forward_kinematics, dict(robot=robot, q=[0.0, 0.0])),
+        "forward_kinematics": (vdfmu.dynamics.forward_kinematics, dict(robot=robot, q=[0.0, 0.0])),
         "load_robot": (vdfmu.load_robot, dict(path_or_name="planar_2dof")),
-        "load_scenario": (vdfmu.load_scenario, dict(path_or_name="planar_tracking", robot=None)),
+        "load_scenario": (load_scenario, dict(path_or_name="planar_tracking", robot=None)),
     }  # fmt: skip
     simulator.__exit__(None, None)
 
@@ -128,4 +130,4 @@ def test_old_options_answer_with_the_new_ones(tmp_path):
     scenario = tmp_path / "old.toml"
     scenario.write_text('name = "old"\nstop = 0.1\nstep = 0.1\nmaster = "jacobi"\n')
     with pytest.raises(ModelError, match="master: expected a known key, got an unknown one. It is now algorithm."):
-        vdfmu.load_scenario(scenario)
+        load_scenario(scenario)

@@ -16,6 +16,7 @@ from tests.warm import command
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.option import read_settings
 from vdfmu.compiler.unit.load import load_units
+from vdfmu.engine.run import simulate
 from vdfmu.system.scenario.scenario_file import load_scenario
 from vdfmu.system.scenario.values import start_values, system_values
 
@@ -101,7 +102,7 @@ def _ssv(place, name, value):
     path = place / "given.ssp"
     package = texts.ssd(texts.elements(texts.component("a", inner=bound)))
     path.write_bytes(zipped({"SystemStructure.ssd": package, "a.fmu": (place / "a.fmu").read_bytes()}))
-    vdfmu.simulate(path, stop=0.02, step=0.01)
+    simulate(path, stop=0.02, step=0.01)
 
 
 @pytest.mark.parametrize(("name", "value"), VALUES)

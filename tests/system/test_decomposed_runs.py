@@ -19,6 +19,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.base.errors import SspError, UsageError
+from vdfmu.engine.run import simulate
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.decomposed import decomposed
@@ -55,7 +56,7 @@ def compare(pieces: Any, whole: Any, n: int, tolerance: float) -> None:
 
 def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
     """It is integrated as one, by another solver: errors of both, at tolerances of 1e-10 and 1e-11, in 500 steps."""
-    pieces = vdfmu.simulate(package(load_scenario("tracking"), tmp_path), stop=0.5, tolerance=1e-10)
+    pieces = simulate(package(load_scenario("tracking"), tmp_path), stop=0.5, tolerance=1e-10)
     whole = vdfmu.run("tracking", stop=0.5, parameters={"plant.tolerance": 1e-11}, reference=False, out=False)
     compare(pieces, whole, 6, 1e-9)
     order = pieces.summary["order"]
@@ -76,7 +77,7 @@ def test_the_papers_arm_runs_as_in_one_piece(tmp_path):
 def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
     scenario = replace(load_scenario("tracking"), robot=load_robot(robot), sections={})
     moved = {f"trajectory.q_end[{i + 1}]": 0.02 for i in range(scenario.arm.n)} | settings
-    pieces = vdfmu.simulate(package(scenario, tmp_path, moved), stop=0.05, tolerance=1e-10)
+    pieces = simulate(package(scenario, tmp_path, moved), stop=0.05, tolerance=1e-10)
     exact = {**moved, "plant.tolerance": 1e-11}
     whole = vdfmu.run(scenario, stop=0.05, parameters=exact, reference=False, out=False)
     compare(pieces, whole, scenario.arm.n, 1e-9)
@@ -93,7 +94,7 @@ def test_a_body_with_two_arms_runs(tmp_path):
     values["torso_joint"] = {"q_0": 0.3}
     scenario = replace(tracking, system=system, sections={}, robot=None)
     path = write_ssp(scenario, build_parts(scenario, tmp_path), tmp_path / "torso.ssp", values)
-    run = vdfmu.simulate(path, stop=0.1, tolerance=1e-10)
+    run = simulate(path, stop=0.1, tolerance=1e-10)
     arms = [f"{side}_joint_{i}" for side in "CD" for i in (1, 2)]
     assert set(run.summary["order"][:10]) == {*units} - {"base"}
     assert np.abs(run["C_joint_1.q"][-1] - run["C_joint_1.q"][0]) > 1e-3  # it moves
@@ -128,13 +129,13 @@ def test_as_co_simulation_it_takes_the_master_that_repeats_steps(tmp_path, name,
     path = as_co_simulation(package(scenario, tmp_path))
     whole = write_ssp(scenario, build_parts(scenario, tmp_path / "whole"), tmp_path / "whole.ssp")
     with pytest.raises(SspError, match="gauss-seidel cannot order plant_joint_1, plant_link_1"):
-        vdfmu.simulate(path, stop=0.01)
+        simulate(path, stop=0.01)
     errors: list[float] = []
     joints = range(1, scenario.arm.n + 1)
     for step in steps:
         options: dict[str, Any] = {"step": step, "stop": 0.1, "algorithm": "iterative", "convergence": 1e-12}
-        pieces = vdfmu.simulate(path, parameters={f"plant_joint_{i}.tolerance": 1e-12 for i in joints}, **options)
-        expected = vdfmu.simulate(whole, parameters={"plant.tolerance": 1e-12}, **options)
+        pieces = simulate(path, parameters={f"plant_joint_{i}.tolerance": 1e-12 for i in joints}, **options)
+        expected = simulate(whole, parameters={"plant.tolerance": 1e-12}, **options)
         errors.append(max(np.abs(pieces[f"plant_joint_{i}.q"] - expected[f"plant.q[{i}]"]).max() for i in joints))
     # the jerk of the start is some 1e3 rad/s3: of the line h^2/8 times its rate is left, over a tenth of a second
     assert errors[0] < 3e-8

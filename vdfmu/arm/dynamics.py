@@ -49,7 +49,7 @@ def inverse_dynamics(
     Examples
     --------
     >>> robot = vdfmu.load_robot("manipulator_6dof")
-    >>> vdfmu.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
+    >>> vdfmu.dynamics.inverse_dynamics(robot, [0] * 6, [0] * 6, [0] * 6).round(3)
     array([ 0.   , 31.884, 13.049,  0.   ,  2.943,  0.   ])
     """
     return _under_wrench(robot, "inverse_dynamics", (q, q_dot, q_ddot), F_e)

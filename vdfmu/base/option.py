@@ -251,7 +251,10 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 """Annotation, or its part before a bracket, to type in words and its check. Types without a row are not checked."""
 
 
-_LOADERS = {"a Robot": "load_robot", "a Scenario": "load_scenario", "a System": "load", "a Motion": "load_motion"}
+_LOADERS = {
+    "a Robot": "load_robot", "a Scenario": "system.scenario.load_scenario", "a System": "load",
+    "a Motion": "load_motion",
+}  # fmt: skip
 """Type in words to the function that loads one."""
 
 

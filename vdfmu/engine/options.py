@@ -1,7 +1,7 @@
 """The options of a run: each is declared here once, and known then to Python, the command line and the documentation.
 
 `vdfmu.study.options` adds the options of scenarios and studies. An option of `CouplingOptions` belongs to runs of all
-kinds: scenarios, packages, sweeps, tuning and margins have it, and `vdfmu.Simulator` receives it.
+kinds: scenarios, packages, sweeps, tuning and margins have it, and `vdfmu.engine.run.Simulator` receives it.
 """
 
 # Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
@@ -160,11 +160,11 @@ class AlgorithmOptions(LoadedOptions, total=False):
 
 
 class SimulatorOptions(AlgorithmOptions, total=False):
-    """Options of `vdfmu.Simulator`."""
+    """Options of `vdfmu.engine.run.Simulator`."""
 
 
 class RowOptions(RecordOptions, total=False):
-    """Options of `vdfmu.Simulator.run`."""
+    """Options of `vdfmu.engine.run.Simulator.run`."""
 
     progress: Annotated["Steps | bool | None", Option("Called as ``progress(k, n)`` at the start, at the end and at "
         "most 100 times in between; True shows a bar, on the terminal or in the notebook.", "callable or bool",
@@ -179,7 +179,7 @@ class RowOptions(RecordOptions, total=False):
 
 
 class SimulateOptions(RowOptions, SimulatorOptions, total=False):
-    """Options of `vdfmu.simulate`."""
+    """Options of `vdfmu.engine.run.simulate`."""
 
 
 class ResultOptions(ProgressOptions, total=False):

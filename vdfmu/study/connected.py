@@ -128,7 +128,7 @@ class System:
         Raises
         ------
         UsageError, SspError, CosimError
-            See :func:`vdfmu.simulate`.
+            See :func:`vdfmu.engine.run.simulate`.
         """
         results = self._simulate(self._with(options))
         if self._scenario is not None:
@@ -172,7 +172,7 @@ class System:
 
     @with_options
     def instance(self, **options: Unpack[SimulatorOptions]) -> Simulator:
-        """Return the system as a loaded :class:`vdfmu.Simulator`, for many runs or steps by hand, used by ``with``."""
+        """Return the system as a `vdfmu.engine.run.Simulator`, for many runs or steps by hand, used by ``with``."""
         simulator = Simulator(self.path, **self._with(options))
         simulator.owner = self._keep
         return simulator
@@ -213,7 +213,7 @@ class System:
 
     @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
-        """Write the system as one FMU, see :func:`vdfmu.write_container`; the default step is the system's."""
+        """Write the system as one FMU, see `vdfmu.engine.container.write_container`; default step of the system."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")

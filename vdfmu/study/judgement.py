@@ -147,7 +147,7 @@ def judge(
     Raises
     ------
     UsageError, SspError
-        See :func:`vdfmu.simulate`; UsageError for systems without connected signals.
+        See :func:`vdfmu.engine.run.simulate`; UsageError for systems without connected signals.
     """
     sampled, how = options["sampled"], pick(SimulatorOptions, options)
     check_wanted(wanted, sampled, how["adaptive"])

@@ -4,14 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import vdfmu
 from tests.arm.balanced import EVERY_CHAIN
+from vdfmu import dynamics
 from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.base.errors import KernelError, UsageError
 
-FUNCTIONS = (vdfmu.gravity_torque, vdfmu.mass_matrix, vdfmu.jacobian, vdfmu.forward_kinematics)
+FUNCTIONS = (dynamics.gravity_torque, dynamics.mass_matrix, dynamics.jacobian, dynamics.forward_kinematics)
 
 
 def positions(chain, draw, seed):
@@ -23,8 +23,8 @@ def test_batches_agree_with_pinocchio(chain, draw, pinocchio_model):
     data = model.createData()
     tool = pin.SE3(chain.tool_rotation, chain.tool_offset)
     q = positions(chain, draw, seed=80)
-    p_O, R_O = vdfmu.forward_kinematics(chain, q)
-    results = zip(q, vdfmu.gravity_torque(chain, q), vdfmu.mass_matrix(chain, q), vdfmu.jacobian(chain, q),
+    p_O, R_O = dynamics.forward_kinematics(chain, q)
+    results = zip(q, dynamics.gravity_torque(chain, q), dynamics.mass_matrix(chain, q), dynamics.jacobian(chain, q),
                   p_O, R_O, strict=True)  # fmt: skip
     for q_k, G, M, J_q, p, R in results:
         theirs = pin.computeGeneralizedGravity(model, data, q_k)
@@ -47,7 +47,7 @@ def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
     q = positions(chain, draw, seed=81)
     p_O, R_O = end_effector_pose(chain, q[0])
     expected = (equilibrium_torque(chain, q[0]), joint_space_mass_matrix(chain, q[0]), jacobian(chain, q[0]))
-    p, R = vdfmu.forward_kinematics(chain, q[0])
+    p, R = dynamics.forward_kinematics(chain, q[0])
     actual = [function(chain, q[0]) for function in FUNCTIONS[:3]]
     for a, b in zip([*actual, p, R], [*expected, p_O, R_O], strict=True):
         assert a.shape == b.shape
@@ -64,18 +64,18 @@ def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
 @EVERY_CHAIN
 def test_gravity_torque_and_mass_matrix_make_up_the_inverse_dynamics(chain, draw):
     state = draw(chain, 1, seed=82)[0]
-    tau = vdfmu.inverse_dynamics(chain, state.q, np.zeros(chain.n), state.q_ddot, state.F_e)
+    tau = dynamics.inverse_dynamics(chain, state.q, np.zeros(chain.n), state.q_ddot, state.F_e)
     parts = (
-        vdfmu.mass_matrix(chain, state.q) @ state.q_ddot
-        + vdfmu.gravity_torque(chain, state.q)
-        + vdfmu.jacobian(chain, state.q).T @ state.F_e
+        dynamics.mass_matrix(chain, state.q) @ state.q_ddot
+        + dynamics.gravity_torque(chain, state.q)
+        + dynamics.jacobian(chain, state.q).T @ state.F_e
     )
     # n products more than the inverse dynamics, whose bound is 1e-12.
     np.testing.assert_allclose(parts, tau, rtol=0, atol=1e-12 * np.abs(tau).max())
 
 
 def test_pose_of_no_position_is_empty(planar):
-    p_O, R_O = vdfmu.forward_kinematics(planar, np.empty((0, 2)))
+    p_O, R_O = dynamics.forward_kinematics(planar, np.empty((0, 2)))
     assert p_O.shape == (0, 3) and R_O.shape == (0, 3, 3)
 
 
@@ -94,6 +94,6 @@ def test_a_result_that_is_not_finite_is_an_error(planar):
     broken, zero = planar.with_parameters(mass=0.0, inertia=np.zeros((3, 3))), np.zeros(2)
     for q in (zero, np.zeros((3, 2))):
         with pytest.raises(KernelError, match="forward_dynamics: expected a finite result, got nan .* check_robot"):
-            vdfmu.forward_dynamics(broken, q, zero, zero)
+            dynamics.forward_dynamics(broken, q, zero, zero)
     with pytest.raises(KernelError, match="q: expected numbers of shape .* int too large"):
-        vdfmu.gravity_torque(planar, [10**400, 0.0])
+        dynamics.gravity_torque(planar, [10**400, 0.0])

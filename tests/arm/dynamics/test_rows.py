@@ -24,31 +24,31 @@ def motion(n, m, seed=1):
 
 def test_one_state_prepares_nothing_again(arm, monkeypatch):
     q, q_dot, q_ddot = (array[0] for array in motion(arm.n, 1))
-    expected = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
+    expected = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
 
     def refused(*_):
         raise AssertionError("prepared again")
 
     monkeypatch.setattr(KernelFunction, "__init__", refused)
-    np.testing.assert_array_equal(vdfmu.inverse_dynamics(arm, q, list(q_dot), tuple(q_ddot)), expected)
-    vdfmu.inverse_dynamics(arm, q + 1.0, q_dot, q_ddot)
-    again = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
+    np.testing.assert_array_equal(vdfmu.dynamics.inverse_dynamics(arm, q, list(q_dot), tuple(q_ddot)), expected)
+    vdfmu.dynamics.inverse_dynamics(arm, q + 1.0, q_dot, q_ddot)
+    again = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
     np.testing.assert_array_equal(again, expected)
 
 
 def test_results_of_one_state_are_copies_and_threads_do_not_meet(arm):
-    first = vdfmu.gravity_torque(arm, np.zeros(arm.n))
+    first = vdfmu.dynamics.gravity_torque(arm, np.zeros(arm.n))
     before = first.copy()
-    vdfmu.gravity_torque(arm, np.ones(arm.n))
+    vdfmu.dynamics.gravity_torque(arm, np.ones(arm.n))
     np.testing.assert_array_equal(first, before)
     q, q_dot, q_ddot = motion(arm.n, 200)
-    expected = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
+    expected = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
     wrong = []
 
     def work():
         for _ in range(5):
             for k in range(200):
-                tau = vdfmu.inverse_dynamics(arm, q[k], q_dot[k], q_ddot[k])
+                tau = vdfmu.dynamics.inverse_dynamics(arm, q[k], q_dot[k], q_ddot[k])
                 wrong.extend([k] if np.any(tau != expected[k]) else [])
 
     threads = [threading.Thread(target=work) for _ in range(4)]
@@ -62,21 +62,23 @@ def test_results_of_one_state_are_copies_and_threads_do_not_meet(arm):
 def test_a_large_batch_runs_compiled_and_says_the_same(arm, monkeypatch):
     q, q_dot, q_ddot = motion(arm.n, 300)
     F_e = np.arange(6.0)
-    plain = vdfmu.inverse_dynamics(arm, q, q_dot[0], q_ddot, F_e)
+    plain = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot[0], q_ddot, F_e)
     monkeypatch.setattr(kernel, "_WORTH", 400)
 
     def refused(*_):
         raise AssertionError("not compiled")
 
     monkeypatch.setattr(Kernel, "calculate", refused)
-    fast = vdfmu.inverse_dynamics(arm, q, q_dot[0], q_ddot, F_e)
+    fast = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot[0], q_ddot, F_e)
     monkeypatch.undo()
     # the same operations; sin and cos of another library differ by a rounding of terms of at most some 100 N m
     np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-12)
-    pose = vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot)  # not contiguous, and not yet compiled
+    pose = vdfmu.dynamics.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot)  # not contiguous, and not yet compiled
     monkeypatch.setattr(kernel, "_WORTH", 0)
     # accelerations of at most some 1e3 rad/s2
-    np.testing.assert_allclose(vdfmu.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot), pose, rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(
+        vdfmu.dynamics.forward_dynamics(arm, q[:, ::-1], q_dot, q_ddot), pose, rtol=1e-12, atol=1e-10
+    )
 
 
 def test_a_large_batch_is_checked_too_and_without_the_compiler_the_same(arm, monkeypatch):
@@ -84,10 +86,10 @@ def test_a_large_batch_is_checked_too_and_without_the_compiler_the_same(arm, mon
     q = np.zeros((100, arm.n))
     q[7, 1] = np.nan
     with pytest.raises(KernelError, match=r"q\[7, 1\]: expected a finite number, got nan"):
-        vdfmu.gravity_torque(arm, q)
-    assert vdfmu.gravity_torque(arm, q[:0]).shape == (0, arm.n)
+        vdfmu.dynamics.gravity_torque(arm, q)
+    assert vdfmu.dynamics.gravity_torque(arm, q[:0]).shape == (0, arm.n)
     q, q_dot, q_ddot = motion(arm.n, 10)
-    plain = vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot)
+    plain = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
     monkeypatch.setattr(kernel, "_WORTH", 0)
     monkeypatch.setattr(loaded, "native_available", lambda: False)
-    np.testing.assert_array_equal(vdfmu.inverse_dynamics(arm, q, q_dot, q_ddot), plain)
+    np.testing.assert_array_equal(vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot), plain)

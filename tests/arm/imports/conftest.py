@@ -9,6 +9,7 @@ import pytest
 from lxml import etree
 
 import vdfmu
+from vdfmu.arm.robot import Robot
 
 INERTIAL = """<inertial><origin xyz="0.1 0.02 0.3" rpy="0.1 0.2 0.3"/><mass value="2"/>
 <inertia ixx="0.03" iyy="0.04" izz="0.02" ixy="0.001" ixz="-0.002" iyz="0.003"/></inertial>"""
@@ -71,9 +72,7 @@ def pinocchio_arm(path: Path, moving: list[str]) -> pin.Model:
     return model
 
 
-def differences(
-    robot: vdfmu.Robot, model: pin.Model, states: int, scale: float = 2.0, seed: int = 1
-) -> tuple[float, float]:
+def differences(robot: Robot, model: pin.Model, states: int, scale: float = 2.0, seed: int = 1) -> tuple[float, float]:
     data, random = model.createData(), np.random.default_rng(seed)
     q, q_dot, q_ddot = random.uniform(-scale, scale, (3, states, robot.n))
     turns = [model.joints[i + 1].nq == 2 for i in range(robot.n)]  # a continuous joint is a point on a circle
@@ -87,12 +86,12 @@ def differences(
         return float((np.abs(ours - theirs).max(axis=1) / np.abs(theirs).max(axis=1)).max())
 
     return (
-        relative(vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot), torques),
-        relative(vdfmu.forward_dynamics(robot, q, q_dot, np.array(torques)), accelerations),
+        relative(vdfmu.dynamics.inverse_dynamics(robot, q, q_dot, q_ddot), torques),
+        relative(vdfmu.dynamics.forward_dynamics(robot, q, q_dot, np.array(torques)), accelerations),
     )
 
 
-def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states: int = 20) -> float:
+def largest_difference(path: Path, robot: Robot, joints: list[str], states: int = 20) -> float:
     """Return the largest relative difference of inverse dynamics to those of MuJoCo, all other joints at 0."""
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
@@ -109,6 +108,6 @@ def largest_difference(path: Path, robot: vdfmu.Robot, joints: list[str], states
             data.qpos[place.qposadr], data.qvel[place.dofadr], data.qacc[place.dofadr] = values
         mujoco.mj_inverse(model, data)
         theirs = np.array([data.qfrc_inverse[place.dofadr[0]] for place in places])
-        ours = vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot)
+        ours = vdfmu.dynamics.inverse_dynamics(robot, q, q_dot, q_ddot)
         worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(theirs).max()))
     return worst

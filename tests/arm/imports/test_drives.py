@@ -8,6 +8,7 @@ import pytest
 import vdfmu
 from tests.arm.imports.conftest import ARM, LIMIT, joint, link
 from vdfmu.arm.imports import import_robot
+from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.parameters import PARAMETERS, section
 from vdfmu.arm.robot.plain import PLAIN
@@ -18,7 +19,7 @@ ASSUMED = tomllib.loads((data_path("models") / "drives" / "assumed.toml").read_t
 ONE = link("ground", "") + link("one")
 
 
-def one_joint(urdf, kind: str = "revolute", inside: str = LIMIT) -> vdfmu.Robot:
+def one_joint(urdf, kind: str = "revolute", inside: str = LIMIT) -> Robot:
     return vdfmu.robot_from_urdf(urdf(ONE + joint("a", "ground", "one", kind, inside=inside)))
 
 

@@ -12,11 +12,12 @@ import vdfmu
 from tests.arm.imports.conftest import differences, largest_difference, pinocchio_arm
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative
 from vdfmu.arm.imports import import_robot
+from vdfmu.arm.robot import Robot
 
 STEP, STOP = 1e-4, 0.1
 
 
-def linear(robot: vdfmu.Robot, **flags: bool) -> vdfmu.Robot:
+def linear(robot: Robot, **flags: bool) -> Robot:
     """Return the robot with the drives that MuJoCo has too: linear springs, viscous friction, no limits."""
     robot = dataclasses.replace(robot, friction="lumped", limits=False, **flags)
     return robot.with_parameters(c_f=1e-9, c_w=1e-9, f_c=0.0, f_s=0.0, theta_err_amplitude=0.0)

@@ -7,7 +7,7 @@ import pytest
 import vdfmu
 from tests.arm.imports.conftest import ARM, joint, link
 from vdfmu.arm.imports import import_robot
-from vdfmu.arm.robot import robot_from_dict
+from vdfmu.arm.robot import Robot, robot_from_dict
 
 BOX = '<origin xyz="0.1 0 0.2" rpy="0.3 -0.2 0.5"/><geometry><box size="0.1 0.2 0.3"/></geometry>'
 ROD = '<origin xyz="0 0.05 -0.1" rpy="0 1 0"/><geometry><cylinder radius="0.05" length="0.4"/></geometry>'
@@ -20,7 +20,7 @@ def with_one(inside: str) -> str:
     return ARM.replace(link("one"), link("one", inside))
 
 
-def mass_of(robot: vdfmu.Robot, i: int = 0) -> dict[str, object]:
+def mass_of(robot: Robot, i: int = 0) -> dict[str, object]:
     return robot.to_dict()["joints"][i]["link"]
 
 

@@ -11,7 +11,7 @@ import trimesh
 import vdfmu
 from tests.arm.imports.conftest import LIMIT, joint, link
 from vdfmu.arm.imports import import_robot
-from vdfmu.arm.robot import load_robot, robot_names
+from vdfmu.arm.robot import Robot, load_robot, robot_names
 from vdfmu.arm.robot.plausible import joints_without_tool
 from vdfmu.base.errors import UsageError
 
@@ -49,11 +49,11 @@ TURN = '<origin xyz="0 0.1 0" rpy="0 1.5707963267948966 0"/>'
 def test_the_tool_is_where_the_last_link_ends(urdf, inside, end):
     imported = import_robot(urdf(planar(inside)))
     assert "because the file has no tip frame" in imported.notes[0]
-    p, R = vdfmu.forward_kinematics(imported.robot, [0.0, 0.0])
+    p, R = vdfmu.dynamics.forward_kinematics(imported.robot, [0.0, 0.0])
     np.testing.assert_allclose(p - [0.4, 0, 0.3], end, rtol=0, atol=1e-6)  # to which the file has it
     np.testing.assert_allclose(R, np.eye(3), rtol=0, atol=1e-12)  # axes of the link, some roundings
     assert joints_without_tool(imported.robot) == []
-    turned, _ = vdfmu.forward_kinematics(imported.robot, [0.0, 0.5])
+    turned, _ = vdfmu.dynamics.forward_kinematics(imported.robot, [0.0, 0.5])
     assert np.linalg.norm(turned - p) == pytest.approx(2 * np.sin(0.25) * np.linalg.norm(end), rel=1e-5)
 
 
@@ -62,7 +62,7 @@ def test_a_mesh_that_can_be_read_shows_the_end_and_one_that_cannot_hides_it(urdf
     beam = trimesh.creation.box((0.3, 0.05, 0.04), trimesh.transformations.translation_matrix((0.15, 0, 0)))
     beam.export(tmp_path / "fore.stl")
     robot = vdfmu.robot_from_urdf(urdf(planar(shape('<mesh filename="fore.stl" scale="2 2 2"/>'))))
-    p, _ = vdfmu.forward_kinematics(robot, [0.0, 0.0])
+    p, _ = vdfmu.dynamics.forward_kinematics(robot, [0.0, 0.0])
     np.testing.assert_allclose(p, [1.0, 0, 0.3], rtol=0, atol=1e-6)  # an STL has 7 digits
     imported = import_robot(urdf(planar(BEAM + shape('<mesh filename="gone.stl"/>'))))
     assert "neither a tip frame nor a readable shape" in imported.notes[0]
@@ -78,9 +78,9 @@ def test_user_and_file_choose_the_tool_before_shapes_do(urdf):
         ({"tip": "fore", "tool": [0.0, 0.0, 0.2]}, [0, 0, 0.2]),
         ({"tool": [0.0, 0.0, 0.2]}, [0.1, 0.2, 0.5]),  # in the frame of the tip
     ):
-        p, _ = vdfmu.forward_kinematics(vdfmu.robot_from_urdf(path, **options), [0.0, 0.0])
+        p, _ = vdfmu.dynamics.forward_kinematics(vdfmu.robot_from_urdf(path, **options), [0.0, 0.0])
         np.testing.assert_allclose(p - [0.4, 0, 0.3], at, rtol=0, atol=1e-12)
-    _, R = vdfmu.forward_kinematics(vdfmu.robot_from_urdf(path, tool=[0, 0, 0, 0, 0, np.pi / 2]), [0.0, 0.0])
+    _, R = vdfmu.dynamics.forward_kinematics(vdfmu.robot_from_urdf(path, tool=[0, 0, 0, 0, 0, np.pi / 2]), [0.0, 0.0])
     np.testing.assert_allclose(R[:, 0], [0, 1, 0], rtol=0, atol=1e-12)  # yaw turns x onto y
 
 
@@ -89,7 +89,9 @@ def test_a_site_of_mujoco_is_a_tool(tmp_path):
     body = f'<body name="one"><joint name="a" axis="0 1 0"/><geom size="0.1" pos="0.4 0 0"/>{site}</body>'
     path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>", encoding="utf-8")
     for options, at in (({}, [0.5, 0, 0]), ({"tool_frame": "flange"}, [0, 0, 0.2]), ({"tool_frame": "one"}, [0, 0, 0])):
-        p, _ = vdfmu.forward_kinematics(vdfmu.robot_from_mjcf(path, **options), [0.0])  # the ball ends at 0.5 m
+        p, _ = vdfmu.dynamics.forward_kinematics(
+            vdfmu.robot_from_mjcf(path, **options), [0.0]
+        )  # the ball ends at 0.5 m
         np.testing.assert_allclose(p, at, rtol=0, atol=1e-6)
     with pytest.raises(vdfmu.VdfmuError, match="got 'flang'. Did you mean \"flange\"?"):
         vdfmu.robot_from_mjcf(path, tool_frame="flang")
@@ -117,7 +119,7 @@ def test_a_tool_that_cannot_be_is_refused(urdf, options, expected):
         vdfmu.robot_from_urdf(urdf(planar(BEAM)), **options)
 
 
-def _tutorial(page: str, path: Path) -> vdfmu.Robot:
+def _tutorial(page: str, path: Path) -> Robot:
     text = (ROOT / "docs" / "tutorials" / page).read_text(encoding="utf-8")
     path.write_text(text.partition('```xml title="arm.urdf"\n')[2].partition("```")[0], encoding="utf-8")
     return vdfmu.robot_from_urdf(path)
@@ -132,7 +134,7 @@ def test_every_joint_moves_the_tool_or_the_file_says_that_the_last_does_not(sour
     else:
         robot = load_robot(ROOT / "examples" / source / example[source] if source in example else source)
     poses = np.random.default_rng(5).uniform(-1.0, 1.0, (3, robot.n))
-    J = np.array([vdfmu.jacobian(robot, q) for q in poses])
+    J = np.array([vdfmu.dynamics.jacobian(robot, q) for q in poses])
     speed = np.linalg.norm(J[:, :3], axis=1).max(axis=0)  # of the tool, for each joint
     still = [i + 1 for i in range(robot.n) if speed[i] < 1e-9]
     assert still == joints_without_tool(robot)[::-1] == ([robot.n] if robot.tool_on_last_axis else [])

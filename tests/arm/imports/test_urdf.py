@@ -23,7 +23,7 @@ def test_the_dynamics_and_the_tool_are_those_of_pinocchio(urdf):
     assert forward < 1e-11  # times the condition number of M, below 100
     data, q = model.createData(), np.array([0.3, -0.8, 0.2])
     pin.framesForwardKinematics(model, data, q)
-    p_O, R_O = vdfmu.forward_kinematics(robot, q)
+    p_O, R_O = vdfmu.dynamics.forward_kinematics(robot, q)
     pose = data.oMf[model.getFrameId("tool")]
     # Lengths of 1 m, some ten products.
     np.testing.assert_allclose(p_O, pose.translation, rtol=0, atol=1e-14)
@@ -47,9 +47,9 @@ def test_axes_along_frames_give_rotations_of_ones_and_zeros_and_another_base_kee
     assert robot.n == 1
     # Held at 0, the joints before the base leave it turned: the slide feels the weight along its axis as there.
     whole = vdfmu.robot_from_urdf(path)
-    expected = vdfmu.gravity_torque(whole, np.zeros(3))[2:]
+    expected = vdfmu.dynamics.gravity_torque(whole, np.zeros(3))[2:]
     # Weights of 20 N.
-    np.testing.assert_allclose(vdfmu.gravity_torque(robot, np.zeros(1)), expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(vdfmu.dynamics.gravity_torque(robot, np.zeros(1)), expected, rtol=0, atol=1e-13)
 
 
 def test_what_moves_beside_the_arm_is_held_and_carried(urdf):

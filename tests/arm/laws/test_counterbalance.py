@@ -72,11 +72,11 @@ def test_torque_is_minus_the_slope_of_the_energy_and_an_upright_arm_needs_less()
     helped = balanced("planar_2dof", CYLINDER | {"F_cb": 80.0, "delta_cb": -np.pi / 2.0})
     for lean in (-0.8, -0.3, 0.3, 0.8):
         q = np.array([np.pi / 2.0 + lean, 0.0])
-        without, with_it = (vdfmu.gravity_torque(robot, q) for robot in (bare, helped))
+        without, with_it = (vdfmu.dynamics.gravity_torque(robot, q) for robot in (bare, helped))
         assert abs(with_it[0]) < abs(without[0]) and np.sign(without[0] - with_it[0]) == np.sign(without[0])
         expected = without - counterbalance_torque(helped, q)
         np.testing.assert_allclose(with_it, expected, rtol=0, atol=1e-12 * np.abs(without).max())  # as in test_trace
-        np.testing.assert_array_equal(vdfmu.mass_matrix(helped, q), vdfmu.mass_matrix(bare, q))
+        np.testing.assert_array_equal(vdfmu.dynamics.mass_matrix(helped, q), vdfmu.dynamics.mass_matrix(bare, q))
 
 
 @pytest.mark.parametrize("chain", BALANCED, indirect=True)

@@ -15,10 +15,10 @@ from vdfmu.base.errors import UsageError
 @pytest.mark.heavy
 def test_a_line_is_straight_and_a_circle_round(arm):
     q = np.array([0.3, 0.5, 0.7, 0.2, 0.8, 0.1])
-    p_0, R_0 = vdfmu.forward_kinematics(arm, q)
+    p_0, R_0 = vdfmu.dynamics.forward_kinematics(arm, q)
     target, R_1 = p_0 + [-0.1, 0.1, 0.0], Rotation.from_rotvec([0.2, 0.1, -0.3]).as_matrix() @ R_0
     motion = motions.line(arm, q, target, orientation=R_1, velocity=1.0, acceleration=3.0, tolerance=1e-7)
-    p, R = vdfmu.forward_kinematics(arm, motion.at(np.linspace(0.0, motion.duration, 3001))[0])
+    p, R = vdfmu.dynamics.forward_kinematics(arm, motion.at(np.linspace(0.0, motion.duration, 3001))[0])
     along = (target - p_0) / np.linalg.norm(target - p_0)
     off = p - p_0 - ((p - p_0) @ along)[:, None] * along
     # the tolerance, which holds at five points a knot, and is looked at at some forty here
@@ -32,7 +32,7 @@ def test_a_line_is_straight_and_a_circle_round(arm):
     centre = p_0 + [-0.05, 0.0, 0.0]
     motion = motions.circle(arm, q, centre, [0, 1, 0], speed=0.2, tolerance=1e-7)
     t = np.linspace(0.0, motion.duration, 3001)
-    p, R = vdfmu.forward_kinematics(arm, motion.at(t)[0])
+    p, R = vdfmu.dynamics.forward_kinematics(arm, motion.at(t)[0])
     assert np.abs(np.linalg.norm(p - centre, axis=1) - 0.05).max() < 2e-7 and np.abs(p[:, 1] - p_0[1]).max() < 2e-7
     assert np.abs(R - R_0).max() < 2e-7 and motion.closed
     speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / (t[1] - t[0])
@@ -42,14 +42,14 @@ def test_a_line_is_straight_and_a_circle_round(arm):
 @pytest.mark.heavy
 def test_the_end_effector_keeps_its_speed(planar, arm):
     q = [0.3, 0.5, 0.7, 0.2, 0.8, 0.1]
-    p, R = vdfmu.forward_kinematics(arm, q)
+    p, R = vdfmu.dynamics.forward_kinematics(arm, q)
     for robot, motion in (
         (arm, motions.circle(arm, q, [0.13, 0.0, 1.18], [0, 1, 0], speed=0.2)),
         (arm, motions.line(arm, q, [p + [0.0, 0.05, 0.0], p], speed=0.2)),
         (planar, motions.line(planar, [0.3, 0.8], [0.5, 0.0, 0.6], speed=0.2)),
     ):
         q_all, q_dot = motion.at(np.linspace(0.0, motion.duration, 100_001))[:2]
-        J = vdfmu.jacobian(robot, q_all)[:, :3]
+        J = vdfmu.dynamics.jacobian(robot, q_all)[:, :3]
         speed = np.linalg.norm(np.einsum("tij,tj->ti", J, q_dot), axis=1).max()
         # 400 looks a piece: 1e-5 of the ripple, which is 1e-5 of the speed; and it is not much slower than it may be
         assert 0.2 * (1.0 - 1e-5) < speed <= 0.2 * (1.0 + 1e-9)
@@ -74,7 +74,7 @@ def test_knots_are_doubled_until_the_line_is_as_straight_as_asked(planar, monkey
 def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
     l_1, l_2 = 0.5, 0.4
     q = np.array([0.3, 0.8])
-    p, _ = vdfmu.forward_kinematics(planar, q)
+    p, _ = vdfmu.dynamics.forward_kinematics(planar, q)
     outward = p / np.linalg.norm(p)
     with pytest.raises(UsageError, match=r"got a singular pose: joint 2, at (\S+), would") as caught:
         motions.line(planar, q, 0.9 * outward, duration=1.0)  # to the stretched arm
@@ -95,7 +95,7 @@ def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
 
 def test_end_stops_on_the_way_are_named_with_place_and_joint(planar):
     limited = dataclasses.replace(planar, limits=True).with_parameters(q_min=[-2.0, 0.7], q_max=[2.0, 2.0])
-    p, _ = vdfmu.forward_kinematics(limited, [0.3, 0.8])
+    p, _ = vdfmu.dynamics.forward_kinematics(limited, [0.3, 0.8])
     with pytest.raises(
         UsageError, match=r"line: at .* % of it, .* m: expected joint 2 between its end stops, 0.7 and 2"
     ):
@@ -104,13 +104,13 @@ def test_end_stops_on_the_way_are_named_with_place_and_joint(planar):
 
 def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(arm):
     q = np.array([0.3, 0.5, 0.7, 0.2, 0.8, 0.1])
-    p, R = vdfmu.forward_kinematics(arm, q)
+    p, R = vdfmu.dynamics.forward_kinematics(arm, q)
     s = np.linspace(0.0, 1.0, 201)
     poses = [(p + x * np.array([0.1, 0.0, -0.1]), R) for x in s]
     positions = follow(arm, q, poses, 3, "line", 100.0 * s)
-    assert np.abs(vdfmu.forward_kinematics(arm, positions)[0] - [point for point, _ in poses]).max() < 1e-10
+    assert np.abs(vdfmu.dynamics.forward_kinematics(arm, positions)[0] - [point for point, _ in poses]).max() < 1e-10
     for here, step in zip(positions[:-1:20], np.diff(positions, axis=0)[::20], strict=True):
-        J = vdfmu.jacobian(arm, here)[:3]
+        J = vdfmu.dynamics.jacobian(arm, here)[:3]
         # of a step of 5e-4 m the part that moves nothing is of second order: the change of J over it
         assert np.linalg.norm(step - np.linalg.pinv(J) @ J @ step) < 0.01 * np.linalg.norm(step)
     limited = dataclasses.replace(arm, limits=True).with_parameters(q_min=-3.0, q_max=3.0)
@@ -144,7 +144,7 @@ def test_a_circle_that_does_not_fit_is_named(planar):
         ({"axis": [0.0, 0.0, 0.0]}, "circle: expected centre and axis"),
         ({"angle": 0.0}, "angle: expected a finite number other than 0"),
         ({"angle": 720.0}, r"angle: expected at most 10 turns, 62.83 rad, got 720 rad. As degrees .* 12.57"),
-        ({"centre": vdfmu.forward_kinematics(planar, [0.3, 0.8])[0]}, "centre: expected an axis away"),
+        ({"centre": vdfmu.dynamics.forward_kinematics(planar, [0.3, 0.8])[0]}, "centre: expected an axis away"),
     ):
         with pytest.raises(UsageError, match=words):
             motions.circle(

@@ -10,8 +10,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import linprog
 from scipy.sparse import diags_array, vstack
 
-import vdfmu
 from tests.arm.motion.jumps import jumps, rounding
+from vdfmu import dynamics
 from vdfmu.arm import motion as motions
 from vdfmu.arm.motion.minimum_time import overload
 from vdfmu.arm.motion.read import check_motion
@@ -35,11 +35,11 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     near = np.linalg.norm(q - points[1], axis=1).min()
     assert near < 0.5 * np.linalg.norm(q_dot, axis=1).max() * (t[1] - t[0]) + 1e-5
     # with torques below what this takes it is slower, and keeps them
-    free = overload(partial(vdfmu.inverse_dynamics, planar), motion, np.ones(2))
-    least = np.abs(vdfmu.gravity_torque(planar, q[::100])).max()
+    free = overload(partial(dynamics.inverse_dynamics, planar), motion, np.ones(2))
+    least = np.abs(dynamics.gravity_torque(planar, q[::100])).max()
     between = 0.5 * (free + least)
     weak = motions.fastest(points, velocity, acceleration, robot=planar, torque=between)
-    taken = overload(partial(vdfmu.inverse_dynamics, planar), weak, np.full(2, between))
+    taken = overload(partial(dynamics.inverse_dynamics, planar), weak, np.full(2, between))
     assert taken <= 1.0 and weak.duration > motion.duration
     with pytest.raises(UsageError, match=r"smoothing: expected from .* s to .* s, got 0.0001"):
         motions.fastest(points, velocity, acceleration, smoothing=1e-4)
@@ -99,11 +99,11 @@ def shortest_along(points, velocity, acceleration, robot=None, torque=None):
     rows = [(first, second, 0.0 * q, np.broadcast_to(acceleration, q.shape))]
     if torque is not None:
         still = np.zeros_like(q)
-        weight = vdfmu.inverse_dynamics(robot, q, still, still)
+        weight = dynamics.inverse_dynamics(robot, q, still, still)
         rows += [
             (
-                vdfmu.inverse_dynamics(robot, q, still, first) - weight,
-                vdfmu.inverse_dynamics(robot, q, first, second) - weight, weight, np.broadcast_to(torque, q.shape),
+                dynamics.inverse_dynamics(robot, q, still, first) - weight,
+                dynamics.inverse_dynamics(robot, q, first, second) - weight, weight, np.broadcast_to(torque, q.shape),
             )
         ]  # fmt: skip
     A, b = [], []
@@ -160,7 +160,7 @@ def test_the_shortest_motion_takes_the_limits_of_the_motors(planar):
         share = max(full, 0.5)  # half of each is the largest rectangle under a line
         assert np.all(motion.peaks[0] <= 3.0 * share * (1.0 + 1e-9))
         q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, 20_001))[:3]
-        tau = vdfmu.inverse_dynamics(limited, q, q_dot, q_ddot) / limited.ell + limited.I_m * q_ddot
+        tau = dynamics.inverse_dynamics(limited, q, q_dot, q_ddot) / limited.ell + limited.I_m * q_ddot
         limits = limited.tau_stall * min(1.0, (1.0 - share) / (1.0 - full))
         # torques are looked at at 1001 times, between which they change by less than a percent
         assert 0.8 < (np.abs(tau) / limits).max() < 1.01

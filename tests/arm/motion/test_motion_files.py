@@ -9,6 +9,7 @@ import vdfmu
 from vdfmu.arm.motion.read import KINDS, check_motion
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.cli.commands import app
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.schema import scenario_schema
 
 GOOD = {
@@ -164,13 +165,13 @@ def test_a_scenario_may_name_the_file_of_its_motion_whose_keys_are_in_the_schema
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = -1.0\n'
     path = written(f'{head}[motion]\nkind = "waypoints"\npoints = [[0, 0], [1, 1]]\n[trajectory]\nT = 1.0\n')
     with pytest.raises(ModelError) as caught:
-        vdfmu.load_scenario(path)
+        load_scenario(path)
     text = str(caught.value)
     for words in ("step: expected", "motion: waypoints: expected times", "trajectory.T: motion has no T"):
         assert words in text
     written(f'kind = "waypoints"\n{GOOD["waypoints"]}', "other.toml")
     head = 'name = "a"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.1\nmotion = "other.toml"\n'
-    scenario = vdfmu.load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))
+    scenario = load_scenario(written(f"{head}[trajectory]\nspeed = 0.5\n"))
     assert scenario.system.parts["trajectory"].unit.__name__ == "Motion"
     assert scenario.sections["plant"]["q_0"] == [0.0, 0.0]
     kinds = scenario_schema()["properties"]["motion"]["anyOf"][1:]

@@ -10,10 +10,12 @@ from scipy.interpolate import CubicSpline
 
 import vdfmu
 from vdfmu.arm import motion as motions
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.scalar.generic import lookup
 from vdfmu.compiler.unit.evaluate import evaluation
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.engine.run import simulate
 from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 
 GROUPS = ("q_d", "q_d_dot", "q_d_ddot", "q_d_dddot", "q_d_ddddot")
@@ -109,7 +111,7 @@ def test_the_unit_plays_the_motion_scales_its_speed_holds_it_or_begins_anew(robo
 @pytest.mark.heavy
 def test_the_native_fmu_has_the_bits_of_the_trace_and_can_be_checked(robot, tmp_path):
     motion = motions.waypoints(POINTS, TIMES)
-    fmus = vdfmu.build_fmus(robot, tmp_path, units=[motion.unit()], folded=True)
+    fmus = build_fmus(robot, tmp_path, units=[motion.unit()], folded=True)
     result = fmpy.simulate_fmu(
         str(fmus["motion"]), stop_time=1.2, output_interval=0.01, start_values={"t_start": 0.1}, validate=True
     )
@@ -136,7 +138,7 @@ def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
     with zipfile.ZipFile(tmp_path / "out" / "system.ssp") as package:
         assert any(name.endswith("Motion.fmu") for name in package.namelist())
-    again = vdfmu.simulate(tmp_path / "out" / "system.ssp", stop=0.3, step=1e-3, algorithm="gauss-seidel")
+    again = simulate(tmp_path / "out" / "system.ssp", stop=0.3, step=1e-3, algorithm="gauss-seidel")
     assert (again["plant.q"] == results["plant.q"]).all()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["scenario"] == "way"
 
@@ -205,7 +207,7 @@ class FedByTime(Fed):
 
 @pytest.mark.heavy
 def test_the_solver_of_a_state_looks_up_too(tmp_path):
-    fmus = vdfmu.build_fmus(None, tmp_path, units=[Fed])
+    fmus = build_fmus(None, tmp_path, units=[Fed])
     inside = (EDGES[1] + EDGES[2]) / 2
     result = fmpy.simulate_fmu(str(fmus["fed"]), stop_time=1.0, output_interval=0.05, start_values={"u": inside})
     # x = row (1 - exp(-t)); the tolerance of the solver is 1e-7, some ten steps
@@ -214,4 +216,4 @@ def test_the_solver_of_a_state_looks_up_too(tmp_path):
 
 def test_a_table_over_time_in_derivatives_is_refused(tmp_path):
     with pytest.raises(UnitError, match="reads a table by lookup, and the time"):
-        vdfmu.build_fmus(None, tmp_path, units=[FedByTime])
+        build_fmus(None, tmp_path, units=[FedByTime])

@@ -18,6 +18,7 @@ from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.equations.trajectory import desired_motion
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.units.plant import Plant
@@ -194,7 +195,7 @@ def test_a_drive_is_a_regular_file_and_no_text(tmp_path, planar, drive, message)
 @pytest.mark.parametrize("backend", ["python", "native"])
 def test_an_fmu_carries_the_drive_as_a_file_and_no_code_in_its_data(robot, tmp_path, backend):
     """The record of a native FMU is for people; a Python FMU makes its robot again from both."""
-    file = vdfmu.build_fmus(robot, tmp_path, units=["feedforward"], backend=backend, folded=True)["feedforward"]
+    file = build_fmus(robot, tmp_path, units=["feedforward"], backend=backend, folded=True)["feedforward"]
     with zipfile.ZipFile(file) as fmu:
         folder = {"python": "resources", "native": "extra/vdfmu"}[backend]
         data = json.loads(fmu.read(f"{folder}/vdfmu.json"))

@@ -65,7 +65,7 @@ print(json.dumps({
     "names": [p.name for p in robot.entries()][-3:],
     "traced": len(Kernel(robot).p) - len(robot.entries()),
     "variables": [(v.name, v.unit, v.start, v.minimum, v.maximum, v.description) for v in variables],
-    "doc": inspect.getdoc(vdfmu.Robot).splitlines()[-2:],
+    "doc": inspect.getdoc(Robot).splitlines()[-2:],
     "factor": "k_new" in FACTOR_FIELDS,
 }))
 """

@@ -117,8 +117,8 @@ def follow(law, true, desired, stop, start):
 
     def rate(x, torque):
         q, q_dot = x
-        held = vdfmu.inverse_dynamics(true, q, q_dot, np.zeros(true.n))
-        M = vdfmu.mass_matrix(true, q) + np.diag(J)
+        held = vdfmu.dynamics.inverse_dynamics(true, q, q_dot, np.zeros(true.n))
+        M = vdfmu.dynamics.mass_matrix(true, q) + np.diag(J)
         return np.array([q_dot, np.linalg.solve(M, torque - held)])
 
     law.start()
@@ -268,7 +268,7 @@ def test_an_arm_with_springs_and_friction_follows_better_with_adaptation(tmp_pat
         true = planar.with_parameters(mass=[planar.mass[0], 1.2])
         q, q_dot, tau_s, phi = (results[x] for x in ("plant.q", "plant.q_dot", "plant.tau_s", "controller.phi"))
         q_d, q_d_dot, q_d_ddot = (results[f"trajectory.q_d{x}"] for x in ("", "_dot", "_ddot"))
-        q_ddot = vdfmu.forward_dynamics(true, q, q_dot, tau_s)
+        q_ddot = vdfmu.dynamics.forward_dynamics(true, q, q_dot, tau_s)
         q_dot_r, q_ddot_r = q_d_dot + 10.0 * (q_d - q), q_d_ddot + 10.0 * (q_d_dot - q_dot)
         for k in range(0, len(q), 10):
             check_virtual_power(

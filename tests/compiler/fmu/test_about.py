@@ -7,6 +7,7 @@ import pytest
 
 import vdfmu
 from tests.compiler.fmu.gain import UNIT
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UnitError
 
 PROJECT = """
@@ -21,7 +22,7 @@ FORMS = (("native", "2.0"), ("native", "3.0"), ("python", "2.0"))
 
 
 def built(folder, backend="native", version="2.0"):
-    (path,) = vdfmu.build_fmus(
+    (path,) = build_fmus(
         None, folder / "fmus", units=[folder / "gain.py"], backend=backend, fmi_version=version
     ).values()
     with zipfile.ZipFile(path) as archive:
@@ -70,7 +71,7 @@ def test_what_the_class_says_counts(folder):
 
 
 def test_units_of_the_package_have_its_own(tmp_path):
-    (path,) = vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, units=["controller"], folded=True).values()
+    (path,) = build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, units=["controller"], folded=True).values()
     with zipfile.ZipFile(path) as archive:
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     assert [root.get(name) for name in ("version", "author", "license")] == [

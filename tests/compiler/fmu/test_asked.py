@@ -11,7 +11,7 @@ import fmpy
 import numpy as np
 import pytest
 
-import vdfmu
+from vdfmu.arm.fmus import build_fmus
 
 UNIT = '''
 import numpy as np
@@ -34,7 +34,7 @@ START = {f"x_0[{i}]": value for i, value in ((1, 1.0), (2, 0.0), (3, -1.0))}
 def fmu(tmp_path_factory):
     folder = tmp_path_factory.mktemp("asked")
     (folder / "rotation.py").write_text(UNIT)
-    (path,) = vdfmu.build_fmus(None, folder, units=[folder / "rotation.py"], sources=False).values()
+    (path,) = build_fmus(None, folder, units=[folder / "rotation.py"], sources=False).values()
     return path
 
 

@@ -206,7 +206,7 @@ def test_a_robot_that_is_not_physical_unknown_units_and_closed_folders_are_refus
     for unit in (int, 3):
         with pytest.raises(UsageError, match="expected the name of a unit, a file or a class of Unit, got"):
             build_fmus(planar, tmp_path, units=[unit], backend="python", folded=True)
-    with pytest.raises(UsageError, match="start_values: there is no unit 'motor'"):
+    with pytest.raises(UsageError, match="parameters: there is no unit 'motor'"):
         build_fmus(planar, tmp_path, parameters={"motor": {}}, backend="python", folded=True)
     (tmp_path / "file").write_text("")
     for backend in ("python", "native"):

@@ -11,8 +11,8 @@ import pytest
 from fmpy.model_description import read_model_description
 from fmpy.validation import validate_fmu
 
-import vdfmu
 from tests.compiler.native.binding import Instance, Model
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.unit import Derivative, Input, Output, Parameter, Sampled, State, Unit
 
 A, K, R, PERIOD = 2.0, 3.0, 1.0, 0.1
@@ -54,7 +54,7 @@ def solution(t: float) -> tuple[float, float, float]:
 
 @pytest.fixture(scope="module", params=["2.0", "3.0"])
 def loop(request, tmp_path_factory):
-    (path,) = vdfmu.build_fmus(None, tmp_path_factory.mktemp("loop"), units=[Loop], fmi_version=request.param).values()
+    (path,) = build_fmus(None, tmp_path_factory.mktemp("loop"), units=[Loop], fmi_version=request.param).values()
     return path
 
 

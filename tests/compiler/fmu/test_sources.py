@@ -6,9 +6,9 @@ import fmpy
 import pytest
 from fmpy.validation import validate_fmu
 
-import vdfmu
 from tests.compiler.fmu.gain import UNIT
 from tests.compiler.unit.conftest import command
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_member
 
@@ -29,7 +29,7 @@ def test_an_fmu_without_sources_runs_and_has_no_c_in_it(tmp_path, monkeypatch, v
     result = fmpy.simulate_fmu(str(fmu), stop_time=0.1, output_interval=0.1, start_values={"u": 1.5})
     assert result["y"][-1] == 3.0
     assert command("check", str(fmu)).exit_code == 0
-    (again,) = vdfmu.build_fmus(None, tmp_path / "fmus", units=["gain.py"], fmi_version=version).values()
+    (again,) = build_fmus(None, tmp_path / "fmus", units=["gain.py"], fmi_version=version).values()
     with zipfile.ZipFile(again) as archive:  # is another FMU, and replaced
         assert "sources/unit.c" in archive.namelist()
 
@@ -37,4 +37,4 @@ def test_an_fmu_without_sources_runs_and_has_no_c_in_it(tmp_path, monkeypatch, v
 def test_a_python_fmu_is_its_source(tmp_path):
     (tmp_path / "gain.py").write_text(UNIT)
     with pytest.raises(UsageError, match="Gain: a Python FMU is its source"):
-        vdfmu.build_fmus(None, tmp_path, units=[tmp_path / "gain.py"], backend="python", sources=False)
+        build_fmus(None, tmp_path, units=[tmp_path / "gain.py"], backend="python", sources=False)

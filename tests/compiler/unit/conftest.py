@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-import vdfmu
 from vdfmu.arm.units import find_unit
 from vdfmu.cli.commands import app
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import build_parts, write_ssp
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
 
@@ -30,7 +30,7 @@ class System:
     """The scenario of the examples with its packages."""
 
     def __init__(self, folder):
-        self.scenario = vdfmu.load_scenario(EXAMPLES / "scenario.toml")
+        self.scenario = load_scenario(EXAMPLES / "scenario.toml")
         self.values = system_values(self.scenario)
         self.description = SystemDescription(self.scenario, self.values)
         fmus = build_parts(self.scenario, folder / "fmus", self.values)

@@ -5,6 +5,7 @@ import pytest
 
 import vdfmu
 from vdfmu.base.errors import ModelError
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.scenario_file import load_system
 from vdfmu.system.scenario.values import system_values
 
@@ -80,13 +81,13 @@ def test_elements_that_do_not_fit_are_named(folder, wrong, message):
     path = folder / "system.toml"
     path.write_text(path.read_text().replace('"plant.q[1]" = ["spring.q"]', wrong))
     with pytest.raises(ModelError, match=message):
-        vdfmu.load_scenario(folder / "scenario.toml")
+        load_scenario(folder / "scenario.toml")
 
 
 def test_an_output_called_tolerance_is_not_set(folder):
     path = folder / "spring.py"
     path.write_text(path.read_text().replace("f = Output", 'tolerance = Output("1", text="margin")\n    f = Output')
                     .replace("self.f = ", "self.tolerance = self.k\n        self.f = "))  # fmt: skip
-    values = system_values(vdfmu.load_scenario(folder / "scenario.toml"))
+    values = system_values(load_scenario(folder / "scenario.toml"))
     assert "tolerance" not in values["spring"]
     assert values["plant"]["tolerance"] == 1e-7

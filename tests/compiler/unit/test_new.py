@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-import vdfmu
 from tests.compiler.unit.conftest import command
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.compiler.unit.new import copy_examples, new_unit
+from vdfmu.system.scenario import load_scenario
 
 
 @pytest.mark.heavy
@@ -69,7 +69,7 @@ def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
     done = command("unit", "examples", "mine")
     assert done.exit_code == 0 and "vdfmu run mine" in done.output, done.output
     files = {file.name for file in Path("mine").iterdir()}
-    parts = vdfmu.load_scenario("mine/scenario.toml").system.parts.values()
+    parts = load_scenario("mine/scenario.toml").system.parts.values()
     assert {part.unit.name for part in parts if isinstance(part.unit, Path)} <= files
     assert {"encoder.py", "friction_torque.py", "waypoints.csv"} <= files
     Path("mine/wall.py").write_text("mine")

@@ -4,12 +4,12 @@ import fmpy
 import numpy as np
 import pytest
 
-import vdfmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.evaluate import traced_requirements
 from vdfmu.compiler.unit.interface import Interface
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 from vdfmu.unit import Choice, Input, Output, Parameter, Unit
 
@@ -22,7 +22,7 @@ def test_a_direction_of_no_length_is_refused_from_python_and_in_a_scenario_befor
             find_unit(unit)(**{group: np.zeros(3)}).simulate(stop=0.1, step=0.01)
         assert str(caught.value) == f"{unit}: {WORDS.replace('normal', group)}"
     with pytest.raises(UsageError) as caught:
-        system_values(vdfmu.load_scenario("wall"), {"wall.normal": 0.0})
+        system_values(load_scenario("wall"), {"wall.normal": 0.0})
     assert str(caught.value) == f"wall.{WORDS}"
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.fmu.content import Content
@@ -68,7 +69,7 @@ def test_units_and_modules_of_one_name_are_two_and_a_change_of_a_start_value_is_
     for name, start in (("one", 3.0), ("two", 7.0)):
         (tmp_path / f"{name}.py").write_text(GAIN.format(start=start))
     assert last(tmp_path, "one.py", "two.py") == (3.0, 21.0)
-    vdfmu.build_fmus(None, tmp_path / "fmus", units=[tmp_path / "one.py"], backend="python")
+    build_fmus(None, tmp_path / "fmus", units=[tmp_path / "one.py"], backend="python")
     assert last(tmp_path, "two.py", "fmus/Gain.fmu") == (7.0, 21.0)
     for folder, factor in (("p", 3.0), ("q", 7.0)):
         (tmp_path / folder).mkdir()

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 import vdfmu
 from tests.compiler.native.binding import Instance, Model
 from tests.conftest import heavy
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Simulator
@@ -207,7 +208,7 @@ def test_jacobi_has_a_step_of_delay_for_each_unit_and_says_so(scenario, run):
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_fmu_declares_that_samples_depend_on_inputs_and_names_its_period(scenario, tmp_path, version):
     file = scenario("plain").parent / "loop.py"
-    (path,) = vdfmu.build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version=version).values()
+    (path,) = build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version=version).values()
     description = fmpy.read_model_description(str(path), validate=True)
     sources = {u.variable.name: [v.name for v in u.dependencies or ()] for u in description.outputs}
     assert sources == {"old": ["x"], "held": ["x"], "u": ["x"]}
@@ -322,7 +323,7 @@ def test_margins_are_those_of_the_sampled_loop(scenario, n):
 def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):
     """Of the next sample by inputs and by sampled states, backwards the same numbers."""
     file = scenario("plain").parent / "loop.py"
-    (path,) = vdfmu.build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version="3.0").values()
+    (path,) = build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version="3.0").values()
     unit = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x")))), "CoSimulation").start()
     unit.step(STEP)
     old, held, u = (v for v in unit.model.variables if v.name in ("old", "held", "u"))

@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 import vdfmu
 from tests.conftest import heavy
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -81,7 +82,7 @@ def pulses(duty: float) -> np.ndarray:
 @pytest.fixture(scope="module", params=[*heavy("2.0"), "3.0", "python"])
 def fmu(request, motor, tmp_path_factory):
     kind = {"backend": "python"} if request.param == "python" else {"fmi_version": request.param}
-    (path,) = vdfmu.build_fmus(None, tmp_path_factory.mktemp("fmu"), units=[motor()], **kind).values()
+    (path,) = build_fmus(None, tmp_path_factory.mktemp("fmu"), units=[motor()], **kind).values()
     return path
 
 
@@ -137,7 +138,7 @@ def test_a_duty_that_follows_a_state_is_located(motor, tmp_path):
         x = moved(moved(x, 24.0, low * 1e-3), 0.0, (1 - low) * 1e-3)
     solution = find_unit(path)().simulate(stop=STOP, step=0.05)
     np.testing.assert_allclose([solution["i"][-1], solution["w"][-1]], x, rtol=1e-6, atol=1e-6)
-    (fmu,) = vdfmu.build_fmus(None, tmp_path, units=[path]).values()
+    (fmu,) = build_fmus(None, tmp_path, units=[path]).values()
     rows = fmpy.simulate_fmu(str(fmu), stop_time=STOP, output_interval=0.05, step_size=0.05, output=["i", "w"])
     np.testing.assert_allclose([rows["i"][-1], rows["w"][-1]], x, **CLOSE)
 
@@ -180,4 +181,4 @@ def test_one_pulse_in_a_long_step_counts(motor, function, integral):
 ])  # fmt: skip
 def test_what_cannot_be_located_is_refused(motor, tmp_path, function, reason):
     with pytest.raises(UnitError, match=rf"motor\.py, line \d+: derivatives\(\) of One may switch by time: {reason}"):
-        vdfmu.build_fmus(None, tmp_path, units=[motor(function, ONE)])
+        build_fmus(None, tmp_path, units=[motor(function, ONE)])

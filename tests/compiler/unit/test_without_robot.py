@@ -10,9 +10,11 @@ from scipy.linalg import expm
 
 import vdfmu
 from tests.compiler.unit.motor import SCENARIO, SYSTEM, write_motor
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.cli.commands import app
 from vdfmu.engine.run import Results
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.check import model_notes
 from vdfmu.system.scenario.schema import scenario_schema
 
@@ -191,23 +193,23 @@ def test_keys_of_a_robot_are_refused_and_what_needs_one_is_named(inside):
         with pytest.raises(
             ModelError, match=rf"extra\.toml: {key}: expected a scenario with a robot.* leave {key} out"
         ):
-            vdfmu.load_scenario("extra.toml")
+            load_scenario("extra.toml")
     (inside / "arm.toml").write_text(SCENARIO.replace('system = "drive.toml"\n', "").partition("[controller]")[0])
     expected = r"arm\.toml: robot: expected one for trajectory, feedforward, controller, plant, got none\. Name one"
     with pytest.raises(ModelError, match=expected) as caught:
-        vdfmu.load_scenario("arm.toml")
+        load_scenario("arm.toml")
     assert len(caught.value.problems) == 1
-    assert vdfmu.load_scenario("arm.toml", "planar_2dof").arm.name == "planar_2dof"  # which the option may be
+    assert load_scenario("arm.toml", "planar_2dof").arm.name == "planar_2dof"  # which the option may be
 
 
 def test_a_robot_that_nothing_takes_is_noted(inside):
-    scenario = vdfmu.load_scenario("motor.toml")
+    scenario = load_scenario("motor.toml")
     assert scenario.robot is None
     assert model_notes(scenario) == []
     with pytest.raises(UsageError, match=r"scenario motor has no robot\. Name one in its file"):
         _ = scenario.arm
     (inside / "named.toml").write_text(f'robot = "planar_2dof"\n{SCENARIO}')
-    (note,) = model_notes(vdfmu.load_scenario("named.toml"))
+    (note,) = model_notes(load_scenario("named.toml"))
     assert note.startswith("robot: no component takes it.")
     assert "robot" not in scenario_schema()["required"]
 
@@ -228,11 +230,11 @@ def test_end_stops_are_those_of_the_component(inside):
     (inside / "beyond.toml").write_text(REACH.replace("q_end = 0.1", "q_end = 7.0"))
     words = r"trajectory\.q_end\[1\]: expected a position of joint 1 between its end stops"
     with pytest.raises(ModelError, match=words):
-        vdfmu.load_scenario("beyond.toml")
+        load_scenario("beyond.toml")
 
 
 def test_fmus_of_any_tool_need_no_robot(inside, ran):
-    fmus = vdfmu.build_fmus(None, inside / "any", units=["motor.py:DCMotor", "motor.py:SpeedPI"])
+    fmus = build_fmus(None, inside / "any", units=["motor.py:DCMotor", "motor.py:SpeedPI"])
     assert len(fmus) == 2
     wired = SYSTEM.replace("motor.py:SpeedPI", "any/SpeedPI.fmu").replace("motor.py:DCMotor", "any/DCMotor.fmu")
     (inside / "any.toml").write_text(wired)

@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
 
-import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.unit import casadi_unit, linear_unit, table_unit
@@ -86,7 +86,7 @@ def test_each_kind_as_an_fmu_equals_the_unit(tmp_path):
     for unit, values in ((table_unit(table), {"T": 1.7}), (linear_unit(*HELD), {"u": [0.7]}),
                          (casadi_unit(MAPS), {"a": np.arange(6.0).reshape(2, 3), "b": 3.0}),
                          (linear_unit(transfer.A, transfer.B, transfer.C, transfer.D), {"u": [1.0]})):  # fmt: skip
-        ((_, fmu),) = vdfmu.build_fmus(None, tmp_path, units=[unit]).items()
+        ((_, fmu),) = build_fmus(None, tmp_path, units=[unit]).items()
         names = {name: [f"{name}[{','.join(str(k + 1) for k in index)}]".replace("[]", "")
                         for index in np.ndindex(np.shape(value))] for name, value in values.items()}  # fmt: skip
         start = {key: v for name, keys in names.items() for key, v in zip(keys, np.ravel(values[name]), strict=True)}

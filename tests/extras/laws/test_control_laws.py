@@ -14,6 +14,7 @@ import pytest
 
 import vdfmu
 from vdfmu.arm.equations.flexible_joint import rotor_position
+from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.run.prepare import prepare
@@ -27,12 +28,12 @@ LAWS = [law for law in EXAMPLE["LAWS"] if law != "controller"]
 SCENARIOS = ("planar_tracking", "tracking")
 
 
-def stiffness(law: str, robot: vdfmu.Robot, q: np.ndarray, gains: dict[str, Any]) -> np.ndarray:
+def stiffness(law: str, robot: Robot, q: np.ndarray, gains: dict[str, Any]) -> np.ndarray:
     """Torque, link-side, of a law for errors of positions of links and rotors together."""
     if law == "state_feedback":
         return gains["K_q"] + gains["K_kappa"]
     if law == "computed_torque":
-        return gains["k_p"] * (vdfmu.mass_matrix(robot, q) + np.diag(robot.ell * robot.I_m))
+        return gains["k_p"] * (vdfmu.dynamics.mass_matrix(robot, q) + np.diag(robot.ell * robot.I_m))
     return np.diag(gains["K_p"] / gains.get("share", 1.0))
 
 

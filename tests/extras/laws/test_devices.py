@@ -13,7 +13,8 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.engine.linear.linearise import linear_system
-from vdfmu.system.package.write import cached_fmus
+from vdfmu.system.package.write import cached_fmus, write_ssp
+from vdfmu.system.scenario import load_scenario
 from vdfmu.unit import seeded, uniform
 
 H = 1e-3
@@ -249,7 +250,7 @@ brake = "emergency_stop"
 
 def written(folder):
     (folder / "system.toml").write_text(SYSTEM)
-    scenario = vdfmu.load_scenario("planar_tracking")
+    scenario = load_scenario("planar_tracking")
     text = (scenario.system.path.parent.parent / "models" / "scenarios" / "planar_tracking.toml").read_text()
     path = folder / "run.toml"
     path.write_text(text.replace('robot = "', 'system = "system.toml"\nrobot = "'))
@@ -275,9 +276,7 @@ def test_a_system_with_devices_equals_its_references_and_stops(tmp_path):
 
 @pytest.mark.heavy
 def test_a_loop_that_a_stop_has_opened_has_the_margins_of_no_loop(tmp_path):
-    package = vdfmu.write_ssp(
-        loaded := vdfmu.load_scenario(written(tmp_path)), cached_fmus(loaded, tmp_path), tmp_path / "x.ssp"
-    )
+    package = write_ssp(loaded := load_scenario(written(tmp_path)), cached_fmus(loaded, tmp_path), tmp_path / "x.ssp")
     for stop, modulus in ((0.2, 1.0), (100.0, None)):  # between stop and brakes no torque depends on anything
         system = linear_system(package, 0.22, parameters={"brake.t_stop": stop})
         margin = system_loop(system, ["plant.tau"]).modulus

@@ -18,7 +18,7 @@ def test_poles_of_one_joint_are_those_of_the_symmetric_root_locus():
     """The optimal loop's poles are the stable roots of 1 + sum of w_i G_i(1/z) G_i(z), whose G_i come from poly()."""
     robot = one_joint()
     K = 1.0 / (1.0 / robot.K_f0[0] + 1.0 / (robot.ell[0] ** 2 * robot.K_w0[0]))
-    M, J = vdfmu.mass_matrix(robot, np.zeros(1))[0, 0], (robot.ell * robot.I_m)[0]
+    M, J = vdfmu.dynamics.mass_matrix(robot, np.zeros(1))[0, 0], (robot.ell * robot.I_m)[0]
     A = np.array([[0, 1, 0, 0], [-K / M, 0, K / M, 0], [0, 0, 0, 1], [K / J, 0, -K / J, 0]])
     F, G = held(Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]])), STEP)  # of ell tau
     error, rate, torque = 2e-3, 0.05, 0.02 * robot.ell[0]

@@ -5,6 +5,7 @@ import pytest
 from fmpy import simulate_fmu
 
 import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.state_space import Linear, held
 
@@ -125,7 +126,7 @@ def test_a_cycle_has_a_duration_of_whole_samples(tmp_path):
         unit.t = k * PERIOD
         unit.update()
         assert not unit.u.any() and unit.cycle == 0.0 and unit.tau.all()
-    (path,) = vdfmu.build_fmus(robot, tmp_path, units=["iterative_learning"], backend="python", folded=True).values()
+    (path,) = build_fmus(robot, tmp_path, units=["iterative_learning"], backend="python", folded=True).values()
     for right in ({}, {"T": 0.123}):
         simulate_fmu(str(path), stop_time=0.01, start_values=right)
     wrongs = [{"T": 0.1234}, {"T": 0.01, "harmonics": 5.0}, {"T": 0.1, "harmonics": 5.5}, {"T": 0.1, "cycles": 2.5}]

@@ -33,7 +33,7 @@ def one_joint():
 def test_the_momentum_observer_of_one_joint_is_a_lag_of_first_order(one_joint):
     """The momentum of a joint under constant torques is linear in time: each sample is exact."""
     tau_s, tau_ext, K_o = 7.0, 3.0, 100.0
-    a = (tau_s - tau_ext) / vdfmu.mass_matrix(one_joint, [0.0])[0, 0]
+    a = (tau_s - tau_ext) / vdfmu.dynamics.mass_matrix(one_joint, [0.0])[0, 0]
     observer = find_unit("momentum_observer")(one_joint, K_o=K_o)
     rows = sampled(
         observer, 101, q=lambda t: [0.5 * a * t * t], q_dot=lambda t: [a * t], kappa_dot=lambda t: [a * t],
@@ -73,7 +73,7 @@ def test_the_momentum_observer_sees_nothing_in_free_motion_and_the_wrench_else(n
                 tau_s=lambda t, wrench=wrench: tau_s(t, wrench),
             )  # fmt: skip
             t = period * (round(0.1 / period) - 1)
-            errors.append(np.abs(rows["r"][-1] - (vdfmu.jacobian(robot, q(t)).T @ wrench)).max())
+            errors.append(np.abs(rows["r"][-1] - (vdfmu.dynamics.jacobian(robot, q(t)).T @ wrench)).max())
     free, pressed = errors[::2], errors[1::2]
     scale = np.abs(tau_s(0.1, F_e)).max()
     # Trapezoids, h^2 / 12 of the second derivative of torques that change with some 5 rad/s: 1e-5 of them at 2 ms,
@@ -88,9 +88,9 @@ def test_the_wrench_is_found_where_the_arm_feels_it(arm):
     F_e, q = np.array([10.0, -20.0, 15.0, 1.0, -2.0, 0.5]), np.array([0.3, 0.5, -0.9, 0.4, 1.1, -0.3])
     observer = find_unit("momentum_observer")(arm, q=q)
     observer.start()
-    observer.r = vdfmu.jacobian(arm, q).T @ F_e
+    observer.r = vdfmu.dynamics.jacobian(arm, q).T @ F_e
     observer.outputs()
-    least = np.linalg.svd(vdfmu.jacobian(arm, q), compute_uv=False).min()
+    least = np.linalg.svd(vdfmu.dynamics.jacobian(arm, q), compute_uv=False).min()
     # damped: (1e-4 / least singular value)^2 of it
     np.testing.assert_allclose(observer.F_e_hat, F_e, rtol=0, atol=30.0 * (1e-4 / least) ** 2)
 
@@ -114,7 +114,7 @@ def test_the_wall_is_felt_within_two_percent_50_ms_after_the_touch(tmp_path, pla
     text = (data_path("models") / "scenarios" / "wall.toml").read_text()
     (tmp_path / "scenario.toml").write_text(text.replace('system = "wall"', 'system = "observed.toml"'))
     results = vdfmu.run(tmp_path / "scenario.toml", parameters={"observer.K_o": 500.0}, out=False)
-    J = vdfmu.jacobian(planar, results["plant.q"])
+    J = vdfmu.dynamics.jacobian(planar, results["plant.q"])
     true = np.einsum("kij,ki->kj", J, results["wall.F_e"])
     residual = results["observer.r"]
     touch = int(np.argmax(results["wall.N"] > 0.0))
@@ -151,7 +151,7 @@ def test_the_force_of_the_wall_on_an_arm_of_six_joints_is_known_within_two_perce
     """The wrench at the tool itself, not its torques; the wall lies across the way, 20 mm before its end."""
     end = np.array([0.3, 0.5, -0.9, 0.4, 1.1, -0.3])
     start = end - [0.1, 0.25, -0.1, 0.1, 0.1, 0.0]
-    before, place = (vdfmu.forward_kinematics(arm, q)[0] for q in (start, end))
+    before, place = (vdfmu.dynamics.forward_kinematics(arm, q)[0] for q in (start, end))
     normal = (place - before) / np.linalg.norm(place - before)
     (tmp_path / "observed.toml").write_text(SYSTEM)
     (tmp_path / "pressed.toml").write_text(

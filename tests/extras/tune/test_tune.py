@@ -16,18 +16,20 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-import vdfmu
 from tests.compiler.unit.motor import write_motor
 from tests.conftest import ran
 from tests.study.sweeps.conftest import table
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
-from vdfmu.extras.tune import tune
+from vdfmu.engine.run import simulate
 from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
-from vdfmu.extras.tune.search import search
+from vdfmu.extras.tune.search import search, tune
 from vdfmu.study.analysis.loops import run_along
 from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.worker import KILLED
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
 
 ERRORS = "rms(trajectory.q_d - plant.q)"
 SPREAD = {"plant.mass": "*lin(0.9, 1.1)"}
@@ -49,7 +51,7 @@ def test_each_joint_is_better_with_the_margin(tuned):
     assert tuned.after.feasible
     # less by far more than the accuracy of a run, 1e-7 of 1 rad or N.m at errors of 1e-5 rad
     assert (tuned.after.cost < 0.95 * tuned.before.cost).all()
-    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), stop=0.3)
+    scenario = dataclasses.replace(load_scenario("planar_tracking"), stop=0.3)
     settings = {name: value.tolist() for name, value in tuned.parameters.items()}
     for point, gains in ((tuned.before, {}), (tuned.after, settings)):
         with run_along(scenario, parameters=gains) as (poses, _, _):
@@ -75,13 +77,11 @@ def test_the_cost_is_that_of_runs_one_by_one(tuned, tmp_path):
     with open(tuned.folder / "tuned.toml", "rb") as file:
         gains = tomllib.load(file)["controller"]
     problem = make_problem("planar_tracking", GAINS, ERRORS, spread=SPREAD, spread_points=2, stop=0.3)
-    scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp"
-    )
+    scenario = load_scenario("planar_tracking")
+    package = write_ssp(scenario, build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp")
     costs = []
     for factor in problem.spread["plant.mass"]:
-        results = vdfmu.simulate(
+        results = simulate(
             package, stop=0.3, step=1e-3,
             parameters={
                 "controller.K_p": gains["K_p"], "controller.K_v": gains["K_v"],

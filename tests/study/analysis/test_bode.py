@@ -67,7 +67,7 @@ def test_the_arm_has_mujocos_transition():
     robot = dataclasses.replace(vdfmu.load_robot("planar_2dof"), rotor_coupling=False)
     n, q, h = robot.n, np.array(POSES["planar_2dof"]), 1e-3
     system = vdfmu.linearize(robot, q)
-    held = vdfmu.gravity_torque(robot, q)
+    held = vdfmu.dynamics.gravity_torque(robot, q)
     K = 1.0 / np.asarray(deformation_derivative(robot, held))
     arm, rotors = mjcf(robot)
     tendons = "".join(

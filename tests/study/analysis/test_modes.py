@@ -18,6 +18,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.study.analysis.modes import MOTORS, modes_along, natural_modes, ranges
+from vdfmu.system.scenario import load_scenario
 
 
 def test_one_joint_without_friction_is_two_masses_on_a_spring(lift):
@@ -59,8 +60,11 @@ def test_modes_without_friction_are_those_of_the_energies(name, coupling):
         return plant_outputs(robot, np.concatenate([q, v, np.zeros(n)])).E_kin
 
     M = np.array([[energy(a + b) - energy(a) - energy(b) for b in unit] for a in unit])
-    slope = [(vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6 for d in 1e-6 * np.eye(n)]
-    k = np.diag(1.0 / deformation_derivative(robot, vdfmu.gravity_torque(robot, q)))
+    slope = [
+        (vdfmu.dynamics.gravity_torque(robot, q + d) - vdfmu.dynamics.gravity_torque(robot, q - d)) / 2e-6
+        for d in 1e-6 * np.eye(n)
+    ]
+    k = np.diag(1.0 / deformation_derivative(robot, vdfmu.dynamics.gravity_torque(robot, q)))
     K = np.block([[k + np.array(slope).T, -k], [-k, k]])
     K = (K + K.T) / 2.0  # of rounding of the differences
     for motors, size in (("free", 2 * n), ("held", n)):
@@ -129,7 +133,7 @@ def plain_plant(robot, dry):
 @pytest.mark.heavy
 def test_frequencies_of_the_papers_arm_along_its_motion():
     """Those of docs/internals.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
-    times, along = modes_along(vdfmu.load_scenario("tracking"))
+    times, along = modes_along(load_scenario("tracking"))
     assert len(times) == 101 and times[-1] == 10.0
     spans = {motors: ranges(along[motors], 6) for motors in MOTORS}
     ends = {motors: (round(pairs[0][0]), round(pairs[-1][1])) for motors, pairs in spans.items()}

@@ -17,7 +17,7 @@ def shares(robot, start, end, T):
     """Return the largest share of what each motor can give at its speed that a motion takes, (n,)."""
     motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, reach._POINTS)]
     q, q_dot, q_ddot = (np.array([motion[k] for motion in motions]) for k in range(3))
-    tau = vdfmu.inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
+    tau = vdfmu.dynamics.inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
     return np.abs(tau / motor_torque(robot, np.where(tau < 0.0, -1e6, 1e6), q_dot)).max(axis=0)
 
 

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-import vdfmu
+from vdfmu.arm.fmus import build_fmus
+from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.verdict import loop_sentences
+from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 
 BEFORE = {"controller.K_p": [2e3, 2e3, 2e3, 1e3, 1e3, 500.0], "controller.K_v": [50.0, 50.0, 40.0, 30.0, 25.0, 20.0]}
@@ -49,11 +51,9 @@ def test_under_jacobi_the_gains_hold_at_half_the_step_and_the_verdict_says_so():
 
 @pytest.mark.heavy
 def test_errors_are_not_larger_than_with_the_gains_before_for_arms_off_the_model(tmp_path):
-    scenario = vdfmu.load_scenario("tracking")
-    package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", backend="native"), tmp_path / "p.ssp"
-    )
-    with vdfmu.Simulator(package, isolate=False) as simulator:
+    scenario = load_scenario("tracking")
+    package = write_ssp(scenario, build_fmus(scenario.robot, tmp_path / "fmus", backend="native"), tmp_path / "p.ssp")
+    with Simulator(package, isolate=False) as simulator:
         for robot in ({"mass": 0.9, "f_s": 1.1, "K_f0": 1.1}, {"mass": 1.1, "f_s": 0.9, "K_f0": 0.9}):
             plant = {f"plant.{k}": (f * np.asarray(getattr(scenario.robot, k))).tolist() for k, f in robot.items()}
             errors = []

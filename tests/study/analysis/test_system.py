@@ -15,6 +15,7 @@ from vdfmu.base.state_space import Linear, held
 from vdfmu.engine.linear.loops import Loop
 from vdfmu.study.analysis.arm_space import linearized
 from vdfmu.study.analysis.loops import margins_along
+from vdfmu.system.scenario import load_scenario
 
 AT_REST = {  # the planar arm held where it starts, without dry friction
     "trajectory.q_end": [-1.2, 0.4], "trajectory.q_start": [-1.2, 0.4], "plant.q_0": [-1.2, 0.4],
@@ -27,10 +28,12 @@ def masses_and_springs():
     """Return the planar arm at rest, without coupled rotors, and the feedback of its controller, by hand."""
     robot, n = dataclasses.replace(vdfmu.load_robot("planar_2dof"), rotor_coupling=False), 2
     q = np.array([-1.2, 0.4])
-    M = vdfmu.mass_matrix(robot, q)
+    M = vdfmu.dynamics.mass_matrix(robot, q)
     e = 1e-6 * np.eye(n)
-    slope = np.array([(vdfmu.gravity_torque(robot, q + d) - vdfmu.gravity_torque(robot, q - d)) / 2e-6 for d in e]).T
-    stiffness = np.diag(1.0 / deformation_derivative(robot, vdfmu.gravity_torque(robot, q)))
+    slope = np.array(
+        [(vdfmu.dynamics.gravity_torque(robot, q + d) - vdfmu.dynamics.gravity_torque(robot, q - d)) / 2e-6 for d in e]
+    ).T
+    stiffness = np.diag(1.0 / deformation_derivative(robot, vdfmu.dynamics.gravity_torque(robot, q)))
     zero, unit = np.zeros((n, n)), np.eye(n)
     rotor = unit / robot.I_m
     rows = [
@@ -51,7 +54,7 @@ def test_margins_by_fmus_are_those_of_masses_and_springs(algorithm, delay):
     if delay:
         A, B, K = np.block([[A, B], [np.zeros((m, n + m))]]), np.eye(n + m)[:, n:], np.hstack([K, np.zeros((m, m))])
     wanted = Loop(Linear(A, B), K, 1e-3).margins()
-    scenario = vdfmu.load_scenario("planar_tracking", robot)
+    scenario = load_scenario("planar_tracking", robot)
     margins = system_loop(linearized(scenario, algorithm=algorithm, parameters=AT_REST), ["plant.tau"]).margins()
     # of the gravity's difference quotient: its rounding, 1e-15 of 30 N.m over 2e-6, of slopes of 10 N.m/rad
     for mine, other in zip(margins, wanted, strict=True):
@@ -60,7 +63,7 @@ def test_margins_by_fmus_are_those_of_masses_and_springs(algorithm, delay):
 
 def test_the_closed_loop_is_plant_and_controller():
     robot, plant, K = masses_and_springs()
-    scenario = vdfmu.load_scenario("planar_tracking", robot)
+    scenario = load_scenario("planar_tracking", robot)
     closed = vdfmu.linearize(scenario, 0.0, parameters=AT_REST)
     assert closed.states[:2] == ("plant.q[1]", "plant.q[2]") and closed.state_units[6] == "N.m"
     # of the gravity's difference quotient, see above, times 1 / M of some 100
@@ -77,7 +80,7 @@ def test_the_closed_loop_is_plant_and_controller():
 )
 def test_the_sampled_system_moves_as_the_nonlinear_run(algorithm, factor):
     """Stable, or with so many times the damping not."""
-    scenario = dataclasses.replace(vdfmu.load_scenario("planar_tracking"), algorithm=algorithm)
+    scenario = dataclasses.replace(load_scenario("planar_tracking"), algorithm=algorithm)
     short = SHORT | {"controller.K_v": [40.0 * factor, 20.0 * factor]}
     system = vdfmu.linearize(scenario, 0.0, sampled=True, parameters=short)
     assert (np.abs(np.linalg.eigvals(system.A)).max() > 1.0) == (factor > 1.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
-from vdfmu.study.report.page import write_report
+from vdfmu.study.report.page import animate, write_report
 from vdfmu.study.report.shown_run import read_run, write_gallery
 
 
@@ -34,7 +34,7 @@ def pages(tmp_path_factory) -> dict[str, Path]:
     return {
         "run": write_report([run], folder / "run.html", simulate=True),
         "comparison": write_report([run, run._replace(name="other")], folder / "comparison.html"),
-        "arm": vdfmu.animate(folder / "tracking").save(folder / "arm.html"),
+        "arm": animate(folder / "tracking").save(folder / "arm.html"),
         "study": study.report(),
         "list": write_gallery(folder, folder / "index.html"),
     }

@@ -12,6 +12,7 @@ import vdfmu
 from tests.study.page.browser import Browser
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Signal
+from vdfmu.study.report.page import animate
 from vdfmu.study.run.scene import arm_of
 
 TIME = np.linspace(0.0, 2.0, 201)
@@ -26,7 +27,7 @@ def results(*names, **summary):
 @pytest.fixture
 def arm():
     facts = {"scenario": "swing", "robot": "planar_2dof", "arm": arm_of(vdfmu.load_robot("planar_2dof"), {})}
-    return vdfmu.animate(results("plant.q", **facts))
+    return animate(results("plant.q", **facts))
 
 
 def test_a_notebook_gets_the_page_with_the_arm_alone(arm, tmp_path):
@@ -45,11 +46,11 @@ def test_a_notebook_gets_the_page_with_the_arm_alone(arm, tmp_path):
 def test_results_without_an_arm_and_wrong_options_are_told(arm, tmp_path):
     for call, words in (
         (
-            lambda: vdfmu.animate(results("plant.q")),
+            lambda: animate(results("plant.q")),
             r"animate: run must be results of an arm, or their folder, got results without",
         ),
-        (lambda: vdfmu.animate(results("plant.x", arm={})), r"positions of the joints, plant\.q\. Record them"),
-        (lambda: vdfmu.animate(tmp_path), "expected the folder of a run"),
+        (lambda: animate(results("plant.x", arm={})), r"positions of the joints, plant\.q\. Record them"),
+        (lambda: animate(tmp_path), "expected the folder of a run"),
         (lambda: arm.save(tmp_path / "arm.gif"), r"the name must end with \.html, got .*arm\.gif"),
     ):
         with pytest.raises(UsageError, match=words):

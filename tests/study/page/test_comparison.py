@@ -11,6 +11,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets
 from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.shown_run import ShownRun, read_run
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
 
@@ -30,7 +31,7 @@ def sheet_of(folders, without=False):
 
 
 def test_what_differs_has_the_values_of_both_or_the_settings_and_nothing_else(two):
-    was = system_values(vdfmu.load_scenario("planar_tracking"))["controller"]
+    was = system_values(load_scenario("planar_tracking"))["controller"]
     rows = {row[0]: row[1:] for row in sheet_of(two).rows}
     assert rows["Step"] == ("0.001 s", "0.002 s", "")
     assert rows["controller.K_p [N.m/rad]"][1] == "100, 150"

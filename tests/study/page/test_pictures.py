@@ -16,6 +16,7 @@ from PIL import Image
 
 import vdfmu
 from tests.study.page.browser import FIND_OUT, PHONE, WIDE, Browser, calm, draw_all, show
+from vdfmu.study.report.robot_page import write_robot_page
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 KEPT = Path(__file__).parent / "pictures"
@@ -70,7 +71,7 @@ def drawn(browser) -> Browser:
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory) -> Path:
     page = tmp_path_factory.mktemp("robot") / "robot.html"
-    vdfmu.write_robot_page(vdfmu.load_robot("planar_2dof"), page)
+    write_robot_page(vdfmu.load_robot("planar_2dof"), page)
     return page
 
 

@@ -10,7 +10,7 @@ from tests.conftest import ran, refused
 from tests.study.page.browser import WIDE, Browser, pixels, show
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
-from vdfmu.study.report.robot_page import robot_page
+from vdfmu.study.report.robot_page import robot_page, write_robot_page
 
 in_browser = pytest.mark.usefixtures("quiet")
 
@@ -50,7 +50,7 @@ def test_a_pose_that_does_not_fit_is_refused_before_a_file_is_written(tmp_path):
         ((*panda.q_min[:6], np.nan), "joint 7 must be at -2.897 to 2.897 rad, got nan"),
     ):
         with pytest.raises(UsageError, match=words):
-            vdfmu.write_robot_page(panda, page, pose=pose)
+            write_robot_page(panda, page, pose=pose)
     assert not page.exists()
 
 
@@ -85,7 +85,7 @@ def test_what_a_page_lacks_is_in_the_terminal_and_on_the_page(tmp_path, monkeypa
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "arm.html"
-    vdfmu.write_robot_page(vdfmu.load_robot("panda_7dof"), path)
+    write_robot_page(vdfmu.load_robot("panda_7dof"), path)
     return path
 
 
@@ -107,7 +107,7 @@ def test_a_slider_moves_the_arm_and_the_end_effector_is_where_the_equations_have
     assert q[1] == pytest.approx(np.deg2rad(101.0))  # its limit of 1.763 rad, inwards to a tenth of a degree
     assert browser.run("document.querySelectorAll('#joints [type=range]')[1].ariaValueText") == "101.0 deg"
     assert (np.abs(pixels(browser, ".canvas") - before) > 30).mean() > 0.005
-    position, rotation = vdfmu.forward_kinematics(panda, q)
+    position, rotation = vdfmu.dynamics.forward_kinematics(panda, q)
     shown = browser.run("report.scene.toolPose()")
     # seven products of matrices with entries of at most 1 m, in double precision
     np.testing.assert_allclose(shown["position"], position, atol=1e-14)

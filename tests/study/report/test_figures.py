@@ -115,9 +115,9 @@ def test_torsion_and_the_error_of_the_tool_in_mm(made):
     np.testing.assert_allclose(torsion[0].lines[1].get_ydata(), np.rad2deg(3e-4), rtol=1e-11)
     np.testing.assert_allclose(torsion[1].lines[0].get_ydata(), 0.2, rtol=1e-11)
     tool = np.array([line.get_ydata() for line in draw([TOOL], {"": tool_error(robot, results)}).axes[0].lines])
-    jacobian = vdfmu.jacobian(robot, results["plant.q"])[:, :3]
+    jacobian = vdfmu.dynamics.jacobian(robot, results["plant.q"])[:, :3]
     moved = np.einsum("mij,mj->mi", jacobian, results["trajectory.q_d"] - results["plant.q"])
-    rotation = vdfmu.forward_kinematics(robot, results["plant.q"])[1]
+    rotation = vdfmu.dynamics.forward_kinematics(robot, results["plant.q"])[1]
     # angles of 3e-5 and a reach of less than 1 m: the rest of second order is below 1e-9 m, 1e-6 mm
     np.testing.assert_allclose(tool, 1e3 * np.einsum("mij,mj->im", rotation, moved), atol=1e-6)
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.arm.robot import robot_names
 from vdfmu.study.analysis.modes import middle_pose
 from vdfmu.study.report.robot_page import mode_facts
 from vdfmu.study.report.shapes import Chain, half_axes, inertia_parts, mesh_parts, own_shapes, turn_to
 from vdfmu.study.run.scene import arm_of
 
-ROBOTS = vdfmu.robot_names()
+ROBOTS = robot_names()
 
 
 def of(mass, inertia):
@@ -66,7 +67,7 @@ def test_frames_and_tubes_lead_to_the_end_effector_of_the_equations(name):
     points = chain.points(q)
     assert points.shape == (robot.n + 2, 3)
     # a product of at most 24 rotations of entries of at most 1, at a reach of some metres: 24 * 2^-52 * 5 m
-    np.testing.assert_allclose(points[-1], vdfmu.forward_kinematics(robot, q)[0], atol=3e-14)
+    np.testing.assert_allclose(points[-1], vdfmu.dynamics.forward_kinematics(robot, q)[0], atol=3e-14)
     ends = [*chain.offset, chain.tool_offset]
     parts = list(chain.parts(0.5, chain.reach))
     for tube in (part for part in parts if part.shape == "capsule"):

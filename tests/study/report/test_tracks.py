@@ -175,7 +175,7 @@ def test_the_program_of_a_package_is_made_once_and_without_inputs_from_files(tmp
     page_program = program.page_program
     monkeypatch.setattr(simulation, "cache_folder", lambda: tmp_path / "cache")
     monkeypatch.setattr(program, "page_program", lambda *about: made.append(True) or page_program(*about))
-    scenario = vdfmu.load_scenario("planar_tracking")
+    scenario = load_scenario("planar_tracking")
     fed = dataclasses.replace(scenario, inputs={"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])})
     (package := tmp_path / "system.ssp").write_bytes(b"a package has no inputs in it")
     kept: list[bool] = []

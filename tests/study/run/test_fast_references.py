@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-import vdfmu
 from vdfmu.base.arrays import scipy_part
 from vdfmu.base.errors import VdfmuError
 from vdfmu.system.package.description import SystemDescription
@@ -16,6 +15,7 @@ from vdfmu.system.reference import solution
 from vdfmu.system.reference.reference import reference, reference_blocks
 from vdfmu.system.reference.solution import ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import AtNewTime, Evaluate, WiredUnits
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
 NAMES = ("sampled", "sampled-delayed", "continuous")
@@ -33,7 +33,7 @@ def use(folder, monkeypatch):
 
 
 def described(name="planar_tracking", parameters=None):
-    scenario = vdfmu.load_scenario(name)
+    scenario = load_scenario(name)
     return SystemDescription(scenario, system_values(scenario, parameters))
 
 

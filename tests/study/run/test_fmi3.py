@@ -5,8 +5,10 @@ import pytest
 
 import vdfmu
 from tests.study.run.conftest import members
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import pack_zip
+from vdfmu.engine.run import simulate
 
 
 @pytest.mark.heavy
@@ -33,7 +35,7 @@ def test_inputs_run_on_lines_by_intermediate_updates_as_by_their_derivatives(iso
         vdfmu.run("planar_tracking", stop=0.1, fmi_version=version, reference=False, out=tmp_path / version)
 
     def positions(version, step):
-        results = vdfmu.simulate(
+        results = simulate(
             tmp_path / version / "system.ssp", stop=0.1, step=step, algorithm="iterative", record=["plant.q[*]"],
             isolate=isolate,
         )  # fmt: skip
@@ -57,7 +59,7 @@ def test_what_has_no_fmi_3(tmp_path):
 def test_a_plant_of_fmi_3_among_units_of_fmi_2(tmp_path):
     """A foreign FMU as the tool sees it: arrays, of which the others read and feed the elements."""
     whole = vdfmu.run("planar_tracking", stop=0.1, reference=False, out=False)
-    fmus = vdfmu.build_fmus(
+    fmus = build_fmus(
         vdfmu.load_robot("planar_2dof"), tmp_path / "fmus", units=["plant"], fmi_version="3.0", folded=True
     )
     mixed = vdfmu.run("planar_tracking", stop=0.1, units={"plant": fmus["plant"]}, reference=False, out=False)
@@ -74,7 +76,7 @@ def test_the_plant_integrated_by_the_master(version, tmp_path):
     head, component, tail = content["SystemStructure.ssd"].decode().partition('name="plant"')
     changed = head + component + tail.replace('"CoSimulation"', '"ModelExchange"', 1)
     pack_zip(tmp_path / "other.ssp", content | {"SystemStructure.ssd": changed.encode()})
-    other = vdfmu.simulate(tmp_path / "other.ssp", stop=0.1, tolerance=1e-9)
+    other = simulate(tmp_path / "other.ssp", stop=0.1, tolerance=1e-9)
     # both to the tolerance of their solvers, 1e-7 and 1e-9 of angles below 1 rad; not the same solver
     difference = np.abs(other["plant.q"] - run["plant.q"]).max()
     assert 0.0 < difference < 1e-7

@@ -12,6 +12,7 @@ from vdfmu.base.files import data_path
 from vdfmu.engine.run import Results
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
+from vdfmu.system.scenario import load_scenario
 
 # As in test_reference.py: the local error per step is 1e-9 of states of order 1 (rad), some thousand steps add up.
 POSITION = 1e-7
@@ -64,7 +65,7 @@ def test_a_scenario_names_its_file_from_its_own_folder(tmp_path):
     assert direct["plant.F_e[1]"].max() == 20.0
     (folder / "pushed.toml").write_text('inputs = 3\ninput_hold = "yes"\n' + text)
     with pytest.raises(ModelError, match=r"inputs: .*\n.*input_hold: "):
-        vdfmu.load_scenario(folder / "pushed.toml")
+        load_scenario(folder / "pushed.toml")
 
 
 @pytest.mark.heavy
@@ -79,7 +80,7 @@ def test_arrays_feed_a_run_as_a_file_does():
 
 
 def test_a_reference_refuses_a_signal_for_no_free_input():
-    scenario = vdfmu.load_scenario("planar_tracking")
+    scenario = load_scenario("planar_tracking")
     scenario = dataclasses.replace(scenario, inputs={"plant.tau[1]": ([0.0], [0.0])})
     with pytest.raises(UsageError, match=r"plant\.tau\[1\]: expected inputs that nothing is connected to"):
         reference("sampled", SystemDescription(scenario), step=1e-3, stop=1e-3)

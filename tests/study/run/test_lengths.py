@@ -31,6 +31,7 @@ from vdfmu.study.run.summary import ArmLimits
 from vdfmu.study.sweeps.measures import REDUCTIONS, measured, read_measures
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import BLOCK, Reference
+from vdfmu.system.scenario import load_scenario
 
 ONE = 2**20
 """Rows of a block that has the whole run."""
@@ -53,7 +54,7 @@ def every_note(monkeypatch):
 
 @pytest.fixture(scope="module")
 def system():
-    return SystemDescription(vdfmu.load_scenario("planar_tracking"))
+    return SystemDescription(load_scenario("planar_tracking"))
 
 
 def results_of(rows, seed=3):

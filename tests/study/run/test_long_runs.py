@@ -14,6 +14,7 @@ from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as references
 from vdfmu.system.reference.reference import BLOCK, Reference, reference, reference_blocks
+from vdfmu.system.scenario import load_scenario
 
 VARIABLES = (
     "trajectory.q_d", "plant.q", "controller.tau", "plant.kappa_dot", "plant.tau_s", "estimator.tau_f_hat",
@@ -87,7 +88,7 @@ def test_memory_of_the_summary_does_not_grow_with_the_rows(tmp_path):
 
 @pytest.mark.parametrize("name", ["sampled", "sampled-delayed", "continuous"])
 def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
-    description = SystemDescription(vdfmu.load_scenario("planar_tracking"))
+    description = SystemDescription(load_scenario("planar_tracking"))
     whole = reference(name, description, step=1e-3, stop=0.05)
     monkeypatch.setattr(references, "BLOCK", 20)
     parts = list(reference_blocks(name, description, step=1e-3, stop=0.05))

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, ModelError, UsageError
 from vdfmu.base.platforms import native_available
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package import read as reading
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan import checker
-from vdfmu.engine.run import Results
+from vdfmu.engine.run import Results, simulate
 from vdfmu.study.report.sheets import reference_sheet, sheets
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, Reference
@@ -29,7 +31,7 @@ def test_a_run_writes_results_summary_package_and_every_connected_output_with_it
     assert {"results.csv", "summary.json", "system.ssp"} <= names
     assert json.loads((folder / "summary.json").read_text()) == json.loads(json.dumps(results.summary))
     read = Results.read(folder / "results.csv")
-    system = vdfmu.load_ssp(folder / "system.ssp")
+    system = load_ssp(folder / "system.ssp")
     assert {".".join(c.start) for c in system.connections} <= set(read.names)
     assert not {".".join(c.end) for c in system.connections} & set(read.names)
     assert read.units["plant.q[1]"] == "rad"
@@ -85,13 +87,13 @@ def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
     K_p = [300.0, 900.0]
     results = vdfmu.run("planar_tracking", stop=0.05, out=False, reference=False, parameters={"controller.K_p": K_p})
     assert results.summary["parameters"] == {"controller.K_p": "[300.0, 900.0]"}
-    vdfmu.write_ssp(
-        vdfmu.load_scenario("planar_tracking"),
-        vdfmu.build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, folded=True),
+    write_ssp(
+        load_scenario("planar_tracking"),
+        build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, folded=True),
         tmp_path / "plain.ssp",
     )
     for value in (K_p, np.array(K_p)):
-        again = vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": value})
+        again = simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": value})
         np.testing.assert_array_equal(again["plant.q[2]"], results["plant.q[2]"])
     for wrong, words in (
         ([1.0, 2.0, 3.0], r"'controller\.K_p': expected one value, or 2 for K_p\[1\] to K_p\[2\], got 3"),
@@ -99,7 +101,7 @@ def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
         ({}, r"'controller\.K_p': expected a number in N\.m/rad, got {}"),
     ):
         with pytest.raises(UsageError, match=words):
-            vdfmu.simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
+            simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
 
 
 @pytest.mark.heavy
@@ -116,7 +118,7 @@ def with_references(monkeypatch, folder, change):
         scenario, values = description.scenario, description.values
         package = write_ssp(scenario, cached_fmus(scenario, folder), folder / "reference.ssp", values)
         parameters = {key: factor * values["plant"][key.partition(".")[2]] for key, factor in change.items()}
-        r = vdfmu.simulate(package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters)
+        r = simulate(package, start=0.0, stop=stop, step=step, algorithm="gauss-seidel", parameters=parameters)
         signals = {key: r[key] for key in ("plant.q", "controller.tau", "feedforward.tau_m")}
         for first in range(0, len(r), BLOCK):
             rows = slice(max(first - overlap, 0), first + BLOCK)
@@ -304,9 +306,9 @@ def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
 
 def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path):
     with pytest.raises(UsageError, match=r"expected a Robot, got 'planar_2dof'\. Load it with vdfmu\.load_robot"):
-        vdfmu.build_fmus("planar_2dof", tmp_path, folded=True)
+        build_fmus("planar_2dof", tmp_path, folded=True)
     with pytest.raises(UsageError, match="expected a Robot, got"):
-        vdfmu.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
+        vdfmu.dynamics.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
 
 
 @pytest.mark.heavy

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-import vdfmu
 from tests.study.run.conftest import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.run import simulate
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -34,13 +35,13 @@ def packages(tmp_path_factory):
 
 
 def test_the_reader_finds_the_same_system_which_runs_to_the_bit_as_ssp_1(packages):
-    old, new = map(vdfmu.load_ssp, packages)
+    old, new = map(load_ssp, packages)
     assert (old.version, new.version) == ("1.0", "2.0")
     assert [str(c) for c in old.connections] == [str(c) for c in new.connections]
     assert {c.type for each in new.components for c in each.connectors.values()} <= {"Float64", "Int32", "Boolean"}
     for earlier, later in zip(old.components, new.components, strict=True):
         assert [(p.name, p.value) for p in earlier.parameters] == [(p.name, p.value) for p in later.parameters]
-    old, new = (vdfmu.simulate(path, stop=0.2) for path in packages)
+    old, new = (simulate(path, stop=0.2) for path in packages)
     assert old.names == new.names
     for name in old.names:
         assert np.array_equal(old[name], new[name]), name
@@ -56,7 +57,7 @@ def test_ssp_2_is_checked_with_a_run_and_arrays_of_fmi_3_run_as_the_elements_of_
     fmus = build_fmus(scenario.robot, tmp_path, parameters=values, backend="native", fmi_version="3.0", folded=True)
     arrays = write_ssp(scenario, fmus, tmp_path / "arrays.ssp", version="2.0")
     assert inspect_file(arrays).problems == []
-    old, new = (vdfmu.simulate(path, stop=0.2) for path in (packages[0], arrays))
+    old, new = (simulate(path, stop=0.2) for path in (packages[0], arrays))
     assert sorted(old.names) == sorted(new.names)
     for name in old.names:
         assert np.array_equal(old[name], new[name]), name

@@ -71,4 +71,4 @@ def study_of(folder, over, function, sample="grid", n=None, fail=()):
     with Ledger(folder, facts, "key", points) as ledger:
         for first in range(0, len(rows), 50):
             ledger.add(rows[first : first + 50])
-        return vdfmu.Sweep(ledger.finish())
+        return Sweep(ledger.finish())

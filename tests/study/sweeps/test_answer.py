@@ -12,6 +12,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.sweeps import answer as answers
 from vdfmu.study.sweeps.candidates import JudgedPoint, best_of, candidates, neighbours
+from vdfmu.study.sweeps.sweep import Sweep
 
 GRID = {"f.a": "lin(0, 4, 5)", "f.b": "*lin(1, 5, 5)"}
 
@@ -79,7 +80,7 @@ def searched(folder, after=3.0, **roles):
 
 
 def opened(folder):
-    search = vdfmu.Sweep(folder)
+    search = Sweep(folder)
     search.facts |= {"tune": {"margin": [0.5]}, "n": 1}
     return search
 

@@ -14,6 +14,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.sweeps.digest import function_digest
 from vdfmu.study.sweeps.measures import read_measures
+from vdfmu.system.scenario import load_scenario
 
 T = np.linspace(0.0, 2.0, 201)
 Q = np.column_stack([np.sin(T), 0.5 * T])
@@ -172,11 +173,11 @@ def test_the_digest_has_what_a_function_refers_to(first, second):
 
 def test_the_digest_does_not_change_as_a_scenario_is_used():
     """A study that goes on in a notebook, whose function names the scenario that was run."""
-    scenario = vdfmu.load_scenario("planar_tracking")
+    scenario = load_scenario("planar_tracking")
     measure = made("measure = lambda r: s.stop + s.robot.n", s=scenario)
     before = function_digest(measure)
     assert scenario.resolved.plants  # found once, and kept
-    vdfmu.forward_kinematics(scenario.robot, [0.0, 0.0])
+    vdfmu.dynamics.forward_kinematics(scenario.robot, [0.0, 0.0])
     assert function_digest(measure) == before
     other = made("measure = lambda r: s.stop + s.robot.n", s=dataclasses.replace(scenario, stop=1.0))
     assert function_digest(other) != before

@@ -12,9 +12,13 @@ import pytest
 import vdfmu
 from tests.conftest import ran, refused
 from tests.study.sweeps.conftest import MEASURES, WAYS, study
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.engine.run import simulate
 from vdfmu.study.sweeps.plan import make_plan
 from vdfmu.study.sweeps.sweep import Sweep
+from vdfmu.system.package.write import write_ssp
+from vdfmu.system.scenario import load_scenario
 
 MODELS = Path(vdfmu.__file__).parents[1] / "models"
 LATE = """from vdfmu.arm.equations.trajectory import desired_motion
@@ -39,14 +43,12 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
     )  # fmt: skip
     assert len(swept) == 8 and not swept.failed
     assert swept["point"].tolist() == list(range(8))
-    scenario = vdfmu.load_scenario("planar_tracking")
-    package = vdfmu.write_ssp(
-        scenario, vdfmu.build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp"
-    )
+    scenario = load_scenario("planar_tracking")
+    package = write_ssp(scenario, build_fmus(scenario.robot, tmp_path / "fmus", folded=True), tmp_path / "p.ssp")
     rows = swept.table().to_pylist()
     for row in (rows[0], rows[3], rows[6]):
         mass = row["plant.mass"] * scenario.robot.mass
-        results = vdfmu.simulate(
+        results = simulate(
             package, stop=0.2, step=1e-3, algorithm=row["algorithm"],
             parameters={"controller.K_p[2]": row["controller.K_p[2]"], "plant.mass": mass.tolist()},
         )  # fmt: skip

@@ -15,6 +15,7 @@ from vdfmu.study.sweeps.failures import cause_of, failed_groups
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.measures import read_measures, unit_of
+from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.table import groups, view
 
 A, B = 7.0, 0.1
@@ -196,7 +197,7 @@ def test_parts_do_not_repeat_what_the_study_is_and_the_worst_point_has_the_large
         ledger.add([{"point": k, "failed": None, "failed_at": None, "wall_s": 0.1, "y": 1.0} for k in range(10)])
         part = next((tmp_path / "t" / "parts").glob("*.parquet"))
         assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
-        assert vdfmu.Sweep(tmp_path / "t").facts["axes"] == made.facts["axes"]  # before the end too
+        assert Sweep(tmp_path / "t").facts["axes"] == made.facts["axes"]  # before the end too
     made = study_of(tmp_path / "study", {"f.x": [3.0, -2.0, 5.0, 9.0]}, lambda x: x, fail=(3,))
     assert [made.row(which)["point"] for which in ("worst", "best", 0)] == [2, 1, 0]
     assert made.row("best", "y")["y"] == -2.0

@@ -5,8 +5,8 @@ import json
 import zipfile
 from xml.etree import ElementTree
 
-import vdfmu
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, SSP_1, SSP_FORMATS
+from vdfmu.engine.package.read import load_ssp
 from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp
 from vdfmu.system.scenario import load_scenario
 
@@ -47,4 +47,4 @@ def test_a_version_is_a_row(tmp_path, monkeypatch):
     package = write_ssp(scenario, fmus, tmp_path / "mine.ssp", version=ssp.name)
     with zipfile.ZipFile(package) as system:
         structure = ElementTree.fromstring(system.read("SystemStructure.ssd"))
-    assert structure.get("version") == vdfmu.load_ssp(package).version == ssp.name
+    assert structure.get("version") == load_ssp(package).version == ssp.name

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-import vdfmu
 from tests.engine import texts
 from tests.engine.files import check_file
 from tests.hostile.packages import pack
 from tests.system.package.problems import problems
 from tests.warm import command
 from vdfmu.engine.package import limits
+from vdfmu.engine.package.limits import package_limit
 from vdfmu.engine.package.read import load_ssp
 
 
@@ -115,8 +115,8 @@ def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "TOTAL_LIMIT", 2_000_000)
     faults = problems(nested(tmp_path / "x.ssp", 4))
     assert "x.ssp: has more than 2000000 bytes unpacked, including packages inside it" in faults[-1]
-    assert "--unpack-limit, or vdfmu.package_limit in Python" in faults[-1]
-    with vdfmu.package_limit(4_000_000):
+    assert "--unpack-limit, or package_limit of vdfmu.engine.package.limits" in faults[-1]
+    with package_limit(4_000_000):
         assert not any("bytes unpacked" in text for text in problems(tmp_path / "x.ssp"))
 
 

@@ -99,7 +99,7 @@ def build_units(
     step: float,
     files: Mapping[str, str] | None = None,
 ) -> dict[str, Path]:
-    """Build FMUs of units, each ``<Name>.fmu`` or as `files` names it; see :func:`vdfmu.build_fmus`."""
+    """Build FMUs of units, each ``<Name>.fmu`` or as `files` names it; see :func:`vdfmu.arm.fmus.build_fmus`."""
     further = _checked_target(target, precision, step, backend, units)
     asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
     backend = choose_backend("native" if backend is None and asked else backend)  # options of native FMUs alone
@@ -109,7 +109,7 @@ def build_units(
         raise UsageError(
             f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
             f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
-            "memory; vdfmu.inverse_dynamics and forward_dynamics take more joints."
+            "memory; vdfmu.dynamics takes more joints."
         )
     out = Path(out_dir)
     contents = {

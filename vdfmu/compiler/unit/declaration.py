@@ -289,7 +289,7 @@ class Requirement:
 
 
 class Machine(Protocol):
-    """A machine, such as :class:`vdfmu.Robot`: arrays of numbers, some of them parameters at run time."""
+    """A machine, such as :class:`vdfmu.arm.robot.Robot`: arrays of numbers, some of them parameters at run time."""
 
     reader: ClassVar[str]
     """``module:function`` that makes a machine of the result of `to_dict`, and the name of the file in messages."""

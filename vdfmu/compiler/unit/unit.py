@@ -124,7 +124,7 @@ class Unit(BaseUnit):
 
         Returns
         -------
-        vdfmu.StateSpace
+        vdfmu.base.state_space.StateSpace
             ``A, B, C, D`` with the names of their rows and columns; outputs are the states and the other outputs.
         """
         run = self._bound()

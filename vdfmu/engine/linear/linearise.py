@@ -37,8 +37,8 @@ def linear_system(
 
     Directional derivatives give the matrices; model-exchange components without any are differenced, with a note.
     Sampled states are linearised if an annotation names their period. For `step`, errors and `options`, such as
-    `algorithm` and `parameters`, see :class:`vdfmu.Simulator`. UsageError for co-simulation components without
-    directional derivatives.
+    `algorithm` and `parameters`, see :class:`vdfmu.engine.run.Simulator`. UsageError for co-simulation components
+    without directional derivatives.
     """
     simulator = Simulator(system, **options)
     step = simulator.grid(None, None, step)[2]

@@ -29,7 +29,7 @@ ELEMENT_LIMIT = 10_000
 """Most elements of a system and its inner systems, counted at each reference."""
 DEPTH_LIMIT = 32
 """Most systems inside each other, written or by reference."""
-_WAY = "that is the limit. If you trust the file: --unpack-limit, or vdfmu.package_limit in Python"
+_WAY = "that is the limit. If you trust the file: --unpack-limit, or package_limit of vdfmu.engine.package.limits"
 
 _chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
 

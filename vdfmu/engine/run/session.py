@@ -228,7 +228,8 @@ class Run:
     """A run of components that are initialized and coupled.
 
     It adds to the facts in `summary`, uses `record`, `observer` and `pace` of the `options`, see
-    :class:`vdfmu.engine.options.RowOptions`, and writes rows to `files`. For `taps` see :meth:`vdfmu.Simulator.run`.
+    :class:`vdfmu.engine.options.RowOptions`, and writes rows to `files`. For `taps` see
+    :meth:`vdfmu.engine.run.Simulator.run`.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]
     Parameters
     ----------
     system : FlatSystem, str or Path
-        An SSP 1.0 or 2.0, or the result of `vdfmu.load_ssp`.
+        An SSP 1.0 or 2.0, or the result of `vdfmu.engine.package.read.load_ssp`.
     **options
         :class:`vdfmu.engine.options.SimulateOptions`.
 
@@ -78,18 +78,18 @@ class Simulator:
     Parameters
     ----------
     system : FlatSystem, str or Path
-        See :func:`vdfmu.simulate`.
+        See :func:`vdfmu.engine.run.simulate`.
     **options
-        :class:`vdfmu.engine.options.SimulatorOptions`, the options of :func:`vdfmu.simulate` except for `run`.
+        :class:`vdfmu.engine.options.SimulatorOptions`, the options of :func:`simulate` except for `run`.
 
     Raises
     ------
     SspError, UsageError
-        See :func:`vdfmu.simulate`, here and at the beginning of the block.
+        See :func:`vdfmu.engine.run.simulate`, here and at the beginning of the block.
 
     Examples
     --------
-    >>> with vdfmu.Simulator("tracking.ssp") as simulator:
+    >>> with Simulator("tracking.ssp") as simulator:
     ...     for mass in (0.5, 1.0, 1.5):
     ...         results = simulator.run(parameters={"plant.payload_mass": mass})
     ...     simulator.reset(stop=1.0)
@@ -156,7 +156,7 @@ class Simulator:
         Raises
         ------
         UsageError, CosimError, Interrupted, VdfmuError
-            See :func:`vdfmu.simulate`; UsageError outside the block, too.
+            See :func:`vdfmu.engine.run.simulate`; UsageError outside the block, too.
         """
         grid, stream = self.grid(options["start"], options["stop"], options["step"]), options["stream"]
         files = [stream] if isinstance(stream, Path) else list(stream or ())
@@ -263,7 +263,7 @@ class Simulator:
     def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
         """Return the system with the parameters of a run."""
         if self._checked is None:
-            raise UsageError("Simulator: its runs are made in a block, 'with vdfmu.Simulator(...) as simulator:'.")
+            raise UsageError("Simulator: its runs are made in a block, 'with Simulator(...) as simulator:'.")
         checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
         if self._options["strict"]:
             require_values(checked)

@@ -170,7 +170,7 @@ def packaged(
     algorithm: str | None = None,
     **coupling: Unpack[CouplingOptions],
 ) -> Generator[tuple[Path, dict[str, Any]]]:
-    """Yield the package of a system, and the options of :class:`vdfmu.Simulator` that it takes.
+    """Yield the package of a system, and the options of :class:`vdfmu.engine.run.Simulator` that it takes.
 
     The system is a scenario, its name or file, or an ``.ssp``; `parameters` are set in it, `backend` is the kind of a
     scenario's FMUs. `algorithm` and `coupling` replace its options.

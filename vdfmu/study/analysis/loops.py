@@ -211,7 +211,7 @@ def margins_along(
     Raises
     ------
     UsageError, SspError, CosimError
-        See :class:`vdfmu.Simulator`; for times that the run does not have, and loops that are not known.
+        See :class:`vdfmu.engine.run.Simulator`; for times that the run does not have, and loops that are not known.
     """
     with run_along(system, opened, at, **options) as (poses, grid, failed):
         verdict = judged(poses, grid.begin, grid.end, bool(failed))

@@ -283,8 +283,8 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
 
     Examples
     --------
-    >>> vdfmu.animate(vdfmu.run("tracking"))
-    >>> vdfmu.animate("results/tracking").save("arm.html")
+    >>> animate(vdfmu.run("tracking"))
+    >>> animate("results/tracking").save("arm.html")
     """
     if isinstance(run, Results):
         shown = ShownRun("run", run, run.summary, Path(run.summary.get("package", "")))
@@ -300,7 +300,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
 
 
 class Animation:
-    """The arm of a run, moving; made by :func:`vdfmu.animate`."""
+    """The arm of a run, moving; made by :func:`vdfmu.study.report.page.animate`."""
 
     def __init__(self, run: ShownRun) -> None:
         self._page = report_page([run], arm_alone=True)

@@ -59,7 +59,7 @@ def write_robot_page(
 
     Examples
     --------
-    >>> vdfmu.write_robot_page(vdfmu.load_robot("panda_7dof"), "panda.html")
+    >>> write_robot_page(vdfmu.load_robot("panda_7dof"), "panda.html")
     []
     """
     path = Path(path)

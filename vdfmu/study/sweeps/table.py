@@ -71,7 +71,7 @@ def _foreign_table(path: Path, columns: Sequence[str] | None = None) -> Any:
 
 
 class StudyTable:
-    """The results of a parameter study, without drawing; see :class:`vdfmu.Sweep`."""
+    """The results of a parameter study, without drawing; see :class:`vdfmu.study.sweeps.sweep.Sweep`."""
 
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = ()) -> None:
         self.path = Path(path)

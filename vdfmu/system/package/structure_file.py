@@ -195,7 +195,7 @@ of the default experiment say the same.</p>
 <pre>vdfmu run system.ssp</pre>
 <p>or in Python</p>
 <pre>import vdfmu
-results = vdfmu.simulate("system.ssp")
+results = vdfmu.load("system.ssp").run()
 print(results["{escape(shown)}"][-1])</pre>"""
     return text
 

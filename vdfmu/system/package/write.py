@@ -58,7 +58,7 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
     for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
         if content is None:
-            raise StorageError(f"{component}: {fmu} is missing or no FMU. Build it with vdfmu.build_fmus.")
+            raise StorageError(f"{component}: {fmu} is missing or no FMU. Build it with vdfmu.arm.fmus.build_fmus.")
         match = _VERSION.search(content)
         got = match[1].decode() if match else "none"
         if got not in versions:
@@ -84,7 +84,7 @@ def write_ssp(
     ----------
     scenario : Scenario
     fmus : mapping of component to path
-        FMUs from :func:`vdfmu.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
+        FMUs from :func:`vdfmu.arm.fmus.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
         Those that the scenario's system does not have are left out.
     path : path
         File to write, ``name.ssp``.
@@ -119,7 +119,7 @@ def write_ssp(
     if lacking := [component for component in description.tables if component not in fmus]:
         raise UsageError(
             f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them "
-            "with vdfmu.build_fmus, or run vdfmu ssp, since it builds all of them."
+            "with vdfmu.arm.fmus.build_fmus, or run vdfmu ssp, since it builds all of them."
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
@@ -168,8 +168,9 @@ def build_parts(
 ) -> dict[str, Path]:  # fmt: skip
     """Build the FMUs of the scenario's system, or take its foreign FMUs. Return component to FMU.
 
-    `values` are start values by component. `target` and `options`: see :func:`vdfmu.build_fmus`. Components with the
-    same unit have different FMUs if their start values differ. Components without an FMU for the target are left out.
+    `values` are start values by component. `target` and `options`: see :func:`vdfmu.arm.fmus.build_fmus`. Components
+    with the same unit have different FMUs if their start values differ. Components without an FMU for the target are
+    left out.
     """
     against, robots = _reasons(scenario, target), scenario.resolved.robots
     units = {name: unit for name, unit in scenario.resolved.units.items() if not against[name]}
