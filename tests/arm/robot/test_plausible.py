@@ -3,9 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import vdfmu
+from tests.conftest import invoked
 from vdfmu.arm.robot import load_robot, robot_from_dict, robot_names
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.plausible import robot_notes
@@ -42,6 +44,14 @@ def test_a_wrong_sign_or_unit_of_a_robot_is_noted(robot, fields, note, tmp_path)
     assert not report.problems and any(note in line for line in report.notes)
     if robot is ARM:
         assert any(note in line for line in model_notes(replace(load_scenario("planar_tracking"), robot=changed)))
+
+
+def test_check_counts_notes(tmp_path):
+    path, wide = tmp_path / "arm.toml", np.where(np.arange(LIMITED.n) < 2, 180.0, LIMITED.q_max)
+    for changed, count in ((LIMITED, "no problems"), (LIMITED.with_parameters(gravity=[0, 0, 981]), "no problems, 1 note"),
+                           (LIMITED.with_parameters(q_max=wide), "no problems, 2 notes")):  # fmt: skip
+        path.write_text(toml_text(changed.to_dict(looks=False)), encoding="utf-8")
+        assert invoked("check", path).output.endswith(f"arm.toml (robot): {count}\n")
 
 
 SETTINGS: list[tuple[dict[str, Any], str]] = [
