@@ -119,10 +119,10 @@ def _plant(J: Floats, M: Floats, K: Floats, fall: float, decay: float, step: flo
 
     Inputs are the rotors' torques, link-side.
     """
-    n, none, one = len(J), np.zeros((len(J), len(J))), np.eye(len(J))
+    n, none, unit = len(J), np.zeros((len(J), len(J))), np.eye(len(J))
     of_links, of_rotors = np.linalg.solve(M, np.diag(K)), np.diag(K / J)
     A = np.block([
-        [none, none, one, none], [none, none, none, one], [-of_links, of_links, none, none],
+        [none, none, unit, none], [none, none, none, unit], [-of_links, of_links, none, none],
         [of_rotors, -of_rotors, none, np.diag(fall / J)],
     ]) - decay * np.eye(4 * n)  # fmt: skip
     return held(Linear(A, np.vstack([none, none, none, np.diag(1.0 / J)])), step)
