@@ -29,22 +29,22 @@ def run(report: Report, quick: bool = False) -> None:
     table = Table(
         "arms", TITLE,
         [("robot", "s"), ("joints", "d"), ("mass [kg]", ".3g"), ("length [m]", ".3g"), ("lowest mode [Hz]", ".3g"),
-         ("margin", ".2f"), ("margin, one sample late", ".2f"), ("motion [s]", ".3g"), ("largest error", ".1e"),
-         ("final error", ".1e"), ("build [s]", ".0f"), ("processor [s/s]", ".2g")],
+         ("step [ms]", "g"), ("margin", ".2f"), ("delay margin [samples]", ".2f"), ("margin, one sample late", ".2f"),
+         ("motion [s]", ".3g"), ("largest error", ".1e"), ("final error", ".1e"), ("build [s]", ".0f"),
+         ("processor [s/s]", ".2g")],
     )  # fmt: skip
     for name in ("planar_2dof", "scara_4dof") if quick else robot_names():
         report.say(name)
         robot, scenario = load_robot(name), reach_scenario(name)
         motion = scenario.sections["trajectory"]
         ran = _child(name)
+        loops, late = (margins_along(scenario, master=m).judged.loops for m in ("gauss-seidel", "jacobi"))
+        delay = loops.delay()
         table.add(
             name, robot.n, float(robot.mass.sum()), _length(robot),
             natural_modes(robot, motion["q_start"], motors="held").frequency[0],
-            *(
-                float(margins_along(scenario, algorithm=each).judged.loops.modulus.min())
-                for each in ("gauss-seidel", "jacobi")
-            ),
-            float(motion["T"]), ran["largest"], ran["final"], ran["build"], ran["second"],
+            1e3 * scenario.step, float(loops.modulus.min()), delay.samples if delay else np.inf,
+            float(late.modulus.min()), float(motion["T"]), ran["largest"], ran["final"], ran["build"], ran["second"],
         )  # fmt: skip
     table.notes.append("Modes with held motors where the motion starts; errors in rad or m; times are processor times.")
     report.show(table)

@@ -53,8 +53,8 @@ MISMATCHES = {
     "encoder_delay": Mismatch("Encoders of 30 bits that are 1 ms late", loop="sensed",
         values=dict.fromkeys(BITS, 30.0) | dict.fromkeys(DELAYS, 1e-3)),
     "torque_noise": Mismatch("White noise of the motor torques, 2 % of the largest", loop="driven", noise=0.02),
-    "delay_1": Mismatch("Torques that arrive one sample late", loop="driven", values={"communication.T_d": 1e-3}),
-    "delay_2": Mismatch("Torques that arrive two samples late", loop="driven", values={"communication.T_d": 2e-3}),
+    "delay_1": Mismatch("Torques that arrive 1 ms late", loop="driven", values={"communication.T_d": 1e-3}),
+    "delay_2": Mismatch("Torques that arrive 2 ms late", loop="driven", values={"communication.T_d": 2e-3}),
     "contact": Mismatch("A wall, 2 mm before the farthest place of the path", loop="contact"),
 }  # fmt: skip
 
@@ -64,9 +64,10 @@ class Arm:
 
     def __init__(self, robot: str, folder: Path) -> None:
         self.robot, self.folder, self._given = vdfmu.load_robot(robot), folder / Path(robot).stem, robot
-        reach = reach_scenario(robot).sections
-        self.rule = {name: np.array(reach["controller"][name]) for name in ("K_p", "K_v")}
-        motion = reach["trajectory"]
+        reach = reach_scenario(robot)
+        self.step = reach.step
+        self.rule = {name: np.array(reach.sections["controller"][name]) for name in ("K_p", "K_v")}
+        motion = reach.sections["trajectory"]
         self.start, self.end, self.T = np.array(motion["q_start"]), np.array(motion["q_end"]), float(motion["T"])
         self.length = float(
             np.linalg.norm(self.robot.offset[1:], axis=1).sum() + np.linalg.norm(self.robot.tool_offset)
@@ -133,7 +134,7 @@ class Arm:
     def _tables(self, name: str, motion: str) -> dict[str, Any]:
         head = {"name": name, "description": f"{self.robot.name}, {motion}", "robot": self._given}
         empty = {"mass": 0.0, "known": False}  # a mismatch fills it
-        return head | {"step": 1e-3, "tolerance": 1e-8, "payload": empty} | self._planned(motion)[0]
+        return head | {"step": self.step, "tolerance": 1e-8, "payload": empty} | self._planned(motion)[0]
 
     def _planned(self, motion: str) -> tuple[dict[str, Any], Any]:
         """Return the tables of a motion, and 501 of its positions, velocities and accelerations, (3, 501, n)."""

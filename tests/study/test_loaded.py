@@ -15,6 +15,7 @@ from tests.engine.files import assert_same_bits, edited
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import data_path
 from vdfmu.engine.fmu import instance
+from vdfmu.engine.run import simulate
 
 RUN = {"stop": 0.02, "step": 1e-3, "record": ["*"]}
 VALUES = [{}, {"plant.I_m[1]": 2e-3}, {"plant.I_m": [3e-3, 1e-3]}]
@@ -44,7 +45,7 @@ def ramp(tmp_path_factory):
 
 
 def test_each_run_is_that_of_components_that_are_new(package, made):
-    alone = [vdfmu.simulate(package, parameters=each, **RUN) for each in VALUES]
+    alone = [simulate(package, parameters=each, **RUN) for each in VALUES]
     assert any((alone[0][x] != alone[1][x]).any() for x in alone[0])
     del made[0][:], made[1][:]
     system = vdfmu.load(package)
@@ -65,9 +66,9 @@ def test_times_and_records_may_change_and_options_load_anew(package, made):
     assert len(system.run(stop=0.02, step=2e-3)) == 11
     assert system.run(stop=0.03, step=1e-3, record=["plant.q[*]"]).names == ["plant.q[1]", "plant.q[2]"]
     long = system.run(stop=1.0, step=1e-3)  # too long for its plan to be kept
-    assert_same_bits(long, vdfmu.simulate(package, stop=1.0, step=1e-3))
+    assert_same_bits(long, simulate(package, stop=1.0, step=1e-3))
     assert len(made[0]) == 2 * 4
-    assert_same_bits(system.run(algorithm="jacobi", **RUN), vdfmu.simulate(package, algorithm="jacobi", **RUN))
+    assert_same_bits(system.run(algorithm="jacobi", **RUN), simulate(package, algorithm="jacobi", **RUN))
     assert len(made[0]) == 4 * 4
 
 
@@ -106,7 +107,7 @@ def test_a_run_that_fails_leaves_the_next_as_it_was(package, made):
 
 
 def test_threads_share_a_system(package):
-    alone = [vdfmu.simulate(package, parameters=each, **RUN) for each in VALUES]
+    alone = [simulate(package, parameters=each, **RUN) for each in VALUES]
     system, results = vdfmu.load(package), {}
 
     def run(k):

@@ -277,12 +277,14 @@ def _say_schema(kind: str, system: Path | None) -> None:
 
 
 def _report(file: Path, label: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
-    """Print findings, and how many are problems."""
+    """Print findings, and how many problems and notes they are."""
     for kind, texts in (("note", notes), ("problem", problems)):
         for text in first_few(texts, _rule):
             rule = f" [{_rule(text)}]" if _rule(text) else ""
             say(f"{kind}: {text}{rule}")  # its rule stands where no script looks for the text
-    count = f"{len(problems)} problem(s)" if problems else "no problems"
+    kinds = (("problem", len(problems)), ("note", len(notes)))
+    counts = [f"{n} {kind}{'s' * (n > 1)}" for kind, n in kinds if n]
+    count = ", ".join(counts if problems else ["no problems", *counts])
     say(f"{file}{f' ({label})' if label else ''}: {count}")
 
 

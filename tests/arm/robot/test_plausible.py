@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 import vdfmu
+from tests.conftest import invoked
 from vdfmu.arm.robot import load_robot, robot_from_dict, robot_names
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.plausible import robot_notes
@@ -42,6 +43,14 @@ def test_a_wrong_sign_or_unit_of_a_robot_is_noted(robot, fields, note, tmp_path)
     assert not report.problems and any(note in line for line in report.notes)
     if robot is ARM:
         assert any(note in line for line in model_notes(replace(load_scenario("planar_tracking"), robot=changed)))
+
+
+def test_check_counts_notes(tmp_path):
+    path, far = tmp_path / "arm.toml", {"gravity": [0.0, 0.0, 981.0]}
+    cases: list[tuple[dict[str, Any], str]] = [({}, ""), (far, ", 1 note"), (far | {"q_max": 180.0}, ", 2 notes")]
+    for fields, count in cases:
+        path.write_text(toml_text(LIMITED.with_parameters(**fields).to_dict(looks=False)), encoding="utf-8")
+        assert invoked("check", path).output.endswith(f"arm.toml (robot): no problems{count}\n")
 
 
 SETTINGS: list[tuple[dict[str, Any], str]] = [

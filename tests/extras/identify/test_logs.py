@@ -14,9 +14,12 @@ from scipy.interpolate import CubicSpline
 
 import vdfmu
 from tests.extras.identify.recorded import STEP, M, T, motion
+from vdfmu.arm import motion as motions
+from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
 from vdfmu.engine.run import Results, Signal
+from vdfmu.extras.identify.design import exact_log
 from vdfmu.extras.identify.log import read_log
 
 
@@ -26,7 +29,7 @@ def data(robot):
 
 
 def table(data, **other):
-    arrays = dict(zip(("kappa", "q", "tau"), data, strict=True)) | other
+    arrays = dict(zip(("kappa", "q", "tau"), data, strict=False)) | other
     return {f"{name}[{i + 1}]": column for name, each in arrays.items() for i, column in enumerate(each.T)}
 
 
@@ -244,11 +247,42 @@ def test_all_faults_are_named_at_once(robot, data, tmp_path):
         assert line.startswith(f"{tmp_path / 'log.csv'}: {start}")
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_log_without_a_whole_row_has_its_sentences_alone(robot, data, tmp_path):
+    kappa, q, tau = (each.copy() for each in data)
+    q[::2, 0] = kappa[1::2, 1] = np.nan
+    with pytest.raises(UsageError) as caught:
+        read_log(write(tmp_path / "log.csv", table((kappa, q, tau))), robot)
+    starts = [
+        "q[1], row 1, 0 s: expected a finite number, got nan",
+        "kappa[2], row 2, 0.004 s: expected a finite number",
+    ]
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 2 and all(any(start in line for line in lines) for start in starts)
+
+
 def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
     path = write(tmp_path / "log.csv", table((np.rad2deg(data[0] * 0.1), data[1], data[2])))
     arm = robot.__class__(**{**robot.__dict__, "limits": True, "q_min": np.full(2, -2.0), "q_max": np.full(2, 2.0)})
     with pytest.raises(UsageError, match=r"kappa\[1\]: expected less than 4 from end to end, as the robot's stops are"):
         read_log(path, arm)
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 1.0])
+@pytest.mark.parametrize("name", ["planar_2dof", "manipulator_6dof"])
+def test_positions_in_degrees_are_named_with_and_without_links_and_torques_of_rotors_are_not(name, amplitude, tmp_path):
+    """Headings say rad. Slow motions too, with speeds below the limit; torques of another size have their own cause."""
+    arm = load_robot(name)
+    sines = motions.multisine([0.2] * arm.n, amplitude, [1, 2, 5, 9], period=12.0, phases="random")
+    log, degree = exact_log(arm, sines, 0.004), np.rad2deg(1.0)
+    for q in (log.q, None):
+        encoders = {} if q is None else {"q": q}
+        for unit, size, keys in ((degree, 1.0, ["degrees"]), (1.0, 1.0 / arm.ell, ["torque"]), (1.0, 1.0, [])):
+            positions = {name: unit * each for name, each in {"kappa": log.kappa, **encoders}.items()}
+            columns = table((), **positions, tau=size * log.tau)
+            headed = {name if name[:3] == "tau" else f"{name} [rad]": column for name, column in columns.items()}
+            path = write(tmp_path / "log.csv", headed, log.t)
+            assert [check.key for check in read_log(path, arm).checks] == keys
 
 
 def test_torques_that_fit_otherwise_are_failed_checks(robot, data, tmp_path):

@@ -18,6 +18,7 @@ FAULTS = {
     "kN.m": ({"tau": 1e-3}, FAILED, "torques are 0.001 times the robot file's: kN.m were read as N.m"),
     "side": ({"tau": 100.0}, FAILED, "torques are 100 times the robot file's: they are link-side"),
     "sign": ({"tau": -1.0}, FAILED, "tau[1] has another sign: its friction would drive the joint"),
+    "degrees": ({"kappa": np.rad2deg(1.0), "q": np.rad2deg(1.0)}, FAILED, "positions look like degrees that were read"),
     "time": ({"t": 1e-3}, FAILED, "joint 1 moves at"),
     "model": ({"friction": 0.6}, DOUBTFUL, "has a residual of 38"),
 }  # fmt: skip
@@ -31,10 +32,10 @@ def log(robot):
     return noisy(exact_log(robot, sines, 0.004), robot, 1)
 
 
-def write(log, path, t=1.0, q=1.0, tau=1.0, friction=0.0):
+def write(log, path, t=1.0, kappa=1.0, q=1.0, tau=1.0, friction=0.0):
     """Write a log with factors; `friction` is the size of a torque that no model has, over the RMS of torques."""
     size = friction * np.sqrt((log.tau**2).mean(axis=0)) * np.sin(0.7 * log.t)[:, None]
-    columns = np.column_stack([t * log.t, log.kappa, q * log.q, tau * log.tau + size])
+    columns = np.column_stack([t * log.t, kappa * log.kappa, q * log.q, tau * log.tau + size])
     heads = ["time [s]", *(f"{name}[{i}] [{unit}]" for name, unit in (("kappa", "rad"), ("q", "rad"), ("tau", "N.m"))
                            for i in (1, 2))]  # fmt: skip
     np.savetxt(path, columns, delimiter=",", header=",".join(heads), comments="", fmt="%.12g")

@@ -48,7 +48,7 @@ PLACES: Mapping[str, Sequence[Mapping[str, float]]] = {
     ],
     "six": [{K_V: 1.3}, {K_V: 1.5}, {K_P: 6}, {K_P: 0.2}, {MASS: 2}, {T: 0.5}, {K_V: 6}],
     "wall": [{K_P: 10}, {K_P: 0.3}, {K_V: 1.5}, {K_V: 3}, {MASS: 0.5}, {K_P: 0.1, K_V: 0.5}, {T: 0.6}],
-    "fast": [{T: 0.5}, {K_P: 0.5}, {K_P: 2}, {K_V: 0.9}, {K_V: 3}, {T: 0.7, K_P: 0.3}, {MASS: 2}],
+    "fast": [{T: 0.5}, {K_P: 0.5}, {K_P: 2}, {K_V: 0.8}, {K_V: 3}, {T: 0.7, K_P: 0.3}, {MASS: 2}],
     "weak": [{T: 0.5}, {K_P: 0.5}, {K_P: 5}, {MASS: 0.6}, {T: 0.7}, {T: 0.8}],
     "slider": [{K_P: 10}, {K_V: 0.2}, {K_V: 3}, {K_V: 8}, {MASS: 2}, {T: 2}],
 }  # fmt: skip

@@ -59,7 +59,7 @@ def test_an_entry_that_is_there_twice_is_a_note_and_one_that_is_missing_a_proble
     assert "10 steps" in problem
     done = command("check", path, cwd=tmp_path)
     assert done.returncode == 1, done.stderr
-    assert "1 problem(s)" in done.stdout
+    assert "1 problem" in done.stdout
     assert check_file(path, run=False) == []
 
 

@@ -13,6 +13,7 @@ from tests.conftest import heavy
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import load_scenario
 
 # Both sides round: a chain of n operations by up to 1e-16 n. An output of six joints takes 1e4 operations, and some
 # cancel: three digits are for them. Accelerations cancel more, but are no outputs.
@@ -24,7 +25,7 @@ BACKENDS = ["native", *heavy("python")]
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_rows_of_a_run_follow_from_the_methods_of_its_units(name, backend):
-    system = SystemDescription(vdfmu.load_scenario(name))
+    system = SystemDescription(load_scenario(name))
     results = vdfmu.run(name, stop=0.1, reference=False, out=False, record=["*"], backend=backend)
     units = {unit: each for unit, each in system.tables.items() if isinstance(each, Interface)}
     assert units

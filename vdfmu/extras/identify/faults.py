@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
@@ -38,10 +39,14 @@ _FOLLOWS = 0.95
 """Correlation of a link's steps with its rotor's below which it does not follow it. Joints may move alike."""
 _DEVIATIONS = 10.0
 """Standard deviations of white noise within which work is not certain: five, where four rows in a row are alike."""
+_FEWEST_ROWS = 3
+"""Rows without which there is no correlation."""
 _ROWS = 1000
 """Rows, at most, at which torques are compared with the motion."""
 _ALMOST = float(np.log(4.0))
 """Largest logarithm of a ratio of torques over one that has a known cause."""
+_BETTER = 0.9
+"""Share of the power that torques leave, below which they fit another unit of the positions better."""
 _FEWER = 0.25
 """Share of the power that a torque leaves with its own joint, below which it fits another one better."""
 
@@ -232,6 +237,8 @@ def check_motion(
     both = np.flatnonzero(np.isfinite(q).any(axis=0) & moved)
     stride = max(1, len(q) // 1000)
     rows = np.flatnonzero(np.isfinite(q[:, both]).all(axis=1) & np.isfinite(kappa).all(axis=1))[::stride]
+    if len(rows) < _FEWEST_ROWS:  # a problem by itself
+        return checks
     rates = {name: np.diff(each[rows][:, both], axis=0) for name, each in (("q", q), ("kappa", kappa))}
     size = {name: np.sqrt((each**2).mean(axis=0)) for name, each in rates.items()}
     alike = (rates["q"].T @ rates["kappa"]) / len(rates["q"]) / np.outer(size["q"], size["kappa"])
@@ -272,24 +279,33 @@ def _too_fast(t: Floats, kappa: Floats, robot: Robot) -> list[Check]:
     return [] if check.state == GOOD else [check]
 
 
-def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot) -> list[Check]:
-    """Return checks of torques that fit another joint, whose friction would drive, or of another size.
+class _Compared(NamedTuple):
+    """Torques compared with a motion, by five terms for each joint.
 
-    By five terms for each joint: constant, acceleration, velocity, its sign, and the torque of the robot file's links.
+    The terms are constant, acceleration, velocity, its sign, and the torque of the robot file's links.
     """
+
+    left: Floats
+    """Share of the power of torque i that the motion of joint j leaves, in row j: (n, n)."""
+    drives: npt.NDArray[np.bool_]
+    """Whether the friction of a joint would drive it, (n,)."""
+    ratio: float
+    """Size of the torques over that of the robot file's."""
+
+
+def _compared(t: Floats, kappa: Floats, tau: Floats, robot: Robot) -> _Compared:
     h, n = float(t[1] - t[0]), robot.n
-    moved = np.flatnonzero(np.ptp(arrays["kappa"], axis=0) > 0.0)
-    highest = max(fastest(np.diff(arrays["kappa"][:, i])) for i in moved) / (h * len(t)) if len(moved) else 0.0
+    moved = np.flatnonzero(np.ptp(kappa, axis=0) > 0.0)
+    highest = max(fastest(np.diff(kappa[:, i])) for i in moved) / (h * len(t)) if len(moved) else 0.0
     width = max(1, min(int(0.05 / (highest * h)), len(t) // 200)) if highest else 1
     m = len(t) // width
-    kappa, tau = (arrays[name][: m * width].reshape(m, width, n).mean(axis=1) for name in ("kappa", "tau"))
-    tau = tau * robot.ell
+    kappa, tau = (each[: m * width].reshape(m, width, n).mean(axis=1) for each in (kappa, tau * robot.ell))
     v = np.gradient(kappa, h * width, axis=0)
     a = np.gradient(v, h * width, axis=0)
     kappa, tau, v, a = (each[:: -(-m // _ROWS)] for each in (kappa, tau, v, a))
     links = regressor(robot, kappa, v, a, v, a).links @ body_parameters(robot)
     model = links + robot.I_m * robot.ell * a
-    left, drives, checks = np.ones((n, n)), np.zeros(n, bool), list[Check]()
+    left, drives = np.ones((n, n)), np.zeros(n, bool)
     for j in moved:
         X = np.column_stack([np.ones(len(a)), a[:, j], v[:, j], np.tanh(v[:, j] / (0.05 * v[:, j].std())), links[:, j]])
         X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
@@ -299,6 +315,36 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot) -> list
         weight = (X[:, 2:4] * v[:, j, None]).mean(axis=0)  # the work of friction is weight @ c[2:4]
         deviation = np.sqrt(rest[j] * weight @ np.linalg.pinv(X.T @ X)[2:4, 2:4] @ weight)
         drives[j] = weight @ c[2:4, j] < -_DEVIATIONS * deviation and tau[:, j] @ v[:, j] < 0.0
+    whole = (model[:, moved] ** 2).mean(axis=0)
+    ratios = np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum(whole, 1e-300))
+    return _Compared(left, drives, float(np.median(ratios)) if len(moved) else 1.0)
+
+
+def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks: Sequence[Check]) -> list[Check]:
+    """Return the checks of a log with `checks` of its motion, and those of its torques.
+
+    Torques may fit another joint, have another size, or a friction that would drive. If they fit a motion in degrees,
+    that is the only check: speeds and torques are off by it.
+    """
+    kappa, tau = arrays["kappa"], arrays["tau"]
+    read = _compared(t, kappa, tau, robot)
+    degrees = kappa * np.where([kind == "revolute" for kind in robot.joint_types], np.pi / 180.0, 1.0)
+    meant = _compared(t, degrees, tau, robot)
+    moved = np.flatnonzero(np.ptp(kappa, axis=0) > 0.0)
+    left, left_then = (float(np.diag(each.left)[moved].sum()) for each in (read, meant))
+    slower = bool(_too_fast(t, kappa, robot)) and not _too_fast(t, degrees, robot)
+    off, off_then = (abs(np.log(max(each.ratio, 1e-300))) for each in (read, meant))
+    if off_then < _ALMOST < off and (slower or left_then < _BETTER * left):
+        columns = " ".join(f"--column '{name}=NAME{{}} [deg]'" for name in ("kappa", "q") if name in arrays)
+        text = "the positions look like degrees that were read as rad"
+        return [Check("degrees", "Unit of the positions", FAILED, text, f"say {columns}")]
+    return [*checks, *_torque_checks(read, moved, robot)]
+
+
+def _torque_checks(read: _Compared, moved: npt.NDArray[np.intp], robot: Robot) -> list[Check]:
+    """Return checks of torques that fit another joint, whose friction would drive, or of another size."""
+    left, drives, ratio = read
+    checks: list[Check] = []
     best = linear_sum_assignment(np.log(left[np.ix_(moved, moved)] + 1e-9))[1] if len(moved) else []
     for i, j in zip(moved, moved[best], strict=True):
         if left[i, j] < _FEWER * left[i, i]:
@@ -313,8 +359,6 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot) -> list
             checks.append(Check("sign", "Sign", FAILED, text, f"say --column 'tau[{i + 1}]=NAME [-1 N.m]'"))
     if not len(moved):
         return checks
-    whole = (model[:, moved] ** 2).mean(axis=0)
-    ratio = float(np.median(np.sqrt((tau[:, moved] ** 2).mean(axis=0) / np.maximum(whole, 1e-300))))
     ell = float(np.median(robot.ell[moved]))
     causes = {
         1e3: ("mN.m were read as N.m", "say --column 'tau=NAME{} [mN.m]'"),

@@ -229,7 +229,7 @@ def read_log(
         if len(t) > 1:
             checks = check_motion(t, arrays, robot, notes, problems)
         if not problems:
-            checks += check_torques(t, arrays, robot)
+            checks = check_torques(t, arrays, robot, checks)
             q = arrays.get("q")
             none = q is None or not np.isfinite(q).any()
             return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes), tuple(checks))

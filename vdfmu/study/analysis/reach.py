@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -21,14 +22,17 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
 from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
-from vdfmu.engine.linear.loops import Loop
+from vdfmu.engine.linear.loops import Loop, margins_of
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.replace import with_parameters
 
 _DAMPING = 0.5
-_DAMPED = 2.0
-"""Decay rate [1/s] of a joint by the friction of its drive. Without friction no gains keep a delayed loop from driving
-the spring's mode."""
+_DAMPED, _LIGHT = 2.0, np.geomspace(0.003, 2.0, 12).tolist()
+"""Decay rates [1/s] of a joint by the friction of its drive, and of the modes of joints with little. Without friction
+no gains keep a delayed loop from driving the spring's mode. With little, a mode has the least delay margin where the
+peak of its gain is little above 1, and the decay rate for which it is differs from mode to mode."""
+_SAMPLES = 1.1
+"""Least delay margin of a joint by itself, in samples: all joints together have at least one."""
 _STABLE = 1e-3
 """Modulus margin of a loop that only has to be stable."""
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
@@ -54,28 +58,35 @@ def joint_gains(
     `inertias` (m,) of links; messages have its `name`. Its friction falls with the rotor's speed by at most `fall`
     [N m s/rad or N s/m], which takes as much from K_v. UsageError if no gains of the search have the margin.
 
-    The loop has the margin without friction and where it falls; without friction also one sample later. Where no
-    gains do all three, the later loop has to be stable only, and is first tried with half the margin.
+    The loop has the margin, and a delay margin of a sample, without friction and where it falls; without friction it
+    has the margin also one sample later. Where no gains do all of this, the later loop has to be stable only, and is
+    first tried with half the margin.
     """
-    tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS).tolist()
-    plants = [_plant(J, M, K, 0.0, step) for M in tries]
-    falling = [_plant(J, M, K, fall, step) for M in tries] if fall else []
+    tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)[:, None, None]
+    falls = [fall, 0.0] if fall else [0.0]
+    rotor, spring = np.array([J]), np.array([K])
+    damped, light = (
+        [_plant(rotor, M, spring, f, decay, step) for f in falls for M in tries for decay in decays]
+        for decays in ((_DAMPED,), _LIGHT)
+    )
     for late in (margin, margin / 2.0, _STABLE):
         N = _FIRST
         while N >= _LAST and (K_v := N * J / step) > fall:
-            K_p = min((K_v - fall) ** 2 / (4 * _DAMPING**2 * (J + tries[-1])), K / 4)
+            K_p = min((K_v - fall) ** 2 / (4 * _DAMPING**2 * (J + inertias.max())), K / 4)
             feedback = -np.array([[K_p, 0.0, 0.0, K_v]])  # on q, kappa, q_dot, kappa_dot
-            loops = [Loop(plant, feedback, step, slow=0.0) for plant in (*falling, *plants)]
-            if all(loop.later().least >= late for loop in loops[len(falling) :]):
-                least = min(loop.least for loop in loops)
-                if least >= margin:
-                    return K_p, K_v, least
+            loops = [Loop(plant, feedback, step, slow=0.0) for plant in damped]
+            _, modulus, delay = margins_of(loops)
+            later = margins_of([loop.later() for loop in loops[-_INERTIAS:]])[1]
+            if modulus.min() >= margin and later.min() >= late and delay.min() >= _SAMPLES * step:
+                _, _, delay = margins_of([Loop(plant, feedback, step) for plant in light])
+                if delay.min() >= _SAMPLES * step:
+                    return K_p, K_v, float(modulus.min())
             N *= _FALL
         if not fall:
             break
     raise UsageError(
-        f"{name}: expected gains with a modulus margin of {margin:g}, got none for a step of {step:g} s. Give a "
-        "smaller step or margin, or check the joint's drive, inertia and friction."
+        f"{name}: expected gains with a modulus margin of {margin:g} and a delay margin of a sample, got none for a "
+        f"step of {step:g} s. Give a smaller step or margin, or check the joint's drive, inertia and friction."
     )
 
 
@@ -89,8 +100,7 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
     held = np.diagonal(M, axis1=1, axis2=2)
     free = 1.0 / np.diagonal(np.linalg.inv(M), axis1=1, axis2=2)
     seen: Floats = np.concatenate([held, free]).astype(float)
-    J = robot.I_m * robot.ell
-    K = 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
+    J, K = _rotors(robot)
     fall = steepest_fall(robot) if robot.friction == "lumped" else np.zeros(robot.n)  # else no rotor feels it
     each = [
         joint_gains(float(J[i]), float(K[i]), seen[:, i], step, margin, f"joint {label}", float(fall[i]))
@@ -104,17 +114,40 @@ def steepest_fall(robot: Robot) -> Floats:
     return np.maximum((robot.f_s - robot.f_c) / robot.v_s * np.sqrt(2.0 / np.e) - robot.f_v, 0.0)
 
 
-def _plant(J: float, M: float, K: float, fall: float, step: float) -> Linear:
-    """Links on a spring on a rotor, sampled: states q, kappa, q_dot, kappa_dot; input the rotor's torque, link-side."""
-    A = -_DAMPED * np.eye(4)
-    A[0, 2] = A[1, 3] = 1.0
-    A[2, :2] += -K / M, K / M
-    A[3, :2] += K / J, -K / J
-    A[3, 3] += fall / J
-    return held(Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]])), step)
+def _plant(J: Floats, M: Floats, K: Floats, fall: float, decay: float, step: float) -> Linear:
+    """Links with the mass matrix M on springs on n rotors, sampled: states q, kappa, q_dot, kappa_dot, (n,) each.
+
+    Inputs are the rotors' torques, link-side.
+    """
+    n, none, unit = len(J), np.zeros((len(J), len(J))), np.eye(len(J))
+    of_links, of_rotors = np.linalg.solve(M, np.diag(K)), np.diag(K / J)
+    A = np.block([
+        [none, none, unit, none], [none, none, none, unit], [-of_links, of_links, none, none],
+        [of_rotors, -of_rotors, none, np.diag(fall / J)],
+    ]) - decay * np.eye(4 * n)  # fmt: skip
+    return held(Linear(A, np.vstack([none, none, none, np.diag(1.0 / J)])), step)
 
 
-_STEP = 1e-3
+def whole_arm(robot: Robot, q: Floats, gains: Gains, step: float) -> tuple[float, float]:
+    """Return the least modulus margin of an arm at rest at `q`, (m, n) [rad or m], and its delay margin in samples.
+
+    Each joint is opened by itself, without friction but for some light damping of all modes.
+    """
+    J, K = _rotors(robot)
+    feedback = -np.hstack([np.diag(gains.K_p), np.zeros((robot.n, 2 * robot.n)), np.diag(gains.K_v)])
+    _, modulus, delay = margins_of([
+        Loop(_plant(J, M, K, 0.0, decay, step), feedback, step) for M in mass_matrix(robot, q) for decay in _LIGHT
+    ])  # fmt: skip
+    return float(modulus.min()), float(delay.min() / step)
+
+
+def _rotors(robot: Robot) -> tuple[Floats, Floats]:
+    """Return the inertias of the rotors and the stiffness of their springs at rest, link-side, (n,) each."""
+    return robot.I_m * robot.ell, 1.0 / np.asarray(deformation_derivative(robot, np.zeros(robot.n)), dtype=float)
+
+
+_STEPS = (1e-3, 5e-4, 2.5e-4)
+"""Communication steps [s] that are tried."""
 _FAR = {"revolute": 0.5, "prismatic": 0.1}
 """How far each joint moves [rad, m], where its end stops leave room."""
 _MANY = 8
@@ -139,8 +172,8 @@ name = {name}
 description = {description}
 robot = {written}
 stop = {stop!r}
-step = {step!r}
-tolerance = 1e-8  # of the solver in the plant: gains are high, and errors in tables of three digits are small
+step = {step!r}  # the largest of {steps} with such gains
+tolerance = {tolerance!r}  # of the solver in the plant: gains are high, and errors in tables of three digits small
 
 [trajectory]
 q_start = {start}
@@ -149,7 +182,7 @@ T = {T!r}
 
 [controller]
 # One rule for any arm: poles of each joint as far out as sampling, a sample of delay and friction that falls with
-# speed allow. Modulus margins of the joints by themselves: {margins}.
+# speed allow, with a delay margin of at least a sample. Modulus margins of the joints by themselves: {margins}.
 K_p = {K_p}  # N.m/rad or N/m, link-side
 K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 """
@@ -183,15 +216,26 @@ def scenario_of(
 def write_scenario(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:
     """Write the scenario; return its gains, and notes on its motion."""
     start, end, T, notes = _motion(arm)
-    gains = arm_gains(arm, np.linspace(start, end, _POINTS), _STEP)
+    step, gains = _gains(arm, np.linspace(start, end, _POINTS))
     text = _TEXT.format(
-        robot=name, name=toml_value(path.stem), written=toml_value(written), stop=T + 0.5, step=_STEP, T=T,
+        robot=name, name=toml_value(path.stem), written=toml_value(written), stop=T + 0.5, step=step, T=T,
+        tolerance=1e-8 if step == _STEPS[0] else 1e-9, steps=", ".join(f"{1e3 * s:g}" for s in _STEPS) + " ms",
         start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v),
         motors="; ".join(notes).capitalize() + "." if notes else _STRONG,
         margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=toml_value(f"A first motion of {name}"),
     )  # fmt: skip
     write_whole(path, [text.encode()])
     return gains, notes
+
+
+def _gains(arm: Robot, q: Floats) -> tuple[float, Gains]:
+    """Return the largest step [s] whose gains have the margins with all joints together, or the last; and the gains."""
+    for step in _STEPS[:-1]:
+        with suppress(UsageError):
+            gains = arm_gains(arm, q, step)
+            if whole_arm(arm, q[:: _POINTS // 2], gains, step)[1] >= 1.0:
+                return step, gains
+    return _STEPS[-1], arm_gains(arm, q, _STEPS[-1])
 
 
 def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:

@@ -21,7 +21,7 @@ from vdfmu.study.verdict import explain, loop_checks
 
 
 def simulate(case: RunCase, package: Path, parameters: Any = None, **options: Any) -> Results:
-    """Co-simulate a package of the scenario; for `options` see :meth:`vdfmu.Simulator.run`, and `log`."""
+    """Co-simulate a package of the scenario; for `options` see :meth:`vdfmu.engine.run.Simulator.run`, and `log`."""
     scenario = case.scenario
     settings: SimulatorOptions = {
         **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
