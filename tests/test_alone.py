@@ -82,7 +82,7 @@ def test_tracking_runs_without_the_features_beside_it(tmp_path):
     units = [f"arm/units/{name}" for name in ("laws", "observers", "devices")]
     without(tmp_path, ["compiler/efmi", *units, *(f"study/{name}" for name in features)])
     said = python(tmp_path, "-m", "vdfmu.cli", "run", "tracking", "--no-simulate", "--out", "results")
-    assert "7 of 7 checks pass" in said
+    assert "6 of 6 checks pass" in said
 
 
 def test_no_build_imports_efmi_and_the_digest_of_an_own_fmu_knows_no_arm():
