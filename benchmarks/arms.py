@@ -38,7 +38,7 @@ def run(report: Report, quick: bool = False) -> None:
         robot, scenario = load_robot(name), reach_scenario(name)
         motion = scenario.sections["trajectory"]
         ran = _child(name)
-        loops, late = (margins_along(scenario, master=m).judged.loops for m in ("gauss-seidel", "jacobi"))
+        loops, late = (margins_along(scenario, algorithm=m).judged.loops for m in ("gauss-seidel", "jacobi"))
         delay = loops.delay()
         table.add(
             name, robot.n, float(robot.mass.sum()), _length(robot),

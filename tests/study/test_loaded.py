@@ -132,16 +132,16 @@ for _ in range(2):
     system.run(stop=0.01, step=1e-3)
 print(len(os.listdir(os.environ["TMPDIR"])), flush=True)
 def end_of(stop):
-    return system.run(stop=stop, step=1e-3).time[-1]
+    return [each.run(stop=stop, step=1e-3).time[-1] for each in (system, vdfmu.load(sys.argv[1]))]
 if sys.argv[2] == "fork":
-    child = get_context("fork").Process(target=system.run, kwargs={"stop": 0.01, "step": 1e-3})
+    child = get_context("fork").Process(target=end_of, args=(0.01,))
     child.start()
     child.join()
     system.run(stop=0.01, step=1e-3)
     print(len(os.listdir(os.environ["TMPDIR"])), flush=True)
 if sys.argv[2] == "pool":  # its end kills the workers
     with get_context("fork").Pool(2) as pool:
-        assert pool.map(end_of, [0.01, 0.02]) == [0.01, 0.02]
+        assert pool.map(end_of, [0.01, 0.02]) == [[0.01, 0.01], [0.02, 0.02]]
 if sys.argv[2] == "exit":
     ctypes.CDLL(None).exit(7)
 """

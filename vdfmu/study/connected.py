@@ -6,11 +6,11 @@ import os
 import shutil
 import tempfile
 import threading
-import weakref
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
+from multiprocessing import process, util
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -74,7 +74,7 @@ class System:
         self._scenario = scenario
         self._loaded, self._simulator, self._loaded_as = ExitStack(), None, None
         self._lock, self._process = threading.Lock(), os.getpid()
-        weakref.finalize(self, self._loaded.close)
+        util.Finalize(self, self._loaded.close, exitpriority=0)  # at the end of children of multiprocessing too
         self._options = {key: value for key, value in (options or {}).items() if value}
         checked = self._checked
         self.name = checked.system.name
@@ -141,7 +141,9 @@ class System:
         rows: Any = pick(RowOptions, options)
         loading: Any = {name: value for name, value in options.items() if name not in {*rows, "parameters"}}
         plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
-        if "inputs" in loading or not plain or os.getpid() != self._process or not self._lock.acquire(False):
+        # the end of a pool kills its workers, which then remove no folder
+        here = os.getpid() == self._process and not process.current_process().daemon
+        if "inputs" in loading or not plain or not here or not self._lock.acquire(False):
             return simulate(self.path, **options)
         try:
             simulator = self._load(loading)

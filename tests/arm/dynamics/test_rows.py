@@ -10,7 +10,6 @@ from vdfmu.arm import kernel
 from vdfmu.arm.kernel import Kernel
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c import loaded
-from vdfmu.compiler.functions.traced import KernelFunction
 
 
 @pytest.fixture
@@ -20,20 +19,6 @@ def arm(planar):
 
 def motion(n, m, seed=1):
     return tuple(np.random.default_rng(seed).standard_normal((3, m, n)))
-
-
-def test_one_state_prepares_nothing_again(arm, monkeypatch):
-    q, q_dot, q_ddot = (array[0] for array in motion(arm.n, 1))
-    expected = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
-
-    def refused(*_):
-        raise AssertionError("prepared again")
-
-    monkeypatch.setattr(KernelFunction, "__init__", refused)
-    np.testing.assert_array_equal(vdfmu.dynamics.inverse_dynamics(arm, q, list(q_dot), tuple(q_ddot)), expected)
-    vdfmu.dynamics.inverse_dynamics(arm, q + 1.0, q_dot, q_ddot)
-    again = vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
-    np.testing.assert_array_equal(again, expected)
 
 
 def test_results_of_one_state_are_copies_and_threads_do_not_meet(arm):

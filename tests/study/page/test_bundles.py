@@ -46,15 +46,6 @@ def test_each_source_is_in_a_bundle_and_each_bundle_has_a_source():
     assert {path.name for path in BUNDLES.iterdir()} == {*PAGES, *STYLES, *vendored}
 
 
-def test_the_sources_are_few():
-    """As prettier writes them, at 100 columns, with the JSDoc that tsc reads; no file is long."""
-    texts = {path: path.read_text(encoding="utf-8") for path in WEB.iterdir()}
-    for suffix, most, size in ((".js", 5740, 206_000), (".css", 1600, 40_000)):
-        chosen = [text for path, text in texts.items() if path.suffix == suffix]
-        assert sum(text.count("\n") for text in chosen) <= most and sum(len(text.encode()) for text in chosen) <= size
-    assert max(text.count("\n") for text in texts.values()) <= 400
-
-
 def test_vendored_files_are_those_of_the_pinned_build():
     built = json.loads((BUNDLES / "vendor.json").read_text())
     for name, digest in built["sha256"].items():

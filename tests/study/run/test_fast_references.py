@@ -62,63 +62,10 @@ def test_the_solvers_are_those_that_scipy_shows(name, monkeypatch, tmp_path):
     assert scipy_part("scipy.integrate._ode").ode is scipy.integrate.ode
 
 
-@pytest.mark.parametrize("name", ["tracking", "planar_tracking", "slider_tracking", "two_arms"])
-def test_all_that_a_solver_calls_is_one_compiled_function(name):
-    system = WiredUnits(described(name))
-    lists = ContinuousReference(system).lists
-    run = compiled.runs(system, lists, compiled.sources(system, lists))
-    system.start()
-    x = system.memory[system.x]
-    rng = np.random.default_rng(1)
-    for _ in range(5):
-        system.memory[system.solver_x] = x + 1e-3 * rng.standard_normal(len(x))
-        for key in ("outputs", "rate"):
-            system.memory[system.x_dot] = 0.0
-            run[key](0.4)
-            fast = system.memory.copy()
-            system.memory[system.x_dot] = 0.0
-            system.python(lists[key])(0.4)
-            # The same operations in the same order, but compilers' sin and exp differ in the last bit: 1e-16 of
-            # values that are differences of torques 1e3 times as large, over an inertia of 1e-3 kg m2.
-            np.testing.assert_allclose(system.memory, fast, rtol=1e-10, atol=1e-10)
-    rate = right_hand_side(system, run)
-    expected = rate(0.3, x).copy()
-    np.testing.assert_array_equal(rate(0.3, x), expected)
-    assert np.any(rate(0.4, x) != expected)
-    assert np.any(rate(0.3, 1.01 * x) != expected)
-
-
-def right_hand_side(system, run, feed=None):
-    x, x_dot = (system.memory[places[0] : places[-1] + 1] for places in (system.solver_x, system.solver_x_dot))
-    return solution._RightHandSide(run["rate"], x, x_dot, feed)
-
-
 def of_time(system):
     """Return the units that are calculated once for each time."""
     (early,) = (action for action in system.evaluate if isinstance(action, AtNewTime))
     return [action.unit for action in early.actions if isinstance(action, Evaluate)]
-
-
-@pytest.mark.parametrize(("parameters", "units"), [
-    ({}, ["trajectory", "feedforward"]),  # the feedforward reads no measurement, though it is connected to some
-    ({"feedforward.mode": 1}, ["trajectory"]),
-])  # fmt: skip
-def test_what_depends_on_the_time_alone_is_calculated_once_a_time(parameters, units):
-    system = WiredUnits(described("tracking", parameters))
-    assert of_time(system) == units
-    lists = ContinuousReference(system).lists
-    run = compiled.runs(system, lists, compiled.sources(system, lists))
-    system.start()
-    function, x = right_hand_side(system, run), system.memory[system.x]
-    expected = [function(t, x).copy() for t in (0.3, 0.4)]
-    torques = system.units["feedforward"].group("tau_m")
-    function(0.3, x)
-    torques[:] = np.nan  # which the controller has already, unless the feedforward is calculated again
-    again = function(0.3, x)
-    np.testing.assert_array_equal(again, expected[0])
-    assert np.isnan(torques).all() == ("feedforward" in units)
-    np.testing.assert_array_equal(function(0.4, x), expected[1])
-    assert not np.isnan(torques).any()
 
 
 def test_a_signal_from_outside_is_no_function_of_the_time_alone():
@@ -129,12 +76,14 @@ def test_a_signal_from_outside_is_no_function_of_the_time_alone():
     assert of_time(WiredUnits(described_so)) == ["trajectory"]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, name):
-    fast = reference(name, described(), step=1e-3, stop=0.05)
+@pytest.mark.parametrize(("name", "scenario"), [
+    *((name, "planar_tracking") for name in NAMES), ("continuous", "slider_tracking"), ("continuous", "two_arms"),
+])  # fmt: skip
+def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, name, scenario):
+    fast = reference(name, described(scenario), step=1e-3, stop=0.05)
     use(own_cache / "other", monkeypatch)
     monkeypatch.setattr(compiled, "native_available", lambda: False)
-    plain = reference(name, described(), step=1e-3, stop=0.05)
+    plain = reference(name, described(scenario), step=1e-3, stop=0.05)
     for group, values in fast.signals.items():
         # rounding of other functions sin and exp, which changes the solver's steps within its tolerance of 1e-11
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
@@ -155,33 +104,6 @@ def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenari
     tight = reference(name, described(scenario, parameters), step=step, stop=stop)["plant.q"]
     # the local error of 1e-12 a step of a loop that forgets within some hundred steps
     assert np.abs(usual - tight).max() < 1e-11
-
-
-@pytest.fixture
-def calls(monkeypatch):
-    """Record the times of the calls of right-hand sides."""
-    plain, times = solution._RightHandSide.__call__, []
-    monkeypatch.setattr(solution._RightHandSide, "__call__", lambda self, t, x: [times.append(t), plain(self, t, x)][1])
-    return times
-
-
-def test_lsoda_gets_an_old_jacobian_until_a_step_fails(own_cache, calls):
-    system = WiredUnits(described())
-    lists = ContinuousReference(system).lists
-    rate = right_hand_side(system, compiled.runs(system, lists, compiled.sources(system, lists)))
-    system.start()
-    x = system.memory[system.x] + 0.01
-    slopes = rate.slopes(0.1, x)
-    for i, row in enumerate(slopes):
-        change = 1e-4 * np.eye(x.size)[i]
-        central = (rate(0.1, x + change).copy() - rate(0.1, x - change)) / 2e-4
-        # differences of 1.5e-8 of rates with rounding of 1e-16, and curvature of friction over 1e-4 rad/s
-        np.testing.assert_allclose(row, central, rtol=1e-4, atol=1e-4 * np.abs(slopes).max())
-    calls.clear()
-    assert rate.slopes(0.2, 2.0 * x) is slopes and not calls
-    assert np.any(rate.slopes(0.15, 2.0 * x) != slopes) and len(calls) == x.size + 1
-    reference("continuous", described(), step=1e-3, stop=0.2)
-    assert len(calls) < 7_000  # 12,000 with a Jacobian each time
 
 
 def test_texts_of_functions_come_from_the_cache(own_cache, monkeypatch):
@@ -238,20 +160,6 @@ def test_half_a_solution_and_a_long_one_are_not_kept(own_cache, monkeypatch):
     monkeypatch.setattr("vdfmu.system.reference.reference._KEPT", 8 * 51 * 2 - 1)
     list(reference_blocks("sampled", described(), step=1e-3, stop=0.05, groups=["plant.q"]))
     assert not (own_cache / "references").exists()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_what_the_right_hand_side_raises_ends_the_solution(own_cache, monkeypatch, name):
-    """Such as Ctrl-C, of which a solver of scipy would make an error of its own."""
-
-    def interrupted(self, t, x):
-        self.error = KeyboardInterrupt()
-        raise self.error
-
-    monkeypatch.setattr(compiled, "native_available", lambda: False)
-    monkeypatch.setattr(solution._RightHandSide, "__call__", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        reference(name, described(), step=1e-3, stop=0.05)
 
 
 @pytest.mark.parametrize("name", ["sampled", "sampled-delayed"])

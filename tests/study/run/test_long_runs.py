@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.run import Results, Signal
-from vdfmu.study.report import content
-from vdfmu.study.run import references as comparison
 from vdfmu.study.run import summary
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as references
@@ -102,37 +99,3 @@ def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
         np.testing.assert_array_equal(np.concatenate([part[signal] for part in parts]), array)
         np.testing.assert_array_equal(np.concatenate([part[signal] for part in halves]), array[::2])
         np.testing.assert_array_equal(after[1][signal], array[17:40])
-
-
-@pytest.mark.heavy
-def test_a_run_holds_no_reference_as_a_whole(tmp_path, monkeypatch):
-    lengths = []
-
-    def watched(*arguments, **options):
-        for part in reference_blocks(*arguments, **options):
-            lengths.append(len(part.t))
-            yield part
-
-    monkeypatch.setattr(comparison, "reference_blocks", watched)
-    results = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out")
-    assert len(results) == 2001
-    assert lengths == [BLOCK, 2001 - BLOCK + 1] * 2  # with the last row before, for differences
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-
-
-def test_a_run_reads_no_array_as_a_whole(tmp_path, monkeypatch):
-    """Its rows are on disk: what reads all of them at once would hold an hour of them in memory."""
-    monkeypatch.setattr(content, "BLOCK", BLOCK)
-    monkeypatch.setattr(content, "DRAWN", BLOCK)
-    take, whole = Recorded.__getitem__, []
-
-    def watched(self, name):
-        data = take(self, name)
-        if len(self) == 2001 and not np.may_share_memory(data, self.data["real"]):
-            whole.append(name)
-        return data
-
-    monkeypatch.setattr(Recorded, "__getitem__", watched)
-    run = vdfmu.run("planar_tracking", stop=2.0, out=tmp_path / "out", reference=False, pictures=["svg"])
-    assert len(run) == 2001
-    assert whole == []

@@ -1,9 +1,8 @@
-"""The system of a scenario is resolved once in a run, and its roles are found by what the units are."""
+"""The roles of the components of a system are found by what the units are."""
 
 import dataclasses
 
 import vdfmu
-from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -35,18 +34,6 @@ step = 0.01
 [plant_factors]
 mass = 2.0
 """
-
-
-def test_a_run_makes_one_interface_for_each_component(tmp_path, monkeypatch):
-    made, make = [], Interface.__init__
-
-    def counted(self, unit, *arguments):
-        made.append(unit.__name__)
-        make(self, unit, *arguments)
-
-    monkeypatch.setattr(Interface, "__init__", counted)
-    vdfmu.run("tracking", stop=0.01, out=tmp_path)
-    assert sorted(made) == ["Feedforward", "PDController", "Plant", "Trajectory"]
 
 
 def test_a_plant_is_known_by_its_interface_and_gives_the_system_its_tolerance(tmp_path):

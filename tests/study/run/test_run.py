@@ -15,9 +15,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, ModelError, UsageError
 from vdfmu.base.platforms import native_available
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.package import read as reading
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan import checker
 from vdfmu.engine.run import Results, simulate
 from vdfmu.study.report.sheets import reference_sheet, sheets
 from vdfmu.system.package.write import cached_fmus, write_ssp
@@ -257,20 +255,6 @@ def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(pl
     assert {path.parent.name for path in kept() - before} == {"fmus", "built"}  # and a record of each
     assert plant(planar) == first
     assert len(kept()) == len(before) + 2 * 4
-
-
-def test_a_run_reads_its_package_once(tmp_path, monkeypatch):
-    """Run and page have one system, and one description of each FMU."""
-    taken = []
-
-    def counted(function):
-        return lambda *arguments: taken.append(function.__name__) or function(*arguments)
-
-    for module, name in ((reading, "read_system"), (checker, "inspect_description")):
-        monkeypatch.setattr(module, name, counted(getattr(module, name)))
-    vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, reference=False)
-    assert taken == ["read_system", *["inspect_description"] * 4]
-    assert 'class="system"' in (tmp_path / "report.html").read_text()
 
 
 def test_no_name_of_a_package_hides_a_module():

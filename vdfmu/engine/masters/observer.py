@@ -63,9 +63,6 @@ class Tap:
     def block(self, times: Floats, values: Floats) -> None:
         """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
 
-    def end(self, components: Any) -> None:
-        """Look at the components after the last row of a run that reached its end."""
-
 
 class Observed(Tap):
     """Shows rows to an observer, at most one in each of its periods."""

@@ -236,7 +236,7 @@ class Run:
         self, session: Session, grid: Grid, summary: dict[str, Any], options: Mapping[str, Any],
         files: Sequence[Path] = (), taps: Sequence[Tap] = (),
     ) -> None:  # fmt: skip
-        self._session, self._grid, self.summary, self._files, self._more = session, grid, summary, files, taps
+        self._session, self._grid, self.summary, self._files = session, grid, summary, files
         self._observer, speed = options["observer"], options["pace"]
         self._done = -1
         """The last complete row."""
@@ -284,10 +284,7 @@ class Run:
             self.summary["notes"].append(note)
             box.pending.append(LogMessage("", box.time, "note", "", note))
         box.flush()
-        results = self._results()
-        for tap in () if box.ended else self._more:
-            tap.end(session.components)
-        return results
+        return self._results()
 
     def _row(self, k: int) -> None:
         """Check and keep row `k`, and show it to the taps."""
