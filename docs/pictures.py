@@ -150,21 +150,22 @@ def joint() -> str:
 
 
 def rooms() -> str:
-    """Return the seven rooms of the package: a room may import from every room below it."""
+    """Return the rooms of the package and its extras: each may import from every room below it."""
     above = [
+        ("extras", "identification, tuning, control laws, learning, eFMI"),
         ("cli", "commands"),
-        ("study", "runs, sweeps, tuning, identification, pages"),
+        ("study", "runs, sweeps, pages"),
         ("system", "scenario, SSP, scipy reference"),
         ("arm", "robots, equations, drives, units, motions"),
     ]
     parts = [_box(110, 14 + 62 * k, 500, 50, "plain", *lines) for k, lines in enumerate(above)]
     parts += [
-        _box(110, 262, 240, 50, "motor", "engine", "reads, runs and checks FMUs"),
-        _box(370, 262, 240, 50, "link", "compiler", "a numpy class becomes an FMU"),
-        _box(110, 324, 500, 50, "plain", "base", "errors, files, processes, units of measurement"),
-        _line((60, 30), (60, 360), tip=True), _text(52, 200, "imports", "soft end"),
+        _box(110, 324, 240, 50, "motor", "engine", "reads, runs and checks FMUs"),
+        _box(370, 324, 240, 50, "link", "compiler", "a numpy class becomes an FMU"),
+        _box(110, 386, 500, 50, "plain", "base", "errors, files, processes, units of measurement"),
+        _line((60, 30), (60, 422), tip=True), _text(52, 230, "imports", "soft end"),
     ]  # fmt: skip
-    return _page(720, 388, "The seven rooms: cli, study, system, arm, engine beside compiler, base", parts)
+    return _page(720, 450, "The extras, and the seven rooms: cli, study, system, arm, engine beside compiler, base", parts)
 
 
 PICTURES = {"frames": arm, "loop": loop, "joint": joint, "rooms": rooms}
