@@ -1,8 +1,10 @@
 """`judge`: against closed forms, sampled laws, and systems that it must not decide."""
 
 import re
+import sys
 from dataclasses import replace
 from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,10 @@ from tests.conftest import heavy, invoked, ran, refused
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
+from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
+from vdfmu.engine.masters.components import Coupling
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Simulator
@@ -84,9 +90,8 @@ def lags() -> vdfmu.System:
     )
 
 
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
-@pytest.mark.parametrize("step", [0.05, 0.02, 0.005])
-def test_the_estimate_is_the_error_of_a_closed_form(lags, algorithm, step):
+def require_estimates(lags, step, algorithm):
+    """Raise unless the estimates of a judgement are the errors to the closed form."""
     judged = lags.judge(0.01, step=step, algorithm=algorithm)
     results = lags.run(step=step, algorithm=algorithm)
     x = results.time / 0.1
@@ -100,6 +105,12 @@ def test_the_estimate_is_the_error_of_a_closed_form(lags, algorithm, step):
         assert max(true.values()) <= 0.01
     if judged.verdict == WRONG:
         assert max(true.values()) > 0.01
+
+
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
+@pytest.mark.parametrize("step", [0.05, 0.02, 0.005])
+def test_the_estimate_is_the_error_of_a_closed_form(lags, algorithm, step):
+    require_estimates(lags, step, algorithm)
 
 
 def test_the_step_that_it_advises_is_right(lags):
@@ -243,6 +254,35 @@ def test_declared_units_stay_sampled_where_the_others_are_taken_as_continuous():
     system = vdfmu.load("planar_tracking")
     texts = {str(system.judge(0.01, stop=0.05, sampled=sampled)) for sampled in (None, False)}
     assert len(texts) == 1 and texts.pop().startswith("Right to ")
+
+
+class Midpoint(SampledStepper):
+    """Holds each continuous input at the value that a line through its last two has in the middle of the step."""
+
+    def __init__(self, exchange: Exchange) -> None:
+        super().__init__(exchange)
+        self._inputs, self._last = exchange.banks[0].inputs, exchange.banks[0].inputs.copy()
+        self.opening.append(self._extrapolate)
+
+    def _extrapolate(self) -> None:
+        now = self._inputs.copy()
+        self._inputs += 0.5 * (now - self._last)
+        self._last = now
+
+
+def midpoint(coupling: Coupling) -> Midpoint:
+    return Midpoint(coupling.exchange)
+
+
+def test_an_algorithm_of_a_plugin_is_judged_by_the_order_that_it_declares(lags, monkeypatch):
+    row = Algorithm(f"{__name__}:midpoint")
+    monkeypatch.setitem(sys.modules, __name__, SimpleNamespace(midpoint=midpoint))
+    monkeypatch.setitem(ALGORITHMS, "midpoint", row)
+    judged = lags.judge(0.01, step=0.02, algorithm="midpoint")
+    assert judged.kind == "order" and "declares no order. Declare declared_order" in judged.text
+    monkeypatch.setitem(ALGORITHMS, "midpoint", replace(row, declared_order=2))
+    require_estimates(lags, 0.02, "midpoint")
+    assert lags.judge(0.01, step=0.005, algorithm="midpoint").right
 
 
 def test_the_rule():

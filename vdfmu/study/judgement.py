@@ -221,7 +221,7 @@ class _Case(NamedTuple):
             )  # fmt: skip
         if not order:
             why = (
-                f"the algorithm {self.checked.algorithm} declares no order. Declare substeps or continuous in its row."
+                f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
             )
             return self._open("order", why)
         runs: list[Floats] = []
