@@ -46,8 +46,9 @@ def entered(words: list[str]) -> dict[str, set[str]]:
 if __name__ == "__main__":
     command = sys.argv[1:] or ["run", "tracking"]
     with tempfile.TemporaryDirectory() as folder:
-        for _ in range(2):
-            files = entered([*command, "--quiet", "--out", folder])
+        words = [*command, "--quiet", "--out", folder]
+        entered(words)  # which builds what is missing
+        files = entered(words)
     for file, names in sorted(files.items()):
         print(f"{file:44}{', '.join(sorted(names)[:4])}{', ...' if len(names) > 4 else ''}")
     print(f"{len(files)} files, {sum(map(len, files.values()))} functions")

@@ -165,7 +165,9 @@ def rooms() -> str:
         _box(110, 386, 500, 50, "plain", "base", "errors, files, processes, units of measurement"),
         _line((60, 30), (60, 422), tip=True), _text(52, 230, "imports", "soft end"),
     ]  # fmt: skip
-    return _page(720, 450, "The extras, and the seven rooms: cli, study, system, arm, engine beside compiler, base", parts)
+    return _page(
+        720, 450, "The extras, and the seven rooms: cli, study, system, arm, engine beside compiler, base", parts
+    )
 
 
 PICTURES = {"frames": arm, "loop": loop, "joint": joint, "rooms": rooms}

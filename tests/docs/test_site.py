@@ -39,6 +39,7 @@ def site(tmp_path_factory):
     """Return the folder of the pages of version 0.1, beside one of 0.2, from a build that stops at any warning."""
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(ROOT / "docs", folder / "docs")
+    shutil.copytree(ROOT / "ssp", folder / "ssp")
     shutil.copy(ROOT / "zensical.toml", folder)
     shutil.copy(ROOT / "CHANGELOG.md", folder)
     (folder / "vdfmu").symlink_to(ROOT / "vdfmu")
@@ -97,9 +98,13 @@ def documented(function):
     return kinds
 
 
-@pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if inspect.isfunction(getattr(vdfmu, name))])
-def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
-    function = getattr(vdfmu, name)
+PUBLIC = [getattr(vdfmu, name) for name in vdfmu.__all__] + [
+    getattr(vdfmu.dynamics, name) for name in vdfmu.dynamics.__all__
+]
+
+
+@pytest.mark.parametrize("function", [*filter(inspect.isfunction, PUBLIC)], ids=lambda function: function.__name__)
+def test_a_public_function_documents_its_parameters_and_what_it_returns(function):
     signature, text = inspect.signature(function), inspect.getdoc(function)
     assert set(documented(function)) >= set(signature.parameters)
     for parameter, kind in documented(function).items():  # a time has its unit
@@ -110,7 +115,7 @@ def test_a_public_function_documents_its_parameters_and_what_it_returns(name):
         )
 
 
-@pytest.mark.parametrize("name", [name for name in vdfmu.__all__ if not name.startswith("_")])
+@pytest.mark.parametrize("name", [public.__name__ for public in PUBLIC if not inspect.ismodule(public)])
 def test_every_public_name_is_on_the_page_of_the_api(api, name):
     assert re.search(rf'<h3 id="[\w.]*\.{name}"', api)
 

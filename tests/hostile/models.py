@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from tests.hostile.table import Corpus
-from vdfmu import forward_dynamics, inverse_dynamics
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.files import data_path
 from vdfmu.compiler.fmu.build import build_notes
+from vdfmu.dynamics import forward_dynamics, inverse_dynamics
 from vdfmu.engine.run import simulate
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario

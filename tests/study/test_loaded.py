@@ -49,7 +49,7 @@ def test_each_run_is_that_of_components_that_are_new(package, made):
     assert any((alone[0][x] != alone[1][x]).any() for x in alone[0])
     del made[0][:], made[1][:]
     system = vdfmu.load(package)
-    pairs = [(system.run(values=VALUES[k], **RUN), alone[k]) for k in (0, 1, 0, 2, 1)]
+    pairs = [(system.run(parameters=VALUES[k], **RUN), alone[k]) for k in (0, 1, 0, 2, 1)]
     for results, expected in pairs:  # after all runs: none changes the results of another
         assert_same_bits(results, expected)
         assert results.messages == expected.messages
@@ -101,7 +101,7 @@ def test_a_run_that_fails_leaves_the_next_as_it_was(package, made):
     first = system.run(**RUN)
     for values, kind in (({"plant.q_dot_0[1]": 1e11}, CosimError), ({"plant.mess": 1.0}, UsageError)):
         with pytest.raises(kind, match="plant"):
-            system.run(values=values, **RUN)
+            system.run(parameters=values, **RUN)
         assert_same_bits(system.run(**RUN), first)
     assert len(made[0]) == 2 * 4  # a wrong name is found before any call
 
@@ -111,7 +111,7 @@ def test_threads_share_a_system(package):
     system, results = vdfmu.load(package), {}
 
     def run(k):
-        results[k] = [system.run(values=VALUES[k], **RUN) for _ in range(5)]
+        results[k] = [system.run(parameters=VALUES[k], **RUN) for _ in range(5)]
 
     threads = [threading.Thread(target=partial(run, k)) for k in range(3)]
     for thread in threads:

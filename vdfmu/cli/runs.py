@@ -31,7 +31,7 @@ def run(
     row: Annotated[str | None, Option(
         "worst, best or a number (default worst).", group=_POINT, metavar="POINT")] = None,
     by: Annotated[str | None, Option(
-        "Measure of worst and best (default the first).", group=_POINT, metavar="NAME")] = None,
+        "Measure that ranks the points (default the first).", group=_POINT, metavar="NAME")] = None,
     trust: Annotated[bool, Option(
         "Run the code that a study of others names.", group=_POINT, more="It runs with your permissions.")] = False,
     opened: OpenOption = False,

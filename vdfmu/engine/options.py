@@ -185,7 +185,7 @@ class SimulateOptions(RowOptions, SimulatorOptions, total=False):
 class ResultOptions(ProgressOptions, total=False):
     """Output of a run."""
 
-    overwrite: Annotated[bool, Option("Replace files that no run wrote too.", default=False)]
+    overwrite: Annotated[bool, Option("Also overwrite files not written by vdfmu.", default=False)]
     formats: Annotated[Sequence[str], Option("Result files, separated by commas.", "sequence of str",
         f"{choice_of_formats(FORMATS)}: rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]

@@ -220,9 +220,7 @@ class _Case(NamedTuple):
                 "judge needs connected signals, got none: only exchange between components has this error."
             )  # fmt: skip
         if not order:
-            why = (
-                f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
-            )
+            why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
             return self._open("order", why)
         runs: list[Floats] = []
         options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm}

@@ -83,7 +83,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.")]
     algorithm: Annotated[str | None, algorithm_option]
     units: Annotated[Mapping[str, Any] | None, Option(
-        "COMPONENT by my_unit.py or an FMU. Repeatable.",
+        "Replace COMPONENT by a unit or FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
         "package, or a class. Values of the scenario "
         "without a parameter in it are left out, and connections to signals that it lacks; its further inputs are "

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vdfmu import build_fmus
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.errors import ModelError, UsageError

@@ -10,9 +10,9 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
 from tests.extras.efmi.efmu import Efmu, Rows
-from vdfmu import simulate, write_ssp
 from vdfmu.compiler.unit.trace import argument_name
-from vdfmu.system.package.write import build_parts
+from vdfmu.engine.run import simulate
+from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 

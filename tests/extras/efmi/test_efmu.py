@@ -146,7 +146,7 @@ def test_words_of_refusal(planar, tmp_path):
         ({"target": "efmi", "precision": "half"}, "precision: must be double or float32, got 'half'."),
         *(
             (
-                {"target": "efmi", "precision": "float32", "start_values": {"controller": {"K_p[1]": value}}},
+                {"target": "efmi", "precision": "float32", "parameters": {"controller": {"K_p[1]": value}}},
                 f"controller: K_p: expected 0 or a size from 1.18e-38 to 3.4e.38, .* got {value!r}".replace("+", "[+]"),
             )
             for value in (1e-60, 1e39)

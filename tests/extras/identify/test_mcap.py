@@ -25,7 +25,7 @@ from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results, Signal
 from vdfmu.extras.identify.log import read_log
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "mcap"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "mcap"
 NAMES = ("lift", "elbow")
 
 
