@@ -3,6 +3,7 @@
 import pytest
 
 import vdfmu
+from tests.engine.conftest import arm_package as arm_package
 
 
 @pytest.fixture(scope="module")

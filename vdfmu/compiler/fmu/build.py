@@ -161,9 +161,7 @@ def _checked_target(
     target = by_name[name]
     if target is None:
         if precision != "double":
-            raise UsageError(
-                f"precision: must be double for FMUs, got {precision!r}. Another needs a target that has it."
-            )
+            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Give --target with --precision.")
         return None
     if precision not in target.precisions:
         raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")
