@@ -4,6 +4,7 @@ import pytest
 
 import vdfmu
 from tests.engine.conftest import arm_package as arm_package
+from tests.engine.conftest import results as results
 
 
 @pytest.fixture(scope="module")
