@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 RUN_TOO = (
-    "runs native modes identification world motions systems observers laws sweeps tuning learning reference/units"
+    "runs native modes identification world motions systems observers laws sweeps learning reference/units"
 ).split()
 PAGES = [*TUTORIALS, *(ROOT / "docs" / f"{name}.md" for name in RUN_TOO)]
 TOOLS = ROOT / "docs" / "importers.md"

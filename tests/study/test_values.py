@@ -6,6 +6,7 @@ import re
 import zipfile
 from decimal import Decimal
 
+import fmpy
 import numpy as np
 import pytest
 
@@ -30,6 +31,7 @@ class Typed(Unit):
 
     k = Parameter("m", start=1.0, minimum=0.0, text="a length")
     mode = Choice("off", "on", text="whether")
+    form = Choice("round", "square", text="shape")
     flag = Switch(False, text="a flag")
     y = Output("m", text="the length")
 
@@ -103,6 +105,12 @@ def _ssv(place, name, value):
     package = texts.ssd(texts.elements(texts.component("a", inner=bound)))
     path.write_bytes(zipped({"SystemStructure.ssd": package, "a.fmu": (place / "a.fmu").read_bytes()}))
     simulate(path, stop=0.02, step=0.01)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_fmu_of_a_unit_with_two_choices_is_valid(place, version):
+    path = vdfmu.build(place / "typed.py", place / f"{version}.fmu", fmi=version)
+    fmpy.read_model_description(str(path), validate=True)
 
 
 @pytest.mark.parametrize(("name", "value"), VALUES)

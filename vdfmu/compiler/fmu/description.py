@@ -173,11 +173,12 @@ def _add_annotations(root: Element, interface: Interface, group: str, tag: str, 
     if folded:
         annotation = SubElement(parent, tag, {key: FOLDED})
         SubElement(annotation, "Folded", {"xmlns": f"urn:{FOLDED}"}).text = " ".join(folded)
-    annotation = SubElement(parent, tag, {key: CHOICES}) if named else root
-    for variable in named:
-        listed = SubElement(annotation, "Choices", {"xmlns": f"urn:{CHOICES}", "variable": variable.name})
-        for name in variable.choices:  # of the values 0, 1, ..
-            SubElement(listed, "Choice", {"name": name})
+    if named:  # in one element: a tool of FMI 2.0 may have no more
+        choices = SubElement(SubElement(parent, tag, {key: CHOICES}), "Choices", {"xmlns": f"urn:{CHOICES}"})
+        for variable in named:
+            listed = SubElement(choices, "Variable", {"name": variable.name})
+            for name in variable.choices:  # of the values 0, 1, ..
+                SubElement(listed, "Choice", {"name": name})
 
 
 def _value_attributes(variable: Variable) -> dict[str, str]:

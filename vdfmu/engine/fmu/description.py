@@ -33,7 +33,7 @@ _UNIT = "resources/unit.py"
 """Member of a Python FMU of this project with the code of a user's unit."""
 _TRUE = {"true", "1"}
 _SAMPLED, _CONTINUOUS = (f".//{{urn:org.vdfmu.sampled}}{tag}" for tag in ("Sampled", "Continuous"))
-_CHOICES = "{urn:org.vdfmu.choices}Choice"
+_CHOICES = "{urn:org.vdfmu.choices}"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
 
 
@@ -234,8 +234,8 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
     )
     clocks = {v.get("name"): v for v in root.iterfind("ModelVariables/Clock")}
     names = {
-        listed.get("variable"): {each.get("name", ""): i for i, each in enumerate(listed.iterfind(_CHOICES))}
-        for listed in root.iterfind(f".//{_CHOICES}s")
+        listed.get("name"): {each.get("name", ""): i for i, each in enumerate(listed.iterfind(f"{_CHOICES}Choice"))}
+        for listed in root.iterfind(f".//{_CHOICES}Variable")
     }
     return Description(
         source=source,
