@@ -19,9 +19,9 @@ from scipy.signal import lfilter
 import vdfmu
 from vdfmu.arm import motion
 from vdfmu.arm.robot import Robot
-from vdfmu.extras.identify.design import SensorNoise, exact_log
 from vdfmu.extras.identify.fit import Identified, identify
 from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.motion_choice import SensorNoise, exact_log
 
 ARMS = ("planar_2dof", "slider_3dof", "scara_4dof")
 STEP, PERIOD, NOISE, CORRELATED = 0.004, 12.0, 0.01, 0.1

@@ -98,7 +98,7 @@ __all__ = [*_PLACES]  # pyright: ignore[reportUnsupportedDunderAll]
 def __getattr__(name: str) -> Any:
     """Import a name of the API."""
     if name in _MOVED:
-        raise AttributeError(f"vdfmu.{name} is now vdfmu.{_MOVED[name]}.{name}.")
+        raise AttributeError(f"vdfmu.{name} moved. Write: from vdfmu.{_MOVED[name]} import {name}")
     if name not in _PLACES:
         raise AttributeError(f"module 'vdfmu' has no attribute {name!r}")
     place = _PLACES[name]

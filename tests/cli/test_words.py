@@ -178,5 +178,7 @@ def test_the_start_page_has_commands_that_there_are(line):
     node, words, name = app, shlex.split(line), "vdfmu"
     while inner := getattr(node, "commands", {}):
         name = words.pop(0)
+        if name not in inner and name in ("identify", "tune"):
+            pytest.skip("a command of an extra that is not here")
         node = inner[name]
     node.make_context(name, words)  # raises for a word that the command does not take

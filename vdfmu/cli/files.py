@@ -55,9 +55,9 @@ def build(
     platform: Annotated[list[str] | None, Option("x86_64-windows, .. or all. Repeatable.", metavar="NAME",
         more="Default: this machine. wasm32 is a module of WebAssembly.")] = None,
     sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
-    target: Annotated[str, Option("efmi is code for microcontrollers.", choices=("fmi", "efmi"))] = "fmi",
-    precision: Annotated[str, Option("Floating-point type of eFMI code.", choices=("double", "float32"))] = "double",
-    step: Annotated[float | None, Option("Step of eFMI code or the container in s.",
+    target: Annotated[str, Option("fmi, or efmi for microcontrollers.", metavar="NAME")] = "fmi",
+    precision: Annotated[str, Option("Floating-point type of a target.", choices=("double", "float32"))] = "double",
+    step: Annotated[float | None, Option("Step of the target or the container in s.",
         more="Default: the scenario's, or 0.001.")] = None,
     parameters: SetOption = None,
     folded: FoldedOption = False,
@@ -70,7 +70,7 @@ def build(
     scenario = scenario or ("tracking" if robot is None else "reach")
     if container:
         of_units = {"--backend": backend == "python", "--fmi": fmi != PYTHON_FMI.name, "--platform": platform,
-                    "--no-sources": not sources, "--target": target == "efmi"}  # fmt: skip
+                    "--no-sources": not sources, "--target": target != "fmi"}  # fmt: skip
         refuse(of_units, "does not go with --container")
         return say_written(_container(scenario, robot, out, step, parameters, folded, overwrite))
     if scenario.lower().endswith(".ssp"):

@@ -28,7 +28,7 @@ def list_units(as_json: JsonOption = False) -> None:
         console.print(table("unit", "kind", "what it is", rows=sorted(units, key=lambda row: row[1])))
 
 
-@app.command("show", example="vdfmu unit show pd_gravity")
+@app.command("show", example="vdfmu unit show controller")
 @meets_code(RUNS)
 def show_unit(name: Annotated[str, Positional("Name of a unit, my_unit.py or my_units.py:Name.")]) -> None:
     """Show the variables of a unit: kind, unit of measurement, meaning."""

@@ -44,7 +44,8 @@ def system(tmp_path_factory, kernel_cache):
 
 @pytest.fixture
 def examples(tmp_path, monkeypatch):
-    """Return the folder of a user with a copy of the examples, which is the current one."""
+    """Return the folder of a user with a copy of the examples, which is the current one. Their arm has a law."""
+    pytest.importorskip("vdfmu.extras.laws")
     shutil.copytree(EXAMPLES, tmp_path / "units", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.chdir(tmp_path)
     return tmp_path / "units"

@@ -14,9 +14,9 @@ from vdfmu.arm.equations.desired_drive import desired_drive_motion
 from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.base.errors import UsageError
-from vdfmu.extras.identify.design import SensorNoise, design, exact_log, predict
 from vdfmu.extras.identify.fit import identify
 from vdfmu.extras.identify.log import read_log
+from vdfmu.extras.identify.motion_choice import SensorNoise, design, exact_log, predict
 from vdfmu.extras.identify.rows import slope
 
 STEP = 0.004
@@ -40,7 +40,7 @@ def test_the_log_of_a_motion_is_what_the_feedforward_gives(name):
 
 def test_the_file_of_a_design_is_a_motion_and_its_table_that_of_an_identification(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("vdfmu.extras.identify.design._SEEDS", 1)  # for speed
+    monkeypatch.setattr("vdfmu.extras.identify.motion_choice._SEEDS", 1)  # for speed
     words = ["identify", "--design", "planar_2dof", "--duration", "10", "--pose", "-1.2 0.4", "--step", "0.01"]
     said = ran(*words, "-o", "motion.toml")
     for part in (

@@ -19,8 +19,8 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
 from vdfmu.engine.run import Results, Signal
-from vdfmu.extras.identify.design import exact_log
 from vdfmu.extras.identify.log import read_log
+from vdfmu.extras.identify.motion_choice import exact_log
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from tests.conftest import invoked
 from tests.extras.identify.recorded import noisy, thinned
 from vdfmu.arm import motion
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
-from vdfmu.extras.identify.design import exact_log
 from vdfmu.extras.identify.fit import identified_robot, identify, score
+from vdfmu.extras.identify.motion_choice import exact_log
 from vdfmu.extras.identify.verdict import gain, verdict
 
 FAULTS = {

@@ -161,7 +161,7 @@ def _design(
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
     from vdfmu.cli.analysis import read_numbers
-    from vdfmu.extras.identify.design import SensorNoise, design
+    from vdfmu.extras.identify.motion_choice import SensorNoise, design
 
     arm = load_robot(robot)
     target = None if out is None else target_file(out, "", overwrite)

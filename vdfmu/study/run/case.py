@@ -20,8 +20,8 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.values import system_values
 
-_LEFT_OUT = "left out, since the unit instead of the system's has no such signal"
-_JOINED = "connected too, since the unit instead of the system's has such a signal, in a terminal of one name"
+_LEFT_OUT = "dropped: the replacement has no signal of that name"
+_JOINED = "connected automatically: the replacement has a signal of that name in a terminal of that name"
 
 
 class RunCase(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -22,11 +23,16 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import robot_with
 
 
-def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) -> None:
-    """Add what the options ask for, references and judgement, then key figures and verdict to the summary of a run."""
+def conclude(
+    case: RunCase, package: Path, results: Results, loops: RunLoops, parameters: Mapping[str, Any] | None = None
+) -> None:
+    """Add what the options ask for, references and judgement, then key figures and verdict to the summary of a run.
+
+    `parameters` are those of the run that the package does not have.
+    """
     summary, scenario, values = results.summary, case.scenario, case.system.values
     if case.options["reference"]:
-        summary |= compare_with_references(case, package, results)
+        summary |= compare_with_references(case, package, results, parameters)
     if case.options["judge"] is not None:
         coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
         judgement = judge(
@@ -55,4 +61,4 @@ def judge_results(results: Results, scenario: Scenario, package: Path, **options
     simulate(case, package, options["parameters"], record=(), taps=[*measures.taps, *loops.taps])
     results.summary.update({**case.facts, **results.summary})
     measures.add(results)
-    conclude(case, package, results, loops)
+    conclude(case, package, results, loops, options["parameters"])

@@ -9,7 +9,7 @@ import pytest
 
 import vdfmu
 
-FOLDER = Path(__file__).parents[2] / "examples" / "compare_laws"
+FOLDER = Path(__file__).parents[3] / "examples" / "compare_laws"
 LAW = """
 from vdfmu.unit import JOINTS, Input, Output, Parameter, RobotParameters, Unit
 
