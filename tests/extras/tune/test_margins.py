@@ -13,15 +13,14 @@ from vdfmu.study.run.prepare import prepare
 
 
 @pytest.mark.heavy
-def test_a_slow_mode_does_not_keep_a_search_from_its_margin(tmp_path):
+def test_a_search_reaches_a_margin_that_its_start_lacks(tmp_path):
     path = tmp_path / "reach.toml"
     write_reach("scara_4dof", path)
     tuned = tune(
-        path, ["controller.K_p[3]", "controller.K_v[3]"], "rms(trajectory.q_d[3] - plant.q[3])", margin=0.4,
+        path, ["controller.K_p[4]", "controller.K_v[4]"], "rms(trajectory.q_d[4] - plant.q[4])", margin=0.5,
         algorithm="jacobi", method="local", evaluations=20, stop=1.0, workers=1, out=tmp_path / "search",
     )  # fmt: skip
-    assert tuned.margins[0].modulus.min() < 0.4 and tuned.after.feasible and (tuned.after.modulus >= 0.4).all()
-    assert any("is unstable from" in note for note in tuned.notes)
+    assert tuned.margins[0].modulus.min() < 0.5 and tuned.after.feasible and (tuned.after.modulus >= 0.5).all()
     with (tuned.folder / "tuned.toml").open("rb") as file:
         gains = tomllib.load(file)["controller"]
     settings = {f"controller.{name}": value for name, value in gains.items()}
