@@ -189,20 +189,25 @@ def reach(
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
     from vdfmu.study.analysis.reach_file import write_reach
+    from vdfmu.system.scenario import load_scenario
 
     target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
     written = write_reach(robot, target)
-    shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg")
+    step = load_scenario(target).step
+    shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg", "delay margin samples")
     labels = load_robot(robot).joint_labels
     for i, (K_p, K_v) in enumerate(zip(written.gains.K_p, written.gains.K_v, strict=True)):
         numbers = ()
         if written.margins is not None:
-            modulus, gain, phase = (float(margin[i]) for margin in written.margins[:3])
-            numbers = f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}"
+            modulus, gain, phase, delay = (float(margin[i]) for margin in written.margins[:4])
+            numbers = f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}", f"{delay / step:.2f}"
         shown.add_row(labels[i], f"{K_p:.4g}", f"{K_v:.4g}", *numbers)
     console.print(shown)
     say_notes(written.notes)
-    say_written(target, more=f". Run it with 'vdfmu run {target}'; margins are the smallest along it")
+    say_written(
+        target,
+        more=f", with a step of {1e3 * step:g} ms. Run it with 'vdfmu run {target}'; margins are the smallest along it",
+    )
 
 
 @app.command("drives", example="vdfmu robot drives CSG-25-100")
