@@ -105,9 +105,9 @@ def taken_options(function: Callable[..., Any]) -> Any:
     return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
-def renamed(content: Mapping[str, _T]) -> dict[str, _T]:
-    """Return a table of an earlier version with the names of its keys now."""
-    return {FORMER.get(key, key): value for key, value in content.items()}
+def renamed(content: Any) -> Any:
+    """Return a table of an earlier version with the names of its keys now; what is no table as it is."""
+    return {FORMER.get(key, key): value for key, value in content.items()} if isinstance(content, dict) else content
 
 
 def _call_of(function: Callable[..., Any]) -> str:

@@ -84,7 +84,7 @@ _VALUES: Mapping[str, Callable[[float], str]] = {
 
 def value_of(key: str, figure: Summary) -> str:
     """Return the text of a key figure's value."""
-    return _VALUES[key](figure["value"]) if key in _VALUES else quantity(figure["value"], figure["unit"])
+    return _VALUES[key](figure["value"]) if key in _VALUES else quantity(figure["value"], figure.get("unit", ""))
 
 
 def tiles_of(summary: Summary) -> list[Tile]:
