@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from vdfmu.base.platforms import compiler_version
@@ -37,6 +38,8 @@ class RunCase(NamedTuple):
     arm_limits: list[ArmLimits]
     facts: dict[str, Any]
     """The entries of the summary that are set before the run."""
+    parameters: Mapping[str, Any] = MappingProxyType({})
+    """Values that the package of the run does not have, by ``component.variable``."""
 
     @property
     def written(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -23,16 +22,11 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import robot_with
 
 
-def conclude(
-    case: RunCase, package: Path, results: Results, loops: RunLoops, parameters: Mapping[str, Any] | None = None
-) -> None:
-    """Add what the options ask for, references and judgement, then key figures and verdict to the summary of a run.
-
-    `parameters` are those of the run that the package does not have.
-    """
+def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) -> None:
+    """Add what the options ask for, references and judgement, then key figures and verdict to the summary of a run."""
     summary, scenario, values = results.summary, case.scenario, case.system.values
     if case.options["reference"]:
-        summary |= compare_with_references(case, package, results, parameters)
+        summary |= compare_with_references(case, package, results)
     if case.options["judge"] is not None:
         coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
         judgement = judge(
@@ -57,8 +51,9 @@ def judge_results(results: Results, scenario: Scenario, package: Path, **options
     The package is run once more for what is read along a run.
     """
     case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
+    case = case._replace(parameters=options["parameters"] or {})
     loops, measures = RunLoops(case), Measures(case)
-    simulate(case, package, options["parameters"], record=(), taps=[*measures.taps, *loops.taps])
+    simulate(case, package, record=(), taps=[*measures.taps, *loops.taps])
     results.summary.update({**case.facts, **results.summary})
     measures.add(results)
-    conclude(case, package, results, loops, options["parameters"])
+    conclude(case, package, results, loops)

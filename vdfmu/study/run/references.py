@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,15 +22,12 @@ _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 
 
-def compare_with_references(
-    case: RunCase, package: Path, results: Results, parameters: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
+def compare_with_references(case: RunCase, package: Path, results: Results) -> dict[str, Any]:
     """Solve the sampled reference of the algorithm, if it samples, and the continuous one; return the entries.
 
     ``reference`` has the differences to each. If the first of them differs visibly from the run, the run is compared
     with itself after an invisible change. If that shows as well, single solutions separate. Then ``separation`` has
-    their distance, and the references are compared by their statistics too. `parameters` are those of the run that the
-    package does not have.
+    their distance, and the references are compared by their statistics too.
     """
     scenario, differences = case.scenario, dict[str, Any]()
     entries: dict[str, Any] = {"reference": differences}
@@ -62,7 +58,7 @@ def compare_with_references(
             continue
         if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
             with doing("separation"):
-                separation = _separation(case, package, results, parameters)
+                separation = _separation(case, package, results)
             if separation > visible:
                 entries["separation"] = {"change": _NUDGE, "max_position_difference_rad": separation}
         if "separation" in entries:
@@ -70,9 +66,9 @@ def compare_with_references(
     return entries
 
 
-def _separation(case: RunCase, package: Path, results: Results, more: Mapping[str, Any] | None) -> float:
+def _separation(case: RunCase, package: Path, results: Results) -> float:
     """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE`."""
-    parameters = {**(more or {})} | {
+    parameters = {
         f"{plant}.{name}": (1.0 + _NUDGE) * value
         for plant in case.system.resolved.plants
         for name, value in case.system.values[plant].items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,15 @@ from vdfmu.study.run.case import RunCase
 from vdfmu.study.verdict import explain, loop_checks
 
 
-def simulate(case: RunCase, package: Path, parameters: Any = None, **options: Any) -> Results:
-    """Co-simulate a package of the scenario; for `options` see :meth:`vdfmu.engine.run.Simulator.run`, and `log`."""
+def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None = None, **options: Any) -> Results:
+    """Co-simulate a package with the parameters of the case, and others.
+
+    For `options` see :meth:`vdfmu.engine.run.Simulator.run`, and `log`.
+    """
     scenario = case.scenario
     settings: SimulatorOptions = {
-        **scenario.coupling, "inputs": scenario.inputs, "parameters": parameters, "log": options.pop("log", None),
-        "stepper": case.options["stepper"],
+        **scenario.coupling, "inputs": scenario.inputs, "parameters": {**case.parameters, **(parameters or {})},
+        "log": options.pop("log", None), "stepper": case.options["stepper"],
     }  # fmt: skip
     with Simulator(package, **settings) as simulator:
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
