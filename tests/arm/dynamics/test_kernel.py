@@ -191,18 +191,6 @@ def test_call_checks_name_count_and_sizes_and_each_function_has_buffers_of_its_o
     np.testing.assert_array_equal(first, b([0.0, 0.0], rest, rest, F_e, p))  # results of a call are copies
 
 
-def test_rows_take_single_arrays_and_batches(planar, kernel_of):
-    kernel = kernel_of(planar)
-    q, q_dot, q_ddot, F_e = arguments()
-    single = torque(kernel)
-    assert single.shape == (2,)
-    batch = kernel.rows("inverse_dynamics", [np.stack([q, 2 * q, q]), q_dot, np.stack([q_ddot] * 3), F_e], SIZES)
-    assert batch.shape == (3, 2)
-    np.testing.assert_array_equal(batch[[0, 2]], [single, single])
-    assert (batch[1] != single).all()
-    assert kernel.rows("inverse_dynamics", [np.empty((0, 2)), q_dot, q_ddot, F_e], SIZES).shape == (0, 2)
-
-
 @pytest.mark.parametrize(("value", "message"), [
     ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
     (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),

@@ -187,11 +187,3 @@ def test_json_at_times_of_its_own(robot, data, tmp_path, caplog):
     assert log.t[0] == pytest.approx(late) and len(log.t) == M - 1
     assert "/odd: not read, its encoding is protobuf" in caplog.text
     assert any("columns have different times" in note for note in log.notes)
-    with open(tmp_path / "odd.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        odd = writer.register_channel("/odd", "protobuf", writer.register_schema("arm", "protobuf", b""))
-        writer.add_message(odd, 0, b"", 0)
-        writer.finish()
-    with pytest.raises(vdfmu.VdfmuError, match=r"expected messages of ROS 2 .* or json, got /odd in protobuf"):
-        read_log(tmp_path / "odd.mcap", robot)
