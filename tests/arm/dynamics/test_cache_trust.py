@@ -149,7 +149,7 @@ def test_a_run_with_wrong_entries_is_the_run_with_none(tmp_path, monkeypatch, co
     assert abs(len(page()) - len(whole)) < 100
 
 
-@pytest.mark.parametrize("damage", [lambda packed: packed, lambda packed: packed[: len(packed) // 2], lambda packed: b"no archive"])
+@pytest.mark.parametrize("damage", [lambda data: data, lambda data: data[: len(data) // 2], lambda data: b"no archive"])
 def test_what_the_package_brought_is_read_once_or_made_anew_if_it_is_damaged(tmp_path, monkeypatch, damage):
     entry, brought = tmp_path / "user" / "native" / "key", tmp_path / "native.tar.xz"
     cache.store(made := tmp_path / "maker" / "native" / "key", b"code")
