@@ -9,7 +9,7 @@ from tests.study.run.conftest import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.inspect.reference import compare, read_table
+from vdfmu.extras.inspect.reference import compare, read_table
 from vdfmu.system.scenario import load_scenario
 from vdfmu.unit import Derivative, Input, State, Unit
 
@@ -27,6 +27,35 @@ def test_units_of_fmi_3_agree_with_their_results(fmus, unit):
     report = inspect_file(fmus[unit])
     assert (report.standard, report.ran) == ("FMI 3.0", True)
     assert (report.problems, report.compared) == ([], [f"{fmus[unit].stem}_out.csv"])
+
+
+@pytest.mark.heavy
+def test_units_of_a_package_agree_with_the_results_that_they_carry(arm_package):
+    units = ("Trajectory", "Feedforward", "PDController", "Plant")
+    report = inspect_file(arm_package())
+    assert report.compared == [f"resources/{unit}.fmu: {unit}_out.csv" for unit in units]
+    assert report.problems == []
+
+
+def test_a_unit_that_may_have_one_instance_gets_one(fmus, tmp_path):
+    content = members(fmus["controller"])
+    plain, once = (b'canBeInstantiatedOnlyOncePerProcess="%s"' % word for word in (b"false", b"true"))
+    content["modelDescription.xml"] = content["modelDescription.xml"].replace(plain, once)
+    assert once in content["modelDescription.xml"]
+    pack_zip(tmp_path / "once.fmu", content)
+    report = inspect_file(tmp_path / "once.fmu")
+    assert (report.problems, report.compared) == ([], [])
+    assert "reference results not compared: the unit can be instantiated only once per process" in report.notes
+
+
+def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path):
+    name = f"{FOLDER}Plant_out.csv"
+    pack_zip(tmp_path / "less.fmu", {n: data for n, data in members(fmus["plant"]).items() if n != name})
+    report = inspect_file(tmp_path / "less.fmu")
+    assert (report.problems, report.compared) == ([], [])
+    assert report.notes == [
+        f"Plant_out.csv: not compared: {FOLDER}fmi-ls-manifest.xml names it, and the FMU does not have it"
+    ]
 
 
 def tampered(fmus, path, suffix, change):
@@ -82,7 +111,9 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
         rows[6][head.index("E_kin")] = "99"
 
     report = tampered(fmus, tmp_path / "off.fmu", "out", change)
-    assert report.notes == ["Plant_out.csv: quality: not compared: the unit lacks such a variable"]
+    (note,) = report.notes
+    assert note == "Plant_out.csv: quality: not compared: the unit lacks such a variable"
+    assert note.rule.number == "RUN004"
     (problem,) = report.problems
     assert problem.startswith("Plant_out.csv: E_kin at t = 0.12 s: expected 99")
     assert report.compared == ["Plant_out.csv"]
