@@ -1,7 +1,6 @@
 """Native builds: the same bits everywhere, nothing stale, clear words where a build cannot be."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -15,15 +14,12 @@ import pytest
 
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
-from vdfmu.arm.units.pieces.plant_joint import PlantJoint
 from vdfmu.base import compile, platforms
 from vdfmu.base.compile import Compilation, _Workshop, compile_library
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.platforms import PLATFORMS, native_available, this_platform
-from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
-from vdfmu.compiler.unit.interface import Interface
 
 SMALL = {"unit.c": b"double twice(double x) { return 2.0 * x; }\n"}
 FAST = ["trajectory", "controller"]
@@ -63,12 +59,6 @@ def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(planar, t
     )  # fmt: skip
     for path in here.values():
         assert (folder / "out" / path.name).read_bytes() == path.read_bytes(), path.name
-
-
-def test_functions_of_the_choices_of_a_unit_stand_in_one_order():
-    header = generated_sources(Interface(PlantJoint, None), "")["kernel.h"]
-    copies = re.findall(r"\w+_step_\w+(?=_avx2\()", header)
-    assert len(copies) == 4 and copies == sorted(copies)
 
 
 @pytest.mark.parametrize(

@@ -13,16 +13,16 @@ from fmpy.validation import validate_fmu
 
 import vdfmu
 from tests.engine.files import check_file
-from tests.system.torso import torso
+from tests.extras.decompose.torso import torso
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.run import simulate
+from vdfmu.extras.decompose.decomposition import decomposed
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.decomposed import decomposed
 from vdfmu.system.scenario.system_file import Part
 
 pytestmark = pytest.mark.heavy  # the FMUs are compiled
