@@ -17,7 +17,6 @@ from vdfmu.base.text import shown
 from vdfmu.engine.fmu.messages import MessageBox, boxes, on_message
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.rules import Findings
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Bad" guid="{bad}">
@@ -76,16 +75,6 @@ def controller(planar, tmp_path):
     return make
 
 
-def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
-    kept = []
-    contained = check_run._contained
-    monkeypatch.setattr(check_run, "_contained", lambda *a: kept.append(contained(*a)) or kept[-1])
-    (problem,) = check_run.run_apart(unit(CODE["flood"])).problems
-    assert problem.startswith("the process crashed (exit code 3) in load of a run of 10 steps: ")
-    ((_, words),) = kept
-    assert len(words) <= KEPT  # of 12 MB
-
-
 @pytest.mark.heavy
 def test_memory_is_limited(unit, monkeypatch):
     """16 GiB are asked for in blocks of 256 MiB; the first that is refused ends the process."""
@@ -133,13 +122,11 @@ def test_what_the_description_forbids_is_not_run(unit, tmp_path):
     assert not proof.exists()
 
 
-def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch, tmp_path):
-    monkeypatch.setattr(check_run, "compare", lambda path: Findings(compared=["reference"]))
-    phase = check_run.Phase(tmp_path / "phase", lambda findings: None)
-    assert check_run._run_unit(controller(b"false"), phase).compared == ["reference"]
-    once = check_run._run_unit(controller(b"true"), phase)
-    assert once.problems == once.compared == []
-    assert once.notes == ["reference results not compared: the unit can be instantiated only once per process"]
+def test_a_unit_that_may_have_one_instance_gets_one(controller):
+    twice, once = (check_run.run_apart(controller(flag)) for flag in (b"false", b"true"))
+    assert twice.problems == once.problems == once.compared == [] and twice.compared
+    note = "reference results not compared: the unit can be instantiated only once per process"
+    assert (note in twice.notes, note in once.notes) == (False, True)
 
 
 @pytest.mark.heavy
@@ -164,6 +151,7 @@ def test_check_says_that_it_runs_code_and_escapes_are_shown_and_not_executed(uni
     assert b"\x1b" not in done.stdout + done.stderr and b"\x07" not in done.stdout
     assert b"\\x1b[2J\\x1b]0;owned\\x07" in done.stdout
     assert b"a\\x1b[2Jb.fmu" in done.stdout
+    assert len(done.stdout + done.stderr) < KEPT  # of 12 MB
 
 
 def test_messages_of_components_are_bounded_and_what_a_terminal_acts_on_is_written_out(monkeypatch):
