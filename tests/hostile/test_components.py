@@ -10,8 +10,6 @@ import fmpy
 import pytest
 
 from tests.cc import CC
-from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.files import pack_zip
 from vdfmu.base.process import KEPT
 from vdfmu.base.text import shown
 from vdfmu.engine.fmu.messages import MessageBox, boxes, on_message
@@ -52,24 +50,6 @@ def unit(tmp_path):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", xml)
             archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-        return path
-
-    return make
-
-
-@pytest.fixture
-def controller(planar, tmp_path):
-    """Return a function that makes the FMU of a controller, changed so that a process may have one instance or more."""
-    built = build_fmus(planar, tmp_path, units=["controller"], backend="native", folded=True)["controller"]
-
-    def make(once: bytes) -> Path:
-        with zipfile.ZipFile(built) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        name = b'canBeInstantiatedOnlyOncePerProcess="%s"'
-        assert name % b"false" in members["modelDescription.xml"]
-        text = members["modelDescription.xml"].replace(name % b"false", name % once)
-        path = tmp_path / "Changed.fmu"
-        pack_zip(path, {**members, "modelDescription.xml": text})
         return path
 
     return make
@@ -120,13 +100,6 @@ def test_what_the_description_forbids_is_not_run(unit, tmp_path):
     report = inspect_file(path)
     assert report.problems and not report.ran
     assert not proof.exists()
-
-
-def test_a_unit_that_may_have_one_instance_gets_one(controller):
-    twice, once = (check_run.run_apart(controller(flag)) for flag in (b"false", b"true"))
-    assert twice.problems == once.problems == once.compared == [] and twice.compared
-    note = "reference results not compared: the unit can be instantiated only once per process"
-    assert (note in twice.notes, note in once.notes) == (False, True)
 
 
 @pytest.mark.heavy
