@@ -77,7 +77,7 @@ def test_defaults_have_their_types_and_most_options_are_held_against_theirs():
         assert type_problem(name, annotation, row.option.default) is None
         if type_problem(name, annotation, SimpleNamespace()) is None:
             unknown.add(name)
-    assert unknown == {"inputs", "observer", "progress"}
+    assert unknown == {"inputs", "observer", "progress", "connections"}
 
 
 def test_what_varies_and_inputs_are_held_against_theirs():

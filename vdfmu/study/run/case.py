@@ -10,6 +10,7 @@ from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import nearest
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
+from vdfmu.engine.package.join import ends_of
 from vdfmu.engine.run import LogMessage
 from vdfmu.study.judgement import check_wanted
 from vdfmu.study.limits import Limit, own_limits, read_limits
@@ -92,13 +93,14 @@ def _facts(
     system: SystemDescription, options: ScenarioRunOptions, backend: str, limits: Mapping[str, Limit]
 ) -> dict[str, Any]:
     scenario, parameters = system.scenario, options["parameters"]
-    robot = scenario.robot
+    robot, connected = scenario.robot, ends_of(options["connections"] or ())
     return run_facts(scenario) | {
         "backend": backend,
         **({"compiler": compiler_version()} if backend == "native" else {}),
         "fmi": options["fmi_version"],
         "parameters": {key: str(value) for key, value in (parameters or {}).items()},
         "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
+        **({"connections": [" -> ".join(ends) for ends in connected]} if connected else {}),
         "left_out": list(scenario.system.dropped),
         "joined": list(scenario.system.joined),
         **({"own_limits": changed} if (changed := own_limits(limits)) else {}),

@@ -41,8 +41,8 @@ def prepare(
     if robot is not None and isinstance(scenario, Scenario):
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
     scenario = scenario_of(scenario, robot, [*names, *(options["parameters"] or ())])
-    if options["units"]:
-        scenario = with_units(scenario, options["units"])
+    if options["units"] or options["connections"]:
+        scenario = with_units(scenario, options["units"] or {}, options["connections"] or ())
     fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
     scenario = dataclasses.replace(scenario, **{name: changes[name] for name in fields & changes.keys()})
     tables = read_inputs(scenario.inputs, scenario.input_hold)

@@ -14,8 +14,9 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit import JOINTS, Output, Unit
+from vdfmu.engine.package.join import Connections
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
-from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.system_file import SystemFile, rewired
 from vdfmu.system.scenario.values import section_values
 
 _PAYLOAD = {row.name for row in section("payload")}
@@ -57,11 +58,12 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
     return robot
 
 
-def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
+def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connections = ()) -> Scenario:
     """Return the scenario with other units for some components, without connections and values that these lack.
 
     A new input is connected to the output of the same name if both are in a terminal and their components were
-    connected. UsageError or UnitError for an unknown component or a value that is not a unit.
+    connected. Last come the `connections`, output to input or inputs; these inputs lose the connections that they had.
+    UsageError or UnitError for an unknown component or signal, or a value that is not a unit.
     """
     system, parts = scenario.system, dict(scenario.system.parts)
     for name, unit in units.items():
@@ -95,11 +97,14 @@ def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
     joined = _joined(scenario, resolved, tables)
     for source, target in joined:
         kept.setdefault(source, []).append(target)
+    kept = rewired(kept, connections)
+    if connections:
+        resolve(dataclasses.replace(system, connections=kept), scenario.robot).check_connections("connections")
     ends = {end.partition(".")[0] for source, targets in kept.items() for end in (source, *targets)}
     for name, signals in has.items():
         if signals and name not in ends:
             raise UsageError(f"{name}: {_unfit(name, signals, system.connections)}")
-    joints = tuple(" -> ".join(ends) for ends in joined)
+    joints = tuple(f"{source} -> {target}" for source, target in joined if target in kept.get(source, ()))
     written = section_values(scenario.resolved, scenario.sections)
     sections = dict(scenario.sections)
     for name, table in tables.items():

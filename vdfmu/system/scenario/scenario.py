@@ -147,8 +147,11 @@ class ResolvedSystem:
         (start, a), (end, b) = source.split(".", 1), target.split(".", 1)
         return _pairs(_end(self.tables[start], a, "output"), _end(self.tables[end], b, "input"))
 
-    def check_connections(self) -> None:
-        """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs."""
+    def check_connections(self, where: str = "") -> None:
+        """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs.
+
+        `where` is the place of the connections in its lines, by default the system's file.
+        """
         problems: list[str] = []
         feeds: dict[tuple[str, str], str] = {}
         for source, targets in self.system.connections.items():
@@ -167,7 +170,7 @@ class ResolvedSystem:
                     if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
                         problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
         if problems:
-            where = f"{self.system.path}: connections"
+            where = where or f"{self.system.path}: connections"
             raise UsageError("\n".join(f"{where}: {problem}" for problem in dict.fromkeys(problems)))
 
 
@@ -210,6 +213,9 @@ def _signals(
 ) -> dict[tuple[int, ...], Variable]:
     """Return index to variable at an end of a connection. Note a problem if empty."""
     component, _, name = end.partition(".")
+    if component not in tables:
+        problems.append(f"{end}: expected component.signal, got {component!r}. {nearest(component, list(tables))}")
+        return {}
     signals = _end(tables[component], name, causality)
     if not signals:
         groups = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))

@@ -1,0 +1,102 @@
+"""Connections that a run adds to its scenario, or replaces: `connections`, ``--connect``."""
+
+import json
+
+import pytest
+
+import vdfmu
+from tests.warm import command
+from vdfmu.base.errors import UsageError
+from vdfmu.study.report.page import run_command
+from vdfmu.study.run.prepare import prepare
+from vdfmu.study.sweeps.plan import make_plan
+
+OWN = """from vdfmu.unit import JOINTS, Input, Output, Unit
+
+class Own(Unit):
+    wanted = Input("position", JOINTS, "desired position, by another name")
+    measured = Input("position", JOINTS, "position, by another name")
+    torque = Output("N.m", JOINTS, "torque of the motor, by another name")
+
+    def outputs(self) -> None:
+        self.torque = 20.0 * (self.wanted - self.measured)
+"""
+PAIRS = [
+    ("trajectory.q_d", "controller.wanted"),
+    ("plant.q", "controller.measured"),
+    ("controller.torque", "plant.tau"),
+]
+
+
+@pytest.fixture
+def renamed(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(OWN, encoding="utf-8")
+    return {"controller": path}
+
+
+def test_an_input_loses_the_connection_that_it_had():
+    before = prepare("planar_tracking").system.connections
+    assert "controller.q" in before["plant.q"]
+    after = prepare("planar_tracking", connections={"trajectory.q_d": ["controller.q", "controller.q_d"]}).system
+    assert "controller.q" not in after.connections["plant.q"]
+    assert after.connections["trajectory.q_d"][-2:] == ["controller.q", "controller.q_d"]
+    assert after.fed.keys() == {end for ends in before.values() for end in ends}
+
+
+def test_a_unit_whose_signals_have_other_names_is_connected(renamed):
+    with pytest.raises(UsageError, match="controller: none of its signals fits the system"):
+        prepare("planar_tracking", units=renamed)
+    scenario = prepare("planar_tracking", units=renamed, connections=PAIRS)
+    assert not scenario.system.unfed
+    assert scenario.system.fed["plant.tau"] == "controller.torque"
+    results = vdfmu.run("planar_tracking", units=renamed, connections=PAIRS, stop=0.01, reference=False, out=False)
+    error = results["trajectory.q_d"] - results["plant.q"]
+    assert results["controller.torque"] == pytest.approx(20.0 * error, abs=1e-3)  # a step later
+    assert results.summary["connections"] == [f"{source} -> {target}" for source, target in PAIRS]
+    words = run_command(results.summary).split()
+    assert [word for word in words if "=" in word][1:] == ["=".join(pair) for pair in PAIRS]
+
+
+@pytest.mark.parametrize(("source", "target", "said"), [
+    ("plant.qq", "controller.q", "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean \"q\"?"),
+    ("plant.q", "controller.q_dd", "connections: controller.q_dd: expected an input of controller, got 'q_dd'."),
+    ("plnt.q", "controller.q", "connections: plnt.q: expected component.signal, got 'plnt'. Did you mean \"plant\"?"),
+    ("plant.q", "controller.q_dot", "expected one unit of measurement, got rad and rad/s."),
+    ("plant.q[1]", "controller.q", "expected signals of one shape"),
+])  # fmt: skip
+def test_what_cannot_be_connected_is_named(source, target, said):
+    with pytest.raises(UsageError) as error:
+        prepare("planar_tracking", connections={source: target})
+    assert said in str(error.value)
+
+
+def test_load_and_sweep_take_connections(renamed):
+    added = {"plant.q": "controller.q_d"}
+    system = vdfmu.load("planar_tracking", added)
+    assert "plant.q -> controller.q_d (2)" in system.connections
+    assert "trajectory.q_d -> controller.q_d (2)" not in system.connections
+    plan = make_plan(
+        "planar_tracking",
+        {"plant.mass": "*0.9, 1.1"},
+        stop=0.02,
+        measure=["e=peak(plant.q)"],
+        units=renamed,
+        connections=PAIRS,
+    )
+    assert plan.facts["options"]["connections"] == [list(pair) for pair in PAIRS]
+    assert len(plan.job.systems) == 1
+
+
+@pytest.mark.heavy
+def test_a_point_of_a_study_is_run_with_its_connections(renamed, tmp_path):
+    study = vdfmu.sweep(
+        "planar_tracking", {"plant.mass": "*0.9, 1.1"}, stop=0.02, measure=["e=peak(plant.q)"], units=renamed,
+        connections=PAIRS, out=tmp_path / "study",
+    )  # fmt: skip
+    done = command("run", "--from", str(study.folder), "--no-reference", "--no-simulate", "--out", "again",
+                   "--connect", "trajectory.q_d=feedforward.q_d", cwd=tmp_path)  # fmt: skip
+    assert done.returncode in (0, 1), done.stderr
+    summary = json.loads((tmp_path / "again" / "summary.json").read_text())
+    pairs = [*PAIRS, ("trajectory.q_d", "feedforward.q_d")]
+    assert summary["connections"] == [f"{source} -> {target}" for source, target in pairs]
