@@ -19,7 +19,7 @@ WIDTH = 80
 _FLAGS = 29
 """Columns of the help before the text of an option."""
 TASKS = {
-    "System": "robot set unit connect backend compiler fmi input input-hold variant",
+    "System": "robot set unit connect unfed backend compiler fmi input input-hold variant",
     "Time, coupling": "start stop step at algorithm adaptive stepper tolerance pace isolate memory-limit wait-limit "
     "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",

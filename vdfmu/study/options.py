@@ -96,14 +96,18 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
         "package, or a class. Values of the scenario "
         "without a parameter in it are left out, and connections to signals that it lacks; its further inputs are "
-        "joined to outputs of their names, by terminals; with notes in the log, and ``left_out`` and ``joined`` in the "
-        "summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        "joined to outputs of their name, shape and unit of measurement; with notes in the log, and ``left_out`` and "
+        "``joined`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
     connections: Annotated["Connections | None", Option(
         "Connect output a.y to input b.u. Repeatable.", "mapping of output to input or inputs, or pairs of them",
         "Names are those of the diagram, ``component.signal``; vectors connect as a whole, or by elements, "
         "``plant.tau[1]``. The input loses the connection that the scenario gives it.", flag="--connect",
         metavar="a.y=b.u", typed=TEXTS, read=read_connections)]
+    unfed: Annotated[str | None, Option(
+        "ok: keep start values of inputs that nothing feeds.",
+        more="Otherwise each input of a unit of `units` needs a connection or a value, except in plants.",
+        choices=("ok",))]
 
 
 class JudgeOptions(TypedDict, total=False):

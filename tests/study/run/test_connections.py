@@ -58,6 +58,38 @@ def test_a_unit_whose_signals_have_other_names_is_connected(renamed):
     assert [word for word in words if "=" in word][1:] == ["=".join(pair) for pair in PAIRS]
 
 
+def test_an_input_that_nothing_feeds_is_refused_unless_it_is_connected_or_set_or_the_user_says_so(renamed):
+    renamed["controller"].write_text(OWN.replace("torque =", "tau =").replace("self.torque", "self.tau"))
+    measured, wanted = {"plant.q": "controller.measured"}, {"trajectory.q_d": "controller.wanted"}
+    said = (
+        "controller.wanted: expected an output that feeds it, such as trajectory.q_d or plant.q, got none. --connect "
+    )
+    with pytest.raises(UsageError, match=f"^{said}") as error:
+        prepare("planar_tracking", units=renamed)
+    assert len(str(error.value).splitlines()) == 2
+    with pytest.raises(UsageError, match=f"^{said}"):
+        prepare("planar_tracking", units=renamed, connections=measured)
+    with pytest.raises(UsageError, match=r"^unfed: expected ok, got no\.$"):
+        prepare("planar_tracking", units=renamed, unfed="no")
+    prepare("planar_tracking", units=renamed, connections=measured, parameters={"controller.wanted[1]": 0.1})
+    prepare("planar_tracking", ["controller.wanted"], units=renamed, connections=measured)  # an axis of a study
+    assert prepare("planar_tracking", units=renamed, connections=measured | wanted).system.unfed == {}
+    left = prepare("planar_tracking", units=renamed, connections=measured, unfed="ok").system.unfed
+    assert left == {"controller.wanted": ["trajectory.q_d", "plant.q"]}
+
+
+def test_a_new_input_is_connected_to_the_only_output_that_fits_by_name_shape_and_unit(renamed):
+    text = OWN.replace("torque =", "tau =").replace("self.torque", "self.tau")
+    text = text.replace("wanted", "q_d").replace("measured", "kappa")
+    renamed["controller"].write_text(text)
+    system = prepare("planar_tracking", units=renamed).system
+    assert system.joined == ("plant.kappa -> controller.kappa",)  # the unit has no terminals
+    renamed["controller"].write_text(text.replace("kappa", "tau_s"))  # an output of two components, of another unit
+    assert list(prepare("planar_tracking", units=renamed, unfed="ok").system.unfed) == ["controller.tau_s"]
+    renamed["controller"].write_text(text.replace("kappa", "p_O"))  # of another shape
+    assert list(prepare("planar_tracking", units=renamed, unfed="ok").system.unfed) == ["controller.p_O"]
+
+
 @pytest.mark.parametrize(("source", "target", "said"), [
     ("plant.qq", "controller.q", "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean \"q\"?"),
     ("plant.q", "controller.q_dd", "connections: controller.q_dd: expected an input of controller, got 'q_dd'."),
