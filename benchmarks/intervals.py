@@ -17,8 +17,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 import vdfmu
-from vdfmu.arm import motion
+from vdfmu.arm.motion import Motion
 from vdfmu.arm.robot import Robot
+from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.fit import Identified, identify
 from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motion_choice import SensorNoise, exact_log
@@ -30,10 +31,10 @@ SHARES = {"I_m": 0.2, "f_c": 0.3, "f_s": 0.1, "v_s": 0.3, "f_v": 0.3, "K_f0": 0.
 """Deviations of the logarithms of the values of a robot file from the truth."""
 
 
-def motion_of(robot: Robot) -> motion.Motion:
+def motion_of(robot: Robot) -> Motion:
     """Return a multisine about the middle of the joints' ranges."""
     size = np.where([kind == "revolute" for kind in robot.joint_types], 0.8, 0.1)
-    return motion.multisine(np.zeros(robot.n), size, [1, 2, 5, 9], period=PERIOD, periods=2, phases="random")
+    return multisine(np.zeros(robot.n), size, [1, 2, 5, 9], period=PERIOD, periods=2, phases="random")
 
 
 def simulated(log: Log, robot: Robot, seed: int, coloured: bool) -> Log:

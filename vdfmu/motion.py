@@ -1,4 +1,13 @@
 """Motions that are worked out before the run: functions that make one, and ``load_motion``, which reads one."""
 
+from typing import Any
+
 from vdfmu.arm.motion import *  # noqa: F403
 from vdfmu.arm.motion import __all__ as __all__
+
+
+def __getattr__(name: str) -> Any:
+    """Say where motions of an extra are."""
+    if name in ("fastest", "multisine", "sweep"):
+        raise AttributeError(f"vdfmu.motion.{name} moved. Write: from vdfmu.extras.identify import {name}")
+    raise AttributeError(f"module 'vdfmu.motion' has no attribute {name!r}")

@@ -12,7 +12,7 @@ from laws import Law
 
 import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
-from vdfmu.arm.motion.read import KINDS
+from vdfmu.arm.motion.read import kinds
 from vdfmu.base.toml_file import toml_text
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.system.scenario import load_scenario
@@ -157,7 +157,7 @@ class Arm:
                 tried.append(("circle", {"start": end, "centre": centre, "axis": axis, "orientation": "free"}))
         for kind, keys in tried:
             try:
-                planned = KINDS[kind][0](**keys, **limits, robot=self.robot)
+                planned = kinds()[kind].make(**keys, **limits, robot=self.robot)
             except vdfmu.VdfmuError as error:
                 problem = error
                 continue

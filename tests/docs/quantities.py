@@ -12,10 +12,10 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.functions.rodas import ALPHA as ALPHA
 from vdfmu.compiler.functions.rodas import GAMMA_I as GAMMA_I
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.inspect import abilities as abilities
-from vdfmu.engine.inspect import reference as reference
 from vdfmu.engine.inspect import trial as trial
 from vdfmu.engine.package import limits as limits
+from vdfmu.extras.inspect import abilities as abilities
+from vdfmu.extras.inspect import reference as reference
 from vdfmu.extras.laws.units.devices.encoder import PAST as PAST
 from vdfmu.study import coupling_error as coupling_error
 from vdfmu.study.analysis.loops import margins_along

@@ -1,15 +1,12 @@
 """Components of FMI 3.0, and of 2.0 beside them: types, arrays, sizes, events, clocks."""
 
-from ctypes import c_double
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu.versions import Instance3
 from vdfmu.engine.package.join import join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -152,29 +149,3 @@ def test_structural_parameters_size_the_arrays(system, xml):
     assert len(check_system(load_ssp(bound)).descriptions["s"].variables) == 1 + 3 + 1 + 3 + 3 + 9 + 1 + 3 + 1 + 1 + 3
     with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
         simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})
-
-
-@pytest.mark.parametrize(("left", "calls"), [(1e-13, 1), (5e-8, 2)])
-def test_a_step_that_returns_early_is_finished_unless_rounding_is_left(left, calls):
-    """A step of 1 ms: what is left of it is an ulp of the time, or more than a ten-thousandth of the step."""
-    made = []
-
-    def do_step(component, clock, size, keep, event, end, early, last):
-        made.append(clock.value)
-        early._obj.value = len(made) == 1
-        last._obj.value = clock.value + size.value - (left if len(made) == 1 else 0.0)
-        return 0
-
-    class Early(Instance3):
-        def __init__(self):
-            self.updates, self._failed, self.fmu = False, None, SimpleNamespace(component=None)
-
-        def function(self, name):
-            return do_step
-
-        def _answered(self, flags, last, ended):
-            return ended
-
-    call, arguments, _ = Early()._simulation_call(c_double(1.0), c_double(1e-3))
-    assert call(*arguments) == 0
-    assert len(made) == calls

@@ -10,14 +10,11 @@ import fmpy
 import pytest
 
 from tests.cc import CC
-from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.files import pack_zip
 from vdfmu.base.process import KEPT
 from vdfmu.base.text import shown
 from vdfmu.engine.fmu.messages import MessageBox, boxes, on_message
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.rules import Findings
 
 XML = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Bad" guid="{bad}">
@@ -53,24 +50,6 @@ def unit(tmp_path):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", xml)
             archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-        return path
-
-    return make
-
-
-@pytest.fixture
-def controller(planar, tmp_path):
-    """Return a function that makes the FMU of a controller, changed so that a process may have one instance or more."""
-    built = build_fmus(planar, tmp_path, units=["controller"], backend="native", folded=True)["controller"]
-
-    def make(once: bytes) -> Path:
-        with zipfile.ZipFile(built) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        name = b'canBeInstantiatedOnlyOncePerProcess="%s"'
-        assert name % b"false" in members["modelDescription.xml"]
-        text = members["modelDescription.xml"].replace(name % b"false", name % once)
-        path = tmp_path / "Changed.fmu"
-        pack_zip(path, {**members, "modelDescription.xml": text})
         return path
 
     return make
@@ -131,15 +110,6 @@ def test_what_the_description_forbids_is_not_run(unit, tmp_path):
     report = inspect_file(path)
     assert report.problems and not report.ran
     assert not proof.exists()
-
-
-def test_a_unit_that_may_have_one_instance_gets_one(controller, monkeypatch, tmp_path):
-    monkeypatch.setattr(check_run, "compare", lambda path: Findings(compared=["reference"]))
-    phase = check_run.Phase(tmp_path / "phase", lambda findings: None)
-    assert check_run._run_unit(controller(b"false"), phase).compared == ["reference"]
-    once = check_run._run_unit(controller(b"true"), phase)
-    assert once.problems == once.compared == []
-    assert once.notes == ["reference results not compared: the unit can be instantiated only once per process"]
 
 
 @pytest.mark.heavy

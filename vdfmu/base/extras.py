@@ -1,7 +1,8 @@
 """Extras: the folders of ``vdfmu/extras``, which add to the core. The core works without each of them.
 
-An extra has what it adds in modules of agreed names: ``commands`` for the command line, ``targets`` of builds, and
-``units``. The core finds them by their files, as it finds plugins of other packages, and imports none by its name.
+An extra has what it adds in modules of agreed names: ``commands`` for the command line, ``targets`` of builds,
+``motions``, ``trials`` of FMUs, ``units`` and the ``decomposition`` of arms. The core finds them by their files, as it
+finds plugins of other packages, and imports none by its name.
 """
 
 from __future__ import annotations

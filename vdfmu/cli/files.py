@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.errors import StorageError, UsageError
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.files import PACKAGE, replacing_foreign, require_ours
 from vdfmu.base.option import Option, option_of
 from vdfmu.base.plugins import added
@@ -112,7 +113,8 @@ def _is_unit(name: str) -> bool:
         return True
     if Path(name).suffix or Path(name).is_file():
         return False
-    files = list((PACKAGE / "arm" / "units").rglob("[!_]*.py"))  # to import them takes long
+    folders = (PACKAGE / "arm" / "units", *(PACKAGE / "extras").glob("*/units"))
+    files = [file for folder in folders for file in folder.rglob("[!_]*.py")]  # to import them takes long
     classes = (re.findall(r"^class (\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE) for path in files)
     if name in {path.stem for path in files}.union(*classes):
         return True
@@ -208,9 +210,10 @@ def ssp(
         require_ours(target)
     values = _values(chosen, backend, parameters)
     if apart:
-        from vdfmu.system.scenario.decomposed import decomposed
-
-        chosen, values = decomposed(chosen, parameters or {})
+        makers = extra_modules("decomposition")
+        if not makers:
+            raise UsageError("--decomposed needs the extra decompose, and this installation has no extras.")
+        chosen, values = makers[0].decomposed(chosen, parameters or {})
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         say_written(write_ssp(chosen, fmus, target, values, version=form))

@@ -13,6 +13,7 @@ from vdfmu.arm.kernel import Kernel
 from vdfmu.base import cache
 from vdfmu.base.cache import cache_folder
 from vdfmu.base.errors import KernelError, UsageError
+from vdfmu.base.extras import extra_modules
 from vdfmu.compiler.functions.sources import imported
 from vdfmu.compiler.functions.traced import KernelFunction
 from vdfmu.compiler.scalar.generic import clip, sgn, zeros
@@ -20,6 +21,7 @@ from vdfmu.compiler.scalar.jet import Jet
 from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx
 
 SIZES = [2, 2, 2, 6]
+UNITS = ["arm.units", *(module.__name__.removeprefix("vdfmu.") for module in extra_modules("units"))]
 
 
 def arguments():
@@ -53,7 +55,7 @@ def test_functions_are_kept_by_their_structure_in_the_cache_folder_of_the_enviro
 @pytest.mark.heavy
 @pytest.mark.parametrize(("roots", "code"), [
     (["arm.kernel"], "import vdfmu.arm.kernel"),
-    (["compiler", "arm.units"], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
+    (["compiler", *UNITS], "import vdfmu.arm.units; vdfmu.arm.units.shipped_units()"),
     (["compiler"], "import vdfmu.compiler.fmu.native; import vdfmu.compiler.fmu.documentation"),
     (["system.reference"], "import vdfmu.system.reference.reference"),
 ])  # fmt: skip

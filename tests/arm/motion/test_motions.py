@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PPoly
 
+import vdfmu
 from tests.arm.motion.jumps import jumps, rounding
 from vdfmu.arm import motion as motions
 from vdfmu.base.errors import UsageError
@@ -23,8 +24,6 @@ def made(planar, arm):
     yield motions.samples(t, np.column_stack([np.sin(np.pi * t) ** 6, np.cos(np.pi * t) ** 6]))
     yield motions.line(planar, [0.3, 0.8], [0.5, 0.0, 0.6], velocity=1.0, acceleration=3.0)
     yield motions.circle(arm, [0.3, 0.5, 0.7, 0.2, 0.8, 0.1], [0.13, 0.0, 1.18], [0, 1, 0], speed=0.2)
-    yield motions.sweep([0.1, 0.2], 0.1, (0.5, 5.0), 4.0)
-    yield motions.multisine([0.1, 0.2], 0.1, [1, 3, 5], 2.0)
 
 
 @pytest.mark.heavy
@@ -96,64 +95,6 @@ def test_waypoints_report_every_problem_and_samples_that_do_not_rest():
     assert "joint 1 start or end at speed" in note
 
 
-@pytest.mark.parametrize("phases", ["schroeder", "random"])
-def test_a_multisine_has_the_lines_asked_for_and_no_others(phases):
-    lines, period, n = [1, 2, 5, 9], 4.0, 512
-    motion = motions.multisine([0.1, -0.2, 0.3], [0.2, 0.1, 0.0], lines, period, periods=2, phases=phases)
-    assert motion.duration == 16.0 and motion.closed
-    t = period + period * np.arange(n) / n
-    spectrum = 2.0 / n * np.abs(np.fft.rfft(motion.at(t)[0], axis=0))
-    amplitudes = spectrum[lines]
-    # Knots 1/24 of the shortest period apart: the error of a spline of degree 5 is some h^6/30000 of the sixth
-    # derivative, (2 pi / 24)^6 / 30000 = 1e-8 of an amplitude, and its ends add as much.
-    assert np.abs(amplitudes - amplitudes[0]).max() < 1e-6 * amplitudes.max()
-    assert np.delete(spectrum, [0, *lines], axis=0).max() < 1e-6 * amplitudes.max()
-    assert spectrum[1:, 2].max() < 1e-15  # of a joint without amplitude: the rounding of the transform
-    deviation = np.abs(motion.at(np.linspace(period, 3.0 * period, 40_001))[0] - [0.1, -0.2, 0.3]).max(axis=0)
-    # the peak is found at 24 points of the shortest period: (pi / 24)^2 / 2 = 0.9 % of the fastest line at most
-    assert deviation == pytest.approx([0.2, 0.1, 0.0], rel=0.01)
-
-
-def test_amplitudes_shrink_to_keep_limits_and_say_so():
-    motion = motions.multisine([0.0, 1.0], 0.2, [1, 4], 2.0, velocity=[10.0, 0.5], acceleration=[10.0, 100.0])
-    assert motion.peaks[1, 0] == pytest.approx(10.0, rel=1e-12)  # scaled by this number
-    assert motion.peaks[0, 1] == pytest.approx(0.5, rel=1e-12)
-    assert [note.split(":")[0] for note in motion.notes] == ["joint 1", "joint 2"]
-    assert motion.start == pytest.approx([0.0, 1.0], abs=0.0)
-
-
-@pytest.mark.parametrize(("keys", "words"), [
-    ({"lines": [2, 2]}, "lines: expected whole numbers of at least 1, each once"),
-    ({"periods": np.nan}, "periods: expected a whole number"),
-    ({"seed": -1}, "seed: expected a whole number of at least 0"),
-    ({"seed": np.nan}, "seed: expected a whole number of at least 0, got nan"),
-    ({"start": []}, "start: expected a position for each joint"),
-    ({"amplitude": np.inf}, "amplitude: expected one above 0"),
-])  # fmt: skip
-def test_a_multisine_that_does_not_fit_is_named(keys, words):
-    with pytest.raises(UsageError, match=words):
-        motions.multisine(**({"start": [0.0], "amplitude": 0.1, "lines": [1, 2], "period": 1.0} | keys))
-
-
-@pytest.mark.parametrize("law", ["linear", "logarithmic"])
-def test_a_sweep_goes_from_one_frequency_to_the_other(law):
-    first, last, T = 1.0, 8.0, 10.0
-    motion = motions.sweep([0.0], 0.1, (first, last), T, law=law)
-    t = np.linspace(0.1 * T, 0.9 * T, 200_001)
-    q = motion.at(t)[0][:, 0]
-    crossings = t[1:][(q[:-1] < 0.0) & (q[1:] >= 0.0)]
-    frequency = 1.0 / np.diff(crossings)
-    middle = 0.5 * (crossings[1:] + crossings[:-1])
-    if law == "linear":
-        expected = first + (last - first) * middle / T
-    else:
-        expected = first * (last / first) ** (middle / T)
-    # crossings are found to 4e-5 s of periods of at least 0.125 s; the mean over a period differs by curvature, < 1 %
-    assert frequency == pytest.approx(expected, rel=0.01)
-    with pytest.raises(UsageError, match="frequencies: expected two above 0 Hz"):
-        motions.sweep([0.0], 0.1, (0.0, 1.0), 1.0)
-
-
 def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
     motion = motions.waypoints(POINTS, TIMES)
     both = motions.joined([motion, motion.slower(2.0)])
@@ -181,8 +122,8 @@ def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
     (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
     (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), ["expected a Robot, got str"]),
     (
-        lambda arm: motions.fastest([[0, 0], [1, "far"]], True, 1.0, smoothing=[1.0]),
-        ["points: expected a number", "velocity: expected a number", "smoothing: expected one number, got [1.0]"],
+        lambda arm: motions.waypoints([[0, 0], [1, "far"]], velocity=True, duration=[1.0]),
+        ["points: expected a number", "velocity: expected a number", "duration: expected one number, got [1.0]"],
     ),
     (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ['start: expected a number, .* got "home"']),
 ])  # fmt: skip
@@ -198,3 +139,8 @@ def test_what_is_no_number_is_named_all_at_once(planar, make, words):
 def test_arguments_that_a_motion_has_not_are_told_with_its_name():
     with pytest.raises(TypeError, match=r"waypoints\(\) got an unexpected keyword argument 'speed'"):
         motions.waypoints([[0.0], [1.0]], speed=1.0)
+
+
+def test_a_motion_of_an_extra_says_where_it_is():
+    with pytest.raises(AttributeError, match=r"Write: from vdfmu.extras.identify import multisine$"):
+        vdfmu.motion.multisine  # noqa: B018

@@ -14,6 +14,7 @@ from vdfmu.arm.equations.desired_drive import desired_drive_motion
 from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.base.errors import UsageError
+from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.fit import identify
 from vdfmu.extras.identify.log import read_log
 from vdfmu.extras.identify.motion_choice import SensorNoise, design, exact_log, predict
@@ -26,7 +27,7 @@ STEP = 0.004
 def test_the_log_of_a_motion_is_what_the_feedforward_gives(name):
     """Of links that follow it: positions of rotors and torques of motors, the counterbalance of the KR 300 included."""
     arm = vdfmu.load_robot(name)
-    sines = motion.multisine(np.full(arm.n, 0.1), 0.2, [1, 2], 2.0, phases="random")
+    sines = multisine(np.full(arm.n, 0.1), 0.2, [1, 2], 2.0, phases="random")
     log = exact_log(arm, sines, 0.001)
     for k in (700, 2345, 4321):
         desired = Desired(*sines.at(log.t[k]))
@@ -115,7 +116,7 @@ def test_intervals_before_the_experiment_are_those_after_it(robot, tmp_path):
     """Predicted deviations, and how far estimates spread over noisy logs of a simulation; also of a plain motion."""
     sensors = SensorNoise(step=STEP)
     best = design(robot, sensors=sensors)
-    plain = motion.multisine([0.0, 0.0], 1.0, [1, 2, 5, 9], 15.0, periods=2, velocity=1.5, acceleration=5.0)
+    plain = multisine([0.0, 0.0], 1.0, [1, 2, 5, 9], 15.0, periods=2, velocity=1.5, acceleration=5.0)
     size: list[float] = []
     spread: list[float] = []
     for name, moves in (("best", best.motion), ("plain", plain)):

@@ -10,12 +10,12 @@ import scipy.io
 import vdfmu
 from tests.conftest import ran
 from tests.extras.identify.recorded import noisy, thinned
-from vdfmu.arm import motion
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
 from vdfmu.extras.identify.commands import _difference
+from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.verdict import verdict
@@ -25,7 +25,7 @@ PHYSICAL = ("I_m", "f_c", "f_s", "v_s", "f_v")
 
 def multisine_run(out, **settings):
     """Run the planar arm along a multisine for 60 s, under feedforward and feedback."""
-    sines = motion.multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
+    sines = multisine([-1.2, 0.4], 1.2, [1, 2, 5, 9], period=15.0, periods=2, phases="random")
     vdfmu.run(
         "planar_tracking", units={"trajectory": sines.unit()}, stop=60.0, reference=False, out=out, overwrite=True,
         parameters=settings,
@@ -124,7 +124,7 @@ def test_intervals_cover_the_truth(loop, robot, guess, request):
 def test_intervals_cover_the_truth_where_torques_go_through_zero(tmp_path):
     """The slider, whose first axis is vertical: its spring's law is nowhere linear over a filter's length."""
     slider = vdfmu.load_robot("slider_3dof")
-    sines = motion.multisine([0.0, 0.0, 0.0], [0.8, 0.15, 0.8], [1, 2, 5, 9], period=15.0, periods=2, phases="random")
+    sines = multisine([0.0, 0.0, 0.0], [0.8, 0.15, 0.8], [1, 2, 5, 9], period=15.0, periods=2, phases="random")
     units = {"trajectory": sines.unit()}
     vdfmu.run("slider_tracking", units=units, stop=60.0, reference=False, out=tmp_path, overwrite=True)
     log = read_log(tmp_path / "results.csv", slider)

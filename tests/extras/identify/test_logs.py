@@ -11,11 +11,11 @@ from scipy.interpolate import CubicSpline
 
 import vdfmu
 from tests.extras.identify.recorded import STEP, M, T, motion
-from vdfmu.arm import motion as motions
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
 from vdfmu.engine.run import Results, Signal
+from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.log import read_log
 from vdfmu.extras.identify.motion_choice import exact_log
 
@@ -257,7 +257,7 @@ def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
 def test_positions_in_degrees_are_named_with_and_without_links_and_torques_of_rotors_are_not(name, amplitude, tmp_path):
     """Headings say rad. Slow motions too, with speeds below the limit; torques of another size have their own cause."""
     arm = load_robot(name)
-    sines = motions.multisine([0.2] * arm.n, amplitude, [1, 2, 5, 9], period=12.0, phases="random")
+    sines = multisine([0.2] * arm.n, amplitude, [1, 2, 5, 9], period=12.0, phases="random")
     log, degree = exact_log(arm, sines, 0.004), np.rad2deg(1.0)
     for q in (log.q, None):
         encoders = {} if q is None else {"q": q}

@@ -5,8 +5,8 @@ import pytest
 
 from tests.conftest import invoked
 from tests.extras.identify.recorded import noisy, thinned
-from vdfmu.arm import motion
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
+from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.fit import identified_robot, identify, score
 from vdfmu.extras.identify.motion_choice import exact_log
 from vdfmu.extras.identify.verdict import gain, verdict
@@ -28,7 +28,7 @@ FAULTS = {
 @pytest.fixture(scope="module")
 def log(robot):
     """Return the log of a multisine of 48 s: a row every 4 ms, encoders of 17 bits, torques with 0.5 % of noise."""
-    sines = motion.multisine([-1.2, 0.4], 1.0, [1, 2, 5, 9], period=12.0, periods=2, phases="random")
+    sines = multisine([-1.2, 0.4], 1.0, [1, 2, 5, 9], period=12.0, periods=2, phases="random")
     return noisy(exact_log(robot, sines, 0.004), robot, 1)
 
 

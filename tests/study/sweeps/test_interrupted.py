@@ -17,6 +17,7 @@ import pytest
 
 import vdfmu
 from tests.study.sweeps.conftest import study, table
+from vdfmu.base import files
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps import ledger, worker
 from vdfmu.study.sweeps.sweep import Sweep
@@ -141,8 +142,9 @@ def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, m
 def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monkeypatch):
     """In the values of a measure, which Parquet alone would read as another number."""
     broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
-    column = pyarrow.parquet.ParquetFile(broken).metadata.row_group(0).column(5)
-    assert column.path_in_schema == "end"
+    group = pyarrow.parquet.ParquetFile(broken).metadata.row_group(0)
+    columns = (group.column(i) for i in range(group.num_columns))
+    column = next(each for each in columns if each.path_in_schema == "end")
     data = bytearray(broken.read_bytes())
     data[column.data_page_offset + column.total_compressed_size - 2] ^= 1
     broken.write_bytes(data)
@@ -156,19 +158,19 @@ def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monke
 @pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
 def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(wild, tmp_path, undisturbed, monkeypatch, number):
     whole = study(wild, tmp_path / "study").path
-    there, read = whole.read_bytes(), Path.read_bytes
+    there, opened = whole.read_bytes(), files.open_regular
 
     def failing(path):
         if path == whole:
             raise OSError(number, os.strerror(number))
-        return read(path)
+        return opened(path)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_bytes", failing)
+        patch.setattr(files, "open_regular", failing)
         for options in ({}, {"retry": True}):
             with pytest.raises(UsageError, match=r"sweep\.parquet: cannot be read: .*It is left as it is"):
                 study(wild, tmp_path / "study", **options)
-    assert read(whole) == there
+    assert whole.read_bytes() == there
     assert table(study(wild, tmp_path / "study")) == undisturbed
 
 
@@ -184,7 +186,7 @@ if "vdfmu.study.sweeps.child" in sys.orig_argv:
     from pathlib import Path
     plain, count = Path.write_bytes, Path({str(tmp_path / "count")!r})
     def write_bytes(path, content):
-        if path.name == "0.ssp" and (not count.exists() or count.stat().st_size < {times}):
+        if path.suffix == ".ssp" and (not count.exists() or count.stat().st_size < {times}):
             with count.open("a") as file:
                 file.write("x")
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

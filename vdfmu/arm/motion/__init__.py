@@ -1,17 +1,11 @@
 """Motions calculated before the run, as polynomials for a unit that replaces a scenario's trajectory."""
 
 from vdfmu.arm.motion.cartesian import circle, line
-from vdfmu.arm.motion.excitation import multisine, sweep
 from vdfmu.arm.motion.joint_space import samples, waypoints
-from vdfmu.arm.motion.minimum_time import fastest
 from vdfmu.arm.motion.polynomial import Motion, joined, rest
-from vdfmu.arm.motion.read import KINDS as KINDS
-from vdfmu.arm.motion.read import OF_FILE as OF_FILE
 from vdfmu.arm.motion.read import check_motion as check_motion
+from vdfmu.arm.motion.read import kinds as kinds
 from vdfmu.arm.motion.read import load_motion
 from vdfmu.arm.motion.read import read_motion as read_motion
 
-__all__ = [
-    "Motion", "circle", "fastest", "joined", "line", "load_motion", "multisine", "rest", "samples", "sweep",
-    "waypoints",
-]  # fmt: skip
+__all__ = ["Motion", "circle", "joined", "line", "load_motion", "rest", "samples", "waypoints"]

@@ -6,9 +6,10 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,28 +17,43 @@ from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.dynamics import inverse_dynamics
 from vdfmu.arm.motion.arguments import NUMBERS, ONE, Argument, arguments_of
 from vdfmu.arm.motion.cartesian import circle, line
-from vdfmu.arm.motion.excitation import multisine, sweep
 from vdfmu.arm.motion.joint_space import samples, waypoints
-from vdfmu.arm.motion.minimum_time import LOOKS, fastest
 from vdfmu.arm.motion.polynomial import Motion
 from vdfmu.arm.robot.plausible import position_notes, speed_notes
 from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 from vdfmu.engine.plan.inputs import csv_columns
 
-_KINDS: tuple[Callable[..., Motion], ...] = (waypoints, samples, fastest, line, circle, sweep, multisine)
-KINDS: dict[str, tuple[Callable[..., Motion], dict[str, Argument]]] = {
-    make.__name__: (make, arguments_of(make)) for make in _KINDS
-}
-"""Kind to its function and the parameters, the keys of the table."""
-OF_FILE = ("waypoints", "samples", "fastest")
-"""Kinds whose points may be in a CSV file."""
+_LOOKS = 1001
+"""Times at which torques are compared with those of the motors."""
 _FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
+
+
+class MotionKind(NamedTuple):
+    """A kind of motion: the function that makes it, and its parameters, the keys of the table."""
+
+    make: Callable[..., Motion]
+    keys: dict[str, Argument]
+
+    @property
+    def of_file(self) -> bool:
+        """Whether its points are positions of the joints, which may be in a CSV file; a line has its start beside."""
+        return "points" in self.keys and "start" not in self.keys
+
+
+@cache
+def kinds() -> dict[str, MotionKind]:
+    """Return the kinds of motions by name: those of the core and those of the extras."""
+    makers: list[Callable[..., Motion]] = [waypoints, samples, line, circle]
+    for module in extra_modules("motions"):
+        makers += module.MOTIONS
+    return {make.__name__: MotionKind(make, arguments_of(make)) for make in makers}
 
 
 @checks_types
@@ -92,21 +108,22 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
             problems.take(error)
             return None
     before = len(problems.lines)
-    kind = Table(problems, data, "motion", None).text("kind", choices=(*KINDS,))
-    if kind not in KINDS:
+    name = Table(problems, data, "motion", None).text("kind", choices=(*kinds(),))
+    if name not in kinds():
         return None
-    make, keys = KINDS[kind]
-    table = Table(problems, data, "motion", ("kind", *(("file",) if kind in OF_FILE else ()), *keys))
+    kind = kinds()[name]
+    make, keys = kind
+    table = Table(problems, data, "motion", ("kind", *(("file",) if kind.of_file else ()), *keys))
     values = {key: _value(table, key, keys[key]) for key in table.data if key in keys}
-    if kind in OF_FILE and "file" in table.data:
+    if kind.of_file and "file" in table.data:
         read = read_points(folder / table.text("file"), robot, problems, keys)
         if twice := [key for key in read if key in values]:
             problems.add("motion.file", "values in one place", f"{', '.join(twice)} twice", "Remove one of them.")
         values |= read
     for key, argument in keys.items():
         if argument.needed and key not in values and len(problems.lines) == before:
-            way = 'Add the key, or file = "points.csv".' if kind in OF_FILE else "The key is missing: add it."
-            problems.add(table.key(key), f"a value for {kind}", "nothing", way)
+            way = 'Add the key, or file = "points.csv".' if kind.of_file else "The key is missing: add it."
+            problems.add(table.key(key), f"a value for {name}", "nothing", way)
     if len(problems.lines) > before:
         return None
     try:
@@ -145,7 +162,7 @@ def check_motion(motion: Motion, robot: Robot) -> None:
         for value, beyond in ((low, low < robot.q_min), (high, high > robot.q_max))
         for i in np.flatnonzero(beyond[:, j])[:1]
     ]
-    t = np.linspace(0.0, motion.duration, LOOKS)
+    t = np.linspace(0.0, motion.duration, _LOOKS)
     q, q_dot, q_ddot = motion.at(t)[:3]
     tau = inverse_dynamics(robot, q, q_dot, q_ddot) / robot.ell + robot.I_m * q_ddot
     lacking = np.abs(tau) - np.abs(motor_torque(robot, tau, q_dot))

@@ -1,6 +1,6 @@
 """The units of the package, one file each, as users write theirs: of the shipped systems, and in the folders.
 
-`laws` has the paper's control with adapted parameters, `pieces` single links and joints. Extras add units.
+`laws` has the paper's control with adapted parameters. Extras add units.
 """
 
 from __future__ import annotations

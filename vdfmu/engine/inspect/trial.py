@@ -1,4 +1,4 @@
-"""Run of foreign code in a check: ten steps and the reference results, in another process."""
+"""Run of foreign code in a check: ten steps, and the trials of extras, in another process."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ from fmpy import fmi1, fmi2
 from fmpy.fmi1 import FMICallException
 
 from vdfmu.base.errors import StorageError, VdfmuError
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.files import read_json, temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.fmu.library import watch_calls
 from vdfmu.engine.fmu.versions import Instance3, class_of
-from vdfmu.engine.inspect.abilities import try_abilities
-from vdfmu.engine.inspect.reference import compare
 from vdfmu.engine.package.limits import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
@@ -204,7 +203,7 @@ def _refuse_negative(call: str) -> None:
 
 
 def _run_unit(path: Path, phase: Phase) -> Findings:
-    """Make ten steps of an FMU, compare with its reference results, try all other declared calls."""
+    """Make ten steps of an FMU, and the trials that extras add, such as of its reference results and declared calls."""
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     part = description.coSimulation or description.modelExchange
@@ -235,15 +234,11 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
         return Findings([finding("RUN001", text)])
     if said.messages:
         return Findings([finding("RUN001", f"{STEPS} steps of {step:g} s gave: {text}") for text in said.messages])
-    findings = Findings()
-    if part.canBeInstantiatedOnlyOncePerProcess:
-        findings.report("RUN004", "reference results not compared: the unit can be instantiated only once per process")
-    else:
-        phase("the comparison with the reference results")
-        findings = compare(path)
-    findings.entries += [] if results is True else _not_finite(results)
-    phase("the calls that it declares", findings)
-    findings.add(try_abilities(path, start, step, phase.watch))
+    findings = Findings([] if results is True else _not_finite(results))
+    for module in extra_modules("trials"):
+        for task, attempt in module.TRIALS.items():
+            phase(task, findings)
+            findings.add(attempt(path, start, step, phase.watch))
     return findings
 
 

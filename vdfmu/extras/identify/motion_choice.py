@@ -19,12 +19,13 @@ import numpy.typing as npt
 from vdfmu.arm.drive.limits import motor_rectangle, motor_torque
 from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.equations.friction import joint_friction
-from vdfmu.arm.motion import Motion, check_motion, multisine
+from vdfmu.arm.motion import Motion, check_motion
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import counted
 from vdfmu.base.toml_file import toml_text
+from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.fit import PRIOR, Identified, check_settings, identify
 from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.problem import link_covariance, regressor
@@ -100,7 +101,7 @@ class Design:
 
     motion: Motion
     table: dict[str, Any]
-    """Its table ``[motion]``, see :func:`~vdfmu.arm.motion.excitation.multisine`."""
+    """Its table ``[motion]``, see :func:`~vdfmu.extras.identify.excitation.multisine`."""
     expected: Identified
     """Predicted result of an identification."""
     notes: tuple[str, ...]

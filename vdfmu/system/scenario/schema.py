@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.motion import KINDS as KINDS_OF_MOTION
-from vdfmu.arm.motion import OF_FILE
+from vdfmu.arm.motion import kinds as kinds_of_motion
 from vdfmu.arm.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, SHAPES
 from vdfmu.arm.robot.catalogue import NAMED, catalogue
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, section
@@ -115,8 +114,8 @@ def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
 
 def _motion() -> Schema:
     kinds = [
-        _table({"kind": {"const": kind}, **dict.fromkeys((*keys, *["file"] * (kind in OF_FILE)), {})}, ["kind"])
-        for kind, (_, keys) in KINDS_OF_MOTION.items()
+        _table({"kind": {"const": name}, **dict.fromkeys((*kind.keys, *["file"] * kind.of_file), {})}, ["kind"])
+        for name, kind in kinds_of_motion().items()
     ]
     return {"anyOf": [_TEXT, *kinds]}
 

@@ -9,7 +9,7 @@ from tests.study.run.conftest import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.inspect.reference import compare, read_table
+from vdfmu.extras.inspect.reference import compare, read_table
 from vdfmu.system.scenario import load_scenario
 from vdfmu.unit import Derivative, Input, State, Unit
 
@@ -75,7 +75,9 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
         rows[6][head.index("E_kin")] = "99"
 
     report = tampered(fmus, tmp_path / "off.fmu", "out", change)
-    assert report.notes == ["Plant_out.csv: quality: not compared: the unit lacks such a variable"]
+    (note,) = report.notes
+    assert note == "Plant_out.csv: quality: not compared: the unit lacks such a variable"
+    assert note.rule.number == "RUN004"
     (problem,) = report.problems
     assert problem.startswith("Plant_out.csv: E_kin at t = 0.12 s: expected 99")
     assert report.compared == ["Plant_out.csv"]

@@ -21,7 +21,8 @@ from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, driven_veloc
 from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
 from vdfmu.arm.signals import MEASURED, WRENCH
-from vdfmu.arm.units.pieces._piece import (
+from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
+from vdfmu.extras.decompose.units._piece import (
     JOINT,
     Piece,
     coupling,
@@ -31,7 +32,6 @@ from vdfmu.arm.units.pieces._piece import (
     plant_ports,
     six_vector,
 )
-from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
 
 
 def plant_variables(kind: str) -> dict[str, Any]:

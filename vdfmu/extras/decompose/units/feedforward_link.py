@@ -6,10 +6,10 @@ import numpy as np
 
 from vdfmu.arm.equations.feedforward import required_net_force
 from vdfmu.arm.equations.rigid_body import net_force
-from vdfmu.arm.units.pieces._piece import Piece, desired_forces, desired_ports, numbers, row_pair
 from vdfmu.arm.world.attachment import turning_gravity
 from vdfmu.compiler.scalar import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
+from vdfmu.extras.decompose.units._piece import Piece, desired_forces, desired_ports, numbers, row_pair
 
 
 class FeedforwardLink(Piece):

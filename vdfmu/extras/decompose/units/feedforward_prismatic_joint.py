@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from vdfmu.arm.units.pieces.feedforward_joint import FeedforwardJoint, feedforward_variables
+from vdfmu.extras.decompose.units.feedforward_joint import FeedforwardJoint, feedforward_variables
 
 
 class FeedforwardPrismaticJoint(FeedforwardJoint):

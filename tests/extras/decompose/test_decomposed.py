@@ -1,5 +1,6 @@
 """Arms that are wired from their links and joints: the same as those in one piece."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy, make_general_chain
-from tests.system.torso import scenario_of, torso
+from tests.extras.decompose.torso import scenario_of, torso
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.forward_dynamics import articulated
 from vdfmu.arm.equations.kinematics import joint_placement
@@ -20,7 +21,10 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.arm.world.attachment import moving_base
 from vdfmu.base.errors import UsageError
-from vdfmu.system.scenario.decomposed import decomposed
+from vdfmu.compiler.c.generate import generated_sources
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.extras.decompose.decomposition import decomposed
+from vdfmu.extras.decompose.units.plant_joint import PlantJoint
 from vdfmu.system.scenario.system_file import SystemFile
 
 
@@ -208,3 +212,9 @@ def test_a_seventh_joint_is_two_more_components_and_what_they_do_not_know_is_ref
         decomposed(scenario_of(replace(planar, moving_base=True)))
     with pytest.raises(UsageError, match="feedforward: the robot planar_2dof has hysteresis"):
         decomposed(scenario_of(replace(planar, hysteresis=True)))
+
+
+def test_functions_of_the_choices_of_a_unit_stand_in_one_order():
+    header = generated_sources(Interface(PlantJoint, None), "")["kernel.h"]
+    copies = re.findall(r"\w+_step_\w+(?=_avx2\()", header)
+    assert len(copies) == 4 and copies == sorted(copies)

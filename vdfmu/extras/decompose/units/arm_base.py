@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vdfmu.arm.units.pieces._piece import Piece, numbers, plant_ports
 from vdfmu.compiler.unit import Input, Output, Terminal
+from vdfmu.extras.decompose.units._piece import Piece, numbers, plant_ports
 
 
 class ArmBase(Piece):

@@ -5,8 +5,8 @@ from typing import Any
 
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import package_units
+from vdfmu.extras.decompose.decomposition import cutting_point, decomposed
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.decomposed import cutting_point, decomposed
 
 
 def torso(robot: Robot) -> tuple[dict[str, str], dict[str, list[str]], dict[str, Any]]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
-from vdfmu.arm.units.pieces._piece import Piece, apparent, numbers, plant_ports
 from vdfmu.compiler.unit import Input, Output, Terminal
+from vdfmu.extras.decompose.units._piece import Piece, apparent, numbers, plant_ports
 
 
 class PlantLink(Piece):

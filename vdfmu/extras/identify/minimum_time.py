@@ -30,7 +30,7 @@ _SMOOTH = 0.02
 """Share of the duration of each of the three means."""
 _KNOTS = 6
 """Knots in the time of a mean."""
-LOOKS = 1001
+_LOOKS = 1001
 """Samples of torques."""
 _NEAR = 1e-3
 """Share of the longest way between points below which a spline misses points by more than 1e-6 of the path."""
@@ -195,5 +195,5 @@ def _mean(t: Floats, y: Floats, width: float) -> Floats:
 
 def overload(load: Load, motion: Motion, torque: Floats) -> float:
     """Return the largest share of limits of torque, (n,) [N m or N] link-side, that a motion takes."""
-    q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, LOOKS))[:3]
+    q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, _LOOKS))[:3]
     return float((np.abs(load(q, q_dot, q_ddot)) / torque).max())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.signals import WRENCH, wrench
-from vdfmu.arm.units.pieces._piece import TOOL, Piece, numbers, six_vector
 from vdfmu.compiler.unit import Input, Output, Terminal
+from vdfmu.extras.decompose.units._piece import TOOL, Piece, numbers, six_vector
 
 
 class PlantTool(Piece):

@@ -13,15 +13,15 @@ from scipy.sparse import diags_array, vstack
 from tests.arm.motion.jumps import jumps, rounding
 from vdfmu import dynamics
 from vdfmu.arm import motion as motions
-from vdfmu.arm.motion.minimum_time import overload
 from vdfmu.arm.motion.read import check_motion
 from vdfmu.base.errors import UsageError
+from vdfmu.extras.identify.minimum_time import fastest, overload
 
 
 def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar):
     points = np.array([[-1.5, 0.0], [-0.5, 0.6], [0.4, 0.2]])
     velocity, acceleration = np.array([3.0, 4.0]), np.array([12.0, 20.0])
-    motion = motions.fastest(points, velocity, acceleration)
+    motion = fastest(points, velocity, acceleration)
     assert np.all(motion.peaks[0] <= velocity * (1.0 + 1e-9)) and np.all(motion.peaks[1] <= acceleration * (1.0 + 1e-9))
     assert np.all(jumps(motion) < rounding(motion))
     # shorter than the other way, and longer than what speed alone takes
@@ -38,13 +38,13 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     free = overload(partial(dynamics.inverse_dynamics, planar), motion, np.ones(2))
     least = np.abs(dynamics.gravity_torque(planar, q[::100])).max()
     between = 0.5 * (free + least)
-    weak = motions.fastest(points, velocity, acceleration, robot=planar, torque=between)
+    weak = fastest(points, velocity, acceleration, robot=planar, torque=between)
     taken = overload(partial(dynamics.inverse_dynamics, planar), weak, np.full(2, between))
     assert taken <= 1.0 and weak.duration > motion.duration
     with pytest.raises(UsageError, match=r"smoothing: expected from .* s to .* s, got 0.0001"):
-        motions.fastest(points, velocity, acceleration, smoothing=1e-4)
+        fastest(points, velocity, acceleration, smoothing=1e-4)
     with pytest.raises(UsageError, match="torque"):
-        motions.fastest(points, velocity, acceleration, robot=planar, torque=5.0)  # 11.8 N.m hold it level
+        fastest(points, velocity, acceleration, robot=planar, torque=5.0)  # 11.8 N.m hold it level
 
 
 def shortest_between(a, b, velocity, acceleration):
@@ -64,7 +64,7 @@ def test_between_two_points_the_shortest_motion_is_the_straight_line():
         if n > 1 and k % 4 == 0:
             b[0] = a[0]  # a joint that stands still
         velocity, acceleration = random.uniform(0.5, 3.0, n), random.uniform(2.0, 20.0, n)
-        motion = motions.fastest([a, b], velocity, acceleration)
+        motion = fastest([a, b], velocity, acceleration)
         q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, 2001))[:3]
         size, way = np.abs([a, b]).max(), b - a
         share = (q - a) @ way / (way @ way)
@@ -129,7 +129,7 @@ def shortest_along(points, velocity, acceleration, robot=None, torque=None):
 def test_more_than_the_shortest_is_measured_against_the_shortest(planar, points, torque):
     velocity, acceleration = np.array([3.0, 4.0]), np.array([12.0, 20.0])
     shortest = shortest_along(points, velocity, acceleration, planar, torque)
-    motion = motions.fastest(points, velocity, acceleration, robot=planar, torque=torque)
+    motion = fastest(points, velocity, acceleration, robot=planar, torque=torque)
     said = float(re.search(r"([\d.]+) % more", motion.notes[0])[1])
     # two discretisations, of 200 intervals between points and of 1000 in all, each some 1 / 200 of the time at worst
     assert motion.duration / (1.0 + said / 100.0) == pytest.approx(shortest, rel=5e-3)
@@ -137,12 +137,12 @@ def test_more_than_the_shortest_is_measured_against_the_shortest(planar, points,
 
 def test_points_too_near_for_a_path_are_refused():
     with pytest.raises(UsageError, match=r"point 2: expected at least 0.00141 from the point before, got 1e-09"):
-        motions.fastest([[0, 0], [1e-9, 0], [1, 1]], 1.0, 4.0)
+        fastest([[0, 0], [1e-9, 0], [1, 1]], 1.0, 4.0)
     with pytest.raises(UsageError, match=r"point 2: expected at least 1e-09"):
-        motions.fastest([[1.0], [1.0 + 1e-12]], 1.0, 4.0)
+        fastest([[1.0], [1.0 + 1e-12]], 1.0, 4.0)
     # as near as they may be, the spline passes the point within the 1e-6 of the path that its constant says
     points = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, 1.0 + 1.5e-3]])
-    motion = motions.fastest(points, 1.0, 4.0)
+    motion = fastest(points, 1.0, 4.0)
     t = np.linspace(0.0, motion.duration, 200_001)
     assert np.linalg.norm(motion.at(t)[0] - points[1], axis=1).min() < 2e-6
     assert np.abs(motion.at(t)[0]).max() < 1.01
@@ -150,12 +150,12 @@ def test_points_too_near_for_a_path_are_refused():
 
 def test_the_shortest_motion_takes_the_limits_of_the_motors(planar):
     with pytest.raises(UsageError, match=r"expected limits of velocity and acceleration, or a robot with"):
-        motions.fastest([[0.0, 0.0], [0.5, 0.3]], robot=planar)
+        fastest([[0.0, 0.0], [0.5, 0.3]], robot=planar)
     for full in (0.0, 0.95):
         limited = dataclasses.replace(planar, limits=True).with_parameters(
             q_min=-2.0, q_max=2.0, tau_stall=[0.6, 0.3], kappa_dot_max=3.0, full_speed=full
         )
-        motion = motions.fastest([[0.0, 0.0], [0.5, 0.3]], robot=limited)
+        motion = fastest([[0.0, 0.0], [0.5, 0.3]], robot=limited)
         check_motion(motion, limited)
         share = max(full, 0.5)  # half of each is the largest rectangle under a line
         assert np.all(motion.peaks[0] <= 3.0 * share * (1.0 + 1e-9))
@@ -165,5 +165,5 @@ def test_the_shortest_motion_takes_the_limits_of_the_motors(planar):
         # torques are looked at at 1001 times, between which they change by less than a percent
         assert 0.8 < (np.abs(tau) / limits).max() < 1.01
         assert "by the robot's motors: speeds up to" in motion.notes[1]
-    slow = motions.fastest([[0.0, 0.0], [0.5, 0.3]], 0.3, robot=limited)
+    slow = fastest([[0.0, 0.0], [0.5, 0.3]], 0.3, robot=limited)
     assert slow.peaks[0].max() == pytest.approx(0.3, rel=1e-9)  # scaled to it

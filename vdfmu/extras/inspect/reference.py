@@ -20,11 +20,12 @@ from vdfmu.base.errors import SspError
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
+from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
-from vdfmu.engine.inspect.abilities import described, make_step, tried
 from vdfmu.engine.inspect.description import MANIFEST, REFERENCES
 from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import Findings, finding
+from vdfmu.extras.inspect.abilities import described, make_step, tried
 
 # Reference results do not state the solver's tolerance. This is far above usual ones and far below a wrong result.
 AGREEMENT = 1e-3
@@ -47,6 +48,16 @@ class ReferenceTable:
 
     time: Floats
     columns: Mapping[str, Floats]
+
+
+def try_references(path: Path, start: float, step: float, watch: Watch) -> Findings:
+    """Compare the results of an FMU with every table in it, if the process may have another instance of it."""
+    description = described(path)
+    if description is not None and description.once_per_process:
+        findings, reason = Findings(), "the unit can be instantiated only once per process"
+        findings.report("RUN004", f"reference results not compared: {reason}")
+        return findings
+    return compare(path)
 
 
 def compare(path: Path) -> Findings:

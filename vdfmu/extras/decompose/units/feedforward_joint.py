@@ -20,7 +20,10 @@ from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
 from vdfmu.arm.equations.trajectory import Desired
 from vdfmu.arm.signals import DESIRED, MEASURED
-from vdfmu.arm.units.pieces._piece import (
+from vdfmu.arm.world.attachment import turning_gravity
+from vdfmu.compiler.scalar import derivative, jets
+from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
+from vdfmu.extras.decompose.units._piece import (
     JOINT,
     Piece,
     coupling,
@@ -30,9 +33,6 @@ from vdfmu.arm.units.pieces._piece import (
     of_joint,
     row_pair,
 )
-from vdfmu.arm.world.attachment import turning_gravity
-from vdfmu.compiler.scalar import derivative, jets
-from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
 
 
 def feedforward_variables(kind: str) -> dict[str, Any]:

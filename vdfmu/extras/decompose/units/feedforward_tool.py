@@ -6,8 +6,8 @@ import numpy as np
 
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.signals import wrench
-from vdfmu.arm.units.pieces._piece import TOOL, Piece, desired_forces, numbers
 from vdfmu.compiler.unit import Output, Terminal
+from vdfmu.extras.decompose.units._piece import TOOL, Piece, desired_forces, numbers
 
 
 class FeedforwardTool(Piece):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from vdfmu.arm.units.pieces.plant_joint import PlantJoint, plant_variables
+from vdfmu.extras.decompose.units.plant_joint import PlantJoint, plant_variables
 
 
 class PlantPrismaticJoint(PlantJoint):

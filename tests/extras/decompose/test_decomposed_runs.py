@@ -19,9 +19,9 @@ from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import package_units
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.run import simulate
+from vdfmu.extras.decompose.decomposition import decomposed
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.decomposed import decomposed
 
 pytestmark = pytest.mark.heavy  # the FMUs are compiled
 

@@ -1,0 +1,1 @@
+"""Single links and joints: a unit in each file."""
