@@ -18,9 +18,8 @@ from vdfmu.arm.fmus import build, build_fmus
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
-from vdfmu.arm.robot.robot import JOINT_TYPES
 from vdfmu.arm.units.plant import Plant
-from vdfmu.base.measure import measure
+from vdfmu.base.measure import JOINT_TYPES, measure
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.scenario import load_scenario
