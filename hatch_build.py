@@ -1,15 +1,31 @@
-"""Build hook of hatchling: the README as an index shows it, without the sources that its links lead to."""
+"""Build hooks of hatchling: the README as an index shows it, and a wheel for one platform with compiled code."""
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 _SOURCES = '-c constraints.txt ".[native]"'
 """What pip installs in a clone."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:)([^)]*)\)")
+
+
+PREBUILT, TAG = "VDFMU_PREBUILT", "VDFMU_WHEEL_TAG"
+"""Variables with the folder of entries of the cache, see ``release.py``, and with the platform of the wheel."""
+
+
+class PrebuiltWheel(BuildHookInterface):
+    """Puts compiled code into a wheel, which is for one platform then. Without the variables a wheel is for all."""
+
+    def initialize(self, version: str, build_data: dict) -> None:
+        """Add the folder."""
+        if self.target_name == "wheel" and version == "standard" and PREBUILT in os.environ:
+            build_data["force_include"][os.environ[PREBUILT]] = "vdfmu/_data/prebuilt"
+            build_data["tag"] = f"py3-none-{os.environ[TAG]}"
 
 
 class IndexReadme(MetadataHookInterface):

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import lzma
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+import tarfile
+import tempfile
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 
@@ -22,7 +25,7 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.cache import one_job
-from vdfmu.base.platforms import PLATFORMS
+from vdfmu.base.platforms import PLATFORMS, this_platform
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.base.version import __version__
 from vdfmu.study.analysis.reach import reach_scenario
@@ -39,6 +42,14 @@ RECIPE_SOURCE = ("  path: ..\n", f"  path: {SDIST}\n  sha256: DIGEST\n")
 EPOCH = "1577836800"
 """Date of the files in archives where SOURCE_DATE_EPOCH says none: 1 January 2020, as of hatchling."""
 
+WHEEL_TAGS = {
+    "x86_64-linux": "manylinux_2_17_x86_64", "aarch64-linux": "manylinux_2_17_aarch64", "x86_64-windows": "win_amd64",
+    "x86_64-darwin": "macosx_11_0_x86_64", "aarch64-darwin": "macosx_11_0_arm64",
+}  # fmt: skip
+"""Platforms that can have a wheel with compiled code, to their names in wheels."""
+PREBUILT = re.compile("native|kernels|programs|[0-9a-f]{32}.*")
+"""Folders of the cache with what is traced and compiled. Others have results, pages and FMUs."""
+
 README = """\
 # vdfmu {version}
 
@@ -49,6 +60,7 @@ Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The 
 | `ARM/fmi2.0/UNIT.fmu`, `ARM/fmi3.0/UNIT.fmu` | a unit: FMI 2.0 has scalars, 3.0 arrays if all joints turn |
 | `ARM/reference/` | the system of an arm as SSP 1.0 and 2.0, its results, a script that compares yours, a README |
 | `vdfmu-{version}-py3-none-any.whl` | the Python package |
+| `vdfmu-{version}-py3-none-PLATFORM.whl` | the same, with compiled code of the first run for one platform |
 | `constraints.txt` | versions of other packages that it was tested with |
 | `vdfmu-{version}.tar.gz`, `recipe.yaml` | all sources, with tests and documentation; the recipe of the conda package |
 {bill}| `SHA256SUMS` | the digest of each file: `sha256sum -c SHA256SUMS` |
@@ -111,6 +123,7 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     environment = {"SOURCE_DATE_EPOCH": EPOCH} | os.environ
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", str(out.absolute())]
     subprocess.run(build, cwd=ROOT, env=environment, check=True)
+    _write_platform_wheel(out, environment)
     for name in arms:
         with one_job():
             _write_arm(unfolded(reach_scenario(name)), out / name, platforms)
@@ -118,6 +131,25 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     files = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
     sums = (f"{sha256((out / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
     (out / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")
+
+
+def _write_platform_wheel(out: Path, environment: Mapping[str, str]) -> None:
+    """Write the wheel for this platform: with what ``vdfmu run tracking`` compiles, so that its user need not."""
+    with tempfile.TemporaryDirectory() as folder:
+        cache, packed = Path(folder, "cache"), Path(folder, "prebuilt")
+        packed.mkdir()
+        run = [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--quiet", "--out", str(Path(folder, "run"))]
+        subprocess.run(run, cwd=ROOT, env={**environment, "VDFMU_CACHE_DIR": str(cache)}, check=True)
+        for kind in (each for each in sorted(cache.iterdir()) if PREBUILT.fullmatch(each.name)):
+            with tarfile.open(packed / f"{kind.name}.tar.xz", "w:xz", preset=9 | lzma.PRESET_EXTREME) as archive:
+                for entry in sorted(kind.iterdir()):
+                    member = tarfile.TarInfo(entry.name)  # without the times and the user of this machine
+                    member.size = entry.stat().st_size
+                    with entry.open("rb") as file:
+                        archive.addfile(member, file)
+        added = {"VDFMU_PREBUILT": str(packed), "VDFMU_WHEEL_TAG": WHEEL_TAGS[this_platform()]}
+        build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out.absolute())]
+        subprocess.run(build, cwd=ROOT, env={**environment, **added}, check=True)
 
 
 def _write_arm(scenario: Scenario, folder: Path, platforms: Sequence[str]) -> None:

@@ -8,11 +8,10 @@ import time
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from benchmarks.report import Report, machine, write_summary
+from benchmarks.report import Report, machine
 from benchmarks.timing import processor_time
 from vdfmu.base.platforms import native_available
 
@@ -26,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the chosen benchmarks; return the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Measure vdfmu. Prints tables; writes Markdown, CSV and bench.json.",
+        description="Measure vdfmu. Prints tables; writes Markdown.",
         epilog="example: python -m benchmarks native --quick",
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"which, of {', '.join(NAMES)}; default all")
@@ -48,8 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--out {options.out}: {error.strerror}")
 
     console = Console(width=None if sys.stdout.isatty() else 120)
-    facts: dict[str, Any] = {"machine": machine(), "quick": options.quick, "benchmarks": {}}
-    pages: list[str] = ["# Benchmarks", "", *[f"- {key}: {value}" for key, value in facts["machine"].items()], ""]
+    pages = ["# Benchmarks", "", *[f"- {key}: {value}" for key, value in machine().items()], ""]
     for name in options.names or NAMES:
         module = import_module(f"benchmarks.{name}")
         report = Report(name, module.TITLE, options.out, console)
@@ -58,13 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         module.run(report, options.quick)
         report.write()
         wall, cpu = time.perf_counter() - began, processor_time() - cpu_began
-        facts["benchmarks"][name] = report.facts | {"wall_s": round(wall, 2), "cpu_s": round(cpu, 2)}
         pages.append((options.out / f"{name}.md").read_text(encoding="utf-8"))
         report.say(f"{name}: {wall:.0f} s, files {options.out / name}.*")
         if cpu < 0.9 * wall:
             report.say(f"The machine was busy: {cpu:.0f} s of processor time in {wall:.0f} s. Wall times are too long.")
     (options.out / "bench.md").write_text("\n".join(pages), encoding="utf-8")
-    write_summary(options.out / "bench.json", facts)
     return 0
 
 

@@ -48,7 +48,6 @@ def run(report: Report, quick: bool = False) -> None:
         )  # fmt: skip
     table.notes.append("Modes with held motors where the motion starts; errors in rad or m; times are processor times.")
     report.show(table)
-    report.facts["rows"] = table.rows
 
 
 def _length(robot: Robot) -> float:

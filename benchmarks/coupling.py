@@ -65,7 +65,6 @@ def run(report: Report, quick: bool = False) -> None:
     for level in LEVELS:
         equal.add(level, *(work_at(each, level) for each in points.values()))
     report.show(equal)
-    report.facts["points"] = points
 
 
 def work_at(points: list[tuple[float, int]], error: float) -> float | None:

@@ -80,16 +80,16 @@ SUBJECTS = (
 _SLAVE = """
 from math import tanh
 
-from PACKAGE import FmiCausality, FmiSlave, FmiVariability, Number
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 
 
-class MODEL(FmiSlave):
+class MODEL(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         for name, causality, start in VARIABLES:
             setattr(self, name, start)
-            variability = FmiVariability.tunable if causality == "parameter" else FmiVariability.continuous
-            self.register_variable(Number(name, causality=getattr(FmiCausality, causality), variability=variability))
+            variability = Fmi2Variability.tunable if causality == "parameter" else Fmi2Variability.continuous
+            self.register_variable(Real(name, causality=getattr(Fmi2Causality, causality), variability=variability))
 
     def rates(self, STATES):
         return RATES
@@ -131,14 +131,13 @@ def _ours(folder: Path, subject: Subject, version: str) -> Path:
     return next(iter(built.values()))
 
 
-def _slave(folder: Path, subject: Subject, package: str, version: str) -> Path:
-    """Build with PythonFMU, or PythonFMU3."""
+def _slave(folder: Path, subject: Subject) -> Path:
+    """Build with PythonFMU."""
     constants = {**subject.inputs, **subject.parameters}
     kinds = dict.fromkeys(subject.inputs, "input") | dict.fromkeys(subject.parameters, "parameter")
     starts = {**constants, **subject.states, **dict.fromkeys(subject.outputs, 0.0)}
     names = [*constants, *subject.states]
     replaced = {
-        "PACKAGE": package, "Fmi": f"Fmi{version}", "Number": "Real" if version == "2" else "Float64",
         "MODEL": subject.name, "VARIABLES": repr([(n, kinds.get(n, "output"), x) for n, x in starts.items()]),
         "SELF_STATES": ", ".join(f"self.{name}" for name in subject.states), "STATES": ", ".join(subject.states),
         "RATES": ", ".join(subject.of_self(subject.rates[name], constants) for name in subject.states),
@@ -147,9 +146,9 @@ def _slave(folder: Path, subject: Subject, package: str, version: str) -> Path:
     text = _SLAVE
     for word, new in replaced.items():
         text = text.replace(word, new)
-    file = f"{subject.name.lower()}_{version}.py"  # a second FMU of a process takes the module of the first of its name
+    file = f"{subject.name.lower()}.py"
     (folder / file).write_text(text)
-    command = [sys.executable, "-m", package, "build", "-f", file]
+    command = [sys.executable, "-m", "pythonfmu", "build", "-f", file]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder / f"{subject.name}.fmu"
 
@@ -180,8 +179,7 @@ def _casadi(folder: Path, subject: Subject) -> Path:
 EXPORTERS: dict[str, Callable[[Path, Subject], Path]] = {
     "vdfmu, FMI 2.0": lambda folder, subject: _ours(folder, subject, "2.0"),
     "vdfmu, FMI 3.0": lambda folder, subject: _ours(folder, subject, "3.0"),
-    "PythonFMU": lambda folder, subject: _slave(folder, subject, "pythonfmu", "2"),
-    "PythonFMU3": lambda folder, subject: _slave(folder, subject, "pythonfmu3", "3"),
+    "PythonFMU": _slave,
     "CasADi": _casadi,
 }
 

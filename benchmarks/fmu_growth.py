@@ -19,15 +19,14 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.engines import mujoco_spec
 from benchmarks.report import Report, Table
-from benchmarks.timing import Case, measure
+from benchmarks.timing import Case, measure, processor_time
+from benchmarks.work_precision import CoSimulation
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
@@ -47,13 +46,9 @@ class _Row:
     """A cold build of all four FMUs, and one step of 1 ms of the plant beside rigid-body libraries."""
 
     n: int
-    python_s: float
-    compiler_s: float
-    wall_s: float
+    build_s: float
     build_MB: float
     C_kB: float
-    library_kB: float
-    memory_MB: float
     step_us: float
     others_us: dict[str, float]
 
@@ -75,43 +70,24 @@ def pinocchio_model(robot: Robot) -> Any:
 def run(report: Report, quick: bool = False) -> None:
     """Build all units in an empty cache, each number of joints in a process of its own; time the plant."""
     rows: list[_Row] = []
-    sizes = Table(
-        "fmu_growth_memory", "Library on disk and memory of a process that it adds with one instance",
-        [("n", "d")] + [(f"{unit} [{size}]", ".1f") for unit in _UNITS for size in ("MB on disk", "MB")],
-    )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         for n in [n for n in _JOINTS if n <= (6 if quick else _JOINTS[-1])]:
             report.say(f"n = {n}")
             place = Path(folder) / str(n)
-            built = _child({"VDFMU_CACHE_DIR": str(place / "cache")}, "build", n, place)
-            ran = {unit: _child({}, "instance", n, built["fmus"][unit]) for unit in _UNITS}
-            sizes.add(n, *(ran[unit][size] for unit in _UNITS for size in ("library_MB", "memory_MB")))
-            rows.append(
-                _Row(
-                    n,
-                    built["python_s"],
-                    built["compiler_s"],
-                    built["wall_s"],
-                    built["memory_MB"],
-                    built["C_kB"],
-                    1e3 * sum(unit_run["library_MB"] for unit_run in ran.values()),
-                    sum(unit_run["memory_MB"] for unit_run in ran.values()),
-                    ran["plant"]["step_us"],
-                    _others(repeated_link(n), 10 if quick else 40),
-                )  # fmt: skip
-            )
+            built = _child(n, place)
+            step_us = _step_time(repeated_link(n), built.pop("plant"))
+            rows.append(_Row(n, **built, step_us=step_us, others_us=_others(repeated_link(n), 10 if quick else 40)))
     engines = list(rows[0].others_us)
     table = Table(
         "fmu_growth", TITLE,
-        [("n", "d"), ("Python [s]", ".1f"), ("compiler [s]", ".1f"), ("wall [s]", ".1f"), ("build [MB]", ".0f"),
-         ("C [kB]", ".0f"), ("libraries [kB]", ".0f"), ("memory [MB]", ".1f"), ("step [µs]", ".1f"),
+        [("n", "d"), ("build [s]", ".1f"), ("build [MB]", ".0f"), ("C [kB]", ".0f"), ("step [µs]", ".1f"),
          *((f"{name} [µs]", ".1f") for name in engines)],
         [[*astuple(row)[:-1], *row.others_us.values()] for row in rows],
     )  # fmt: skip
     high = [row for row in rows if row.n >= 6]
     if len(high) > 2:
         measured = {"a step": [row.step_us for row in high]}
-        measured |= {"a build": [row.python_s + row.compiler_s for row in high], "C": [row.C_kB for row in high]}
+        measured |= {"a build": [row.build_s for row in high], "C": [row.C_kB for row in high]}
         measured |= {"memory of the build": [row.build_MB for row in high]}
         figure = {quantity: (y, _exponent(high, y)) for quantity, y in measured.items()}
         measured |= {name: [row.others_us[name] for row in high] for name in engines}
@@ -120,8 +96,6 @@ def run(report: Report, quick: bool = False) -> None:
             table.notes.append(f"Exponent of {quantity} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
         _draw([row.n for row in high], figure, report.out / "fmu_growth.svg")
     report.show(table)
-    report.show(sizes)
-    report.facts["rows"] = [[*astuple(row)[:-1], row.others_us] for row in rows]
 
 
 def _exponent(rows: list[_Row], y: list[float]) -> float:
@@ -159,10 +133,7 @@ def _others(robot: Robot, rounds: int) -> dict[str, float]:
     model = pinocchio_model(robot)
     data = model.createData()
     q, q_dot, tau = random_motion(robot.n)
-    cases = [
-        Case("Pinocchio aba", lambda: pin.aba(model, data, q, q_dot, tau)),
-        Case("Pinocchio ABA derivatives", lambda: pin.computeABADerivatives(model, data, q, q_dot, tau)),
-    ]
+    cases = [Case("Pinocchio ABA derivatives", lambda: pin.computeABADerivatives(model, data, q, q_dot, tau))]
     if find_spec("mujoco") is not None:
         cases.append(_mujoco(robot, q, q_dot))
     measure(cases, rounds, limit=1.0)
@@ -183,28 +154,21 @@ def _mujoco(robot: Robot, q: np.ndarray, q_dot: np.ndarray) -> Case:
     return Case("MuJoCo implicit step", step, data)
 
 
-def _child(environment: dict[str, str], *arguments: object) -> Any:
-    """Return what :func:`_main` prints in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.fmu_growth", *map(str, arguments)]
+def _child(n: int, place: Path) -> Any:
+    """Return what :func:`_built` gives in a process of its own with an empty cache."""
+    command = [sys.executable, "-m", "benchmarks.fmu_growth", str(n), str(place)]
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(cache_folder() / COMPILER))
-    variables = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support} | environment
+    variables = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support, "VDFMU_CACHE_DIR": str(place / "cache")}
     return json.loads(subprocess.run(command, env=variables, check=True, stdout=subprocess.PIPE).stdout)
 
 
-def _main(task: str, n: int, place: str) -> dict[str, Any]:
-    return _built(repeated_link(n), Path(place)) if task == "build" else _ran(repeated_link(n), place)
-
-
 def _built(robot: Robot, place: Path) -> dict[str, Any]:
-    began, wall = os.times(), time.perf_counter()
+    began = processor_time()
     fmus = build_fmus(robot, place, units=_UNITS, backend="native", folded=True)
-    ended = os.times()
     return {
-        "fmus": {name: str(path) for name, path in fmus.items()},
-        "python_s": ended.user + ended.system - began.user - began.system,
-        "compiler_s": ended.children_user + ended.children_system - began.children_user - began.children_system,
-        "wall_s": time.perf_counter() - wall,
-        "memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+        "plant": str(fmus["plant"]),
+        "build_s": processor_time() - began,
+        "build_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
         "C_kB": sum(map(_size_of_sources, fmus.values())) / 1e3,
     }
 
@@ -217,45 +181,22 @@ def _size_of_sources(fmu: Path) -> int:
         )
 
 
-def _ran(robot: Robot, fmu: str) -> dict[str, Any]:
-    """Run one instance for 0.2 s in steps of 1 ms, the plant at rest under the torque that holds it."""
-    description: Any = read_model_description(fmu)
-    with tempfile.TemporaryDirectory() as folder:
-        extract(fmu, folder)
-        (library,) = Path(folder, "binaries").glob("*/*.*")
-        size = library.stat().st_size / 1e6
-        before = _memory()
-        instance = FMU2Slave(
-            guid=description.guid, unzipDirectory=folder, instanceName="unit",
-            modelIdentifier=description.coSimulation.modelIdentifier,
-        )  # fmt: skip
-        instance.instantiate()
-        instance.setupExperiment(startTime=0.0)
-        instance.enterInitializationMode()
-        torques = {v.name: v.valueReference for v in description.modelVariables if v.causality == "input"}
-        held = equilibrium_torque(robot, np.zeros(robot.n)) / robot.ell
-        for i, value in enumerate(held, 1):
-            if description.modelName.startswith("Plant"):
-                instance.setReal([torques[f"tau[{i}]"]], [value])
-        instance.exitInitializationMode()
-        spent: list[float] = []
-        for k in range(200):
-            began = time.perf_counter()
-            instance.doStep(k * _STEP, _STEP)
-            spent.append(time.perf_counter() - began)
-        memory = _memory() - before
-        instance.terminate()
-        instance.freeInstance()
-    return {"library_MB": size, "memory_MB": memory, "step_us": 1e6 * median(spent)}
-
-
-def _memory() -> float:
-    """Memory of the process [MB]: what it holds on Linux, the most that it had elsewhere."""
-    held = Path("/proc/self/statm")
-    if held.exists():
-        return int(held.read_text().split()[1]) * resource.getpagesize() / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+def _step_time(robot: Robot, fmu: str) -> float:
+    """Median time of 200 steps of 1 ms of the plant at rest under the torque that holds it [us]."""
+    times = np.arange(201) * _STEP
+    plant = CoSimulation(Path(fmu), times, robot.n)
+    held = equilibrium_torque(robot, np.zeros(robot.n)) / robot.ell
+    torques = [plant.references[f"tau[{i + 1}]"] for i in range(robot.n)]
+    plant.initialize(1e-7)
+    plant.unit.setReal(torques, held.tolist())
+    spent: list[float] = []
+    for time_of_step in times[:-1].tolist():
+        began = time.perf_counter()
+        plant.unit.doStep(time_of_step, _STEP)
+        spent.append(time.perf_counter() - began)
+    plant.close()
+    return 1e6 * median(spent)
 
 
 if __name__ == "__main__":
-    print(json.dumps(_main(sys.argv[1], int(sys.argv[2]), sys.argv[3])))
+    print(json.dumps(_built(repeated_link(int(sys.argv[1])), Path(sys.argv[2]))))

@@ -394,4 +394,3 @@ def run(report: Report, quick: bool = False) -> None:
     if not quick and not absent:
         write_page(table.rows, str(table.notes[-1]))
         report.say(f"written to {PAGE.name}")
-    report.facts |= {"absent": list(absent), "rows": table.rows, "allowed_rad": allowed}

@@ -14,17 +14,14 @@ from benchmarks.system import Clock, container_run, least, median, packed, quiet
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Results
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.replace import with_units
 
 TITLE = "Native FMUs: real-time factor, and what of a step is the master's"
-PYTHON, NATIVE, ISOLATED, JACOBI, CONTAINER = (
-    "Python FMUs", "native FMUs, gauss-seidel", "native FMUs in a process of their own", "native FMUs, jacobi",
-    "container FMU",
+PYTHON, NATIVE, JACOBI, CONTAINER = (
+    "Python FMUs", "native FMUs, gauss-seidel", "native FMUs, jacobi", "container FMU",
 )  # fmt: skip
-OWN = "native FMUs, the controller a user's file"
-EMPTY, EMPTY_CONTAINER = "empty FMUs, gauss-seidel", "container FMU of empty FMUs"
+EMPTY = "empty FMUs, gauss-seidel"
 FMPY = "container FMU in fmpy"
-BY_FMPY, EMPTY_BY_FMPY = "native FMUs, steps by fmpy", "empty FMUs, steps by fmpy"
+BY_FMPY = "native FMUs, steps by fmpy"
 
 
 @dataclass
@@ -90,19 +87,16 @@ def study(
     """
     times = Native(scenario.step, stop, stop_python)
     step, n = scenario.step, round(stop / scenario.step)
-    own_scenario = with_units(scenario, {"controller": Path(__file__).with_name("own_controller.py")})
-    with packed(scenario) as python, packed(scenario, "native") as package, packed(own_scenario, "native") as ours:
+    with packed(scenario) as python, packed(scenario, "native") as package:
         folder = package.parent
         container = write_container(package, folder / "container.fmu", step=step)
         empty = write_emptied(package, folder / "empty.ssp")
-        empty_container = write_container(empty, folder / "empty.fmu", step=step)
         last: dict[str, Results] = {}
 
         def under_master(case: str, package: Path, stop: float, algorithm: str = "gauss-seidel") -> None:
-            isolate, stepper = case == ISOLATED, "fmpy" if case in (BY_FMPY, EMPTY_BY_FMPY) else "auto"
-            clock = Clock()
+            clock, stepper = Clock(), "fmpy" if case == BY_FMPY else "auto"
             last[case] = quiet_run(
-                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=isolate,
+                package, step=step, stop=stop, algorithm=algorithm, progress=clock.progress, isolate=False,
                 stepper=stepper,
             )  # fmt: skip
             _note(times, case, clock.wall, clock.processor)
@@ -123,25 +117,18 @@ def study(
         for _ in range(rounds):
             under_master(PYTHON, python, stop_python)
             under_master(NATIVE, package, stop)
-            under_master(OWN, ours, stop)
-            under_master(ISOLATED, package, stop)
             under_master(JACOBI, package, stop, "jacobi")
             in_container(CONTAINER, container)
             elsewhere(FMPY, container, "fmpy")
             under_master(BY_FMPY, package, stop)
             under_master(EMPTY, empty, stop)
-            under_master(EMPTY_BY_FMPY, empty, stop)
-            in_container(EMPTY_CONTAINER, empty_container)
             for importer in importers:
                 elsewhere(importer, package, importer)
-                elsewhere(f"empty FMUs, {importer}", empty, importer)
 
     q = {case: results["plant.q"] for case, results in last.items()}
     shared = min(len(q[PYTHON]), len(q[NATIVE]))
     times.differences = {
         PYTHON: float(np.max(np.abs(q[PYTHON][:shared] - q[NATIVE][:shared]))),
-        ISOLATED: float(np.max(np.abs(q[ISOLATED] - q[NATIVE]))),
-        OWN: float(np.max(np.abs(q[OWN] - q[NATIVE]))),
         CONTAINER: float(np.max(np.abs(q[CONTAINER] - q[JACOBI]))),
         BY_FMPY: max(float(np.max(np.abs(last[BY_FMPY][x] - last[NATIVE][x]))) for x in last[NATIVE].names),
     }
@@ -157,7 +144,7 @@ def _note(times: Native, case: str, wall: np.ndarray, processor: np.ndarray) -> 
 
 
 def tabulate(times: Native, report: Report) -> None:
-    """Show and keep the tables and facts."""
+    """Show and keep the table."""
     us = 1e6
     table = Table(
         "native",
@@ -184,14 +171,3 @@ def tabulate(times: Native, report: Report) -> None:
         f"{times.differences[BY_FMPY]:.1e} between steps in C and by fmpy.",
     ]
     report.show(table)
-
-    report.facts |= {
-        "us_per_step": {case: us * times.least(case) for case in times.wall},
-        "real_time_factor": {case: times.step / times.least(case) for case in (PYTHON, NATIVE, JACOBI, CONTAINER)},
-        "native_over_python": times.ratio(PYTHON, NATIVE),
-        "container_over_native": times.ratio(NATIVE, CONTAINER),
-        "c_over_fmpy": times.ratio(NATIVE, BY_FMPY),
-        "units_us": us * times.in_units,
-        "own_over_native": times.ratio(OWN, NATIVE),
-        "differences_rad": times.differences,
-    }

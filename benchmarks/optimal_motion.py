@@ -121,4 +121,3 @@ def run(report: Report, quick: bool = False) -> None:
                 row = (said["iter_count"], float(motion[-5]), float(np.abs(motion - expected).max()))
                 table.add("exact" if exact else "approximated", name, *row, 1e3 * time, time / unit_time)
     report.show(table)
-    report.facts |= {"rows": table.rows}

@@ -1,9 +1,7 @@
-"""Tables for terminal, Markdown and CSV."""
+"""Tables for terminal and Markdown."""
 
 from __future__ import annotations
 
-import csv
-import json
 import os
 import platform
 from collections.abc import Sequence
@@ -22,7 +20,7 @@ from vdfmu.engine.masters.observer import processor_name
 class Table:
     """Rows of values; `columns` are pairs of heading and format, such as ``("time [us]", ".2f")``.
 
-    A value of None is shown as a dash and left empty in CSV.
+    A value of None is shown as a dash.
     """
 
     name: str
@@ -63,27 +61,19 @@ class Table:
         body = ["| " + " | ".join(row) + " |" for row in self.texts()]
         return "\n".join([f"### {self.title}", "", head, rule, *body, "", *[f"- {n}" for n in self.notes], ""])
 
-    def to_csv(self, path: Path) -> None:
-        """Write the values in full precision."""
-        with open(path, "w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([heading for heading, _ in self.columns])
-            writer.writerows([["" if v is None else v for v in row] for row in self.rows])
-
 
 def _show(value: Any, spec: str) -> str:
     return "-" if value is None else value if isinstance(value, str) else format(value, spec)
 
 
 class Report:
-    """What one benchmark found: tables, and facts for ``bench.json``."""
+    """Tables of one benchmark."""
 
     def __init__(self, name: str, title: str, out: Path, console: Console) -> None:
         self.name = name
         self.title = title
         self.out = out
         self.tables: list[Table] = []
-        self.facts: dict[str, Any] = {}
         self._console = console
 
     def say(self, text: str) -> None:
@@ -99,12 +89,10 @@ class Report:
         self._console.print()
 
     def write(self) -> None:
-        """Write ``<name>.md`` and a CSV for each table."""
+        """Write ``<name>.md``."""
         text = [f"## {self.title}", ""]
         text += [table.to_markdown() for table in self.tables]
         (self.out / f"{self.name}.md").write_text("\n".join(text), encoding="utf-8")
-        for table in self.tables:
-            table.to_csv(self.out / f"{table.name}.csv")
 
 
 def machine() -> dict[str, Any]:
@@ -121,8 +109,3 @@ def machine() -> dict[str, Any]:
         "numpy": numpy.__version__,
         "casadi": casadi.CasadiMeta.version(),
     }
-
-
-def write_summary(path: Path, facts: dict[str, Any]) -> None:
-    """Write ``bench.json``."""
-    path.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")

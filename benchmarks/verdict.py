@@ -98,4 +98,3 @@ def run(report: Report, quick: bool = False) -> None:
         report.say(f"{name}, {algorithm}")
         table.add(*count(name, algorithm, motion, end, factors, 3 if quick else sets))
     report.show(table)
-    report.facts["rows"] = table.rows

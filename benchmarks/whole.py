@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -13,30 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-import numpy as np
 
 import vdfmu
 from benchmarks.report import Report, Table
-from benchmarks.system import packed
 from benchmarks.timing import Case, measure
-from vdfmu.engine.run import Simulator, simulate
-from vdfmu.system.scenario import load_scenario
 
 TITLE = "Whole commands and calls"
-_LARGE = 60_000
-_UNKNOWN = "trackng"
 
 
 def run(report: Report, quick: bool = False) -> None:
     """Measure and tabulate."""
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         _commands(report, Path(folder), "planar_tracking" if quick else "tracking", 1 if quick else 3)
-        _files(report, Path(folder), 1 if quick else 5)
         if not quick:
             _first_runs(report, Path(folder), 2)
-    _simulator(report, "planar_tracking" if quick else "tracking", 0.2 if quick else 10.0, 3 if quick else 9)
     _short(report, 3 if quick else 30)
-    _dynamics(report, 5 if quick else 50)
 
 
 BYTECODE = tempfile.TemporaryDirectory(prefix="vdfmu-bench-")
@@ -50,8 +40,8 @@ def command(*arguments: str, cache: str = "") -> float:
     before = os.times()
     code = "import vdfmu.cli; vdfmu.cli.main()"
     caches = {"VDFMU_CACHE_DIR": f"{cache}/vdfmu", "ZIG_GLOBAL_CACHE_DIR": f"{cache}/zig"} if cache else {}
-    words, right = [sys.executable, "-c", code, *arguments], _UNKNOWN not in arguments
-    subprocess.run(words, check=right, capture_output=True, timeout=900, env=environment | caches)
+    words = [sys.executable, "-c", code, *arguments]
+    subprocess.run(words, check=True, capture_output=True, timeout=900, env=environment | caches)
     after = os.times()
     return after.children_user + after.children_system - before.children_user - before.children_system
 
@@ -76,7 +66,6 @@ def _first_runs(report: Report, folder: Path, rounds: int) -> None:
     for name, seconds in best.items():
         table.add(name, seconds)
     report.show(table)
-    report.facts["first_runs_s"] = best
 
 
 def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
@@ -88,18 +77,14 @@ def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
         return ["--set", f"controller.K_p[1]={1000.0 + time.time() % 1000.0!r}"]  # no solution of it is kept
 
     commands: dict[str, Callable[[], list[str]]] = {
-        "vdfmu run, without references": lambda: ["run", scenario, "--no-reference"],
         "vdfmu run, references kept": lambda: ["run", scenario],
-        "vdfmu run, references kept, Parquet": lambda: ["run", scenario, "--format", "parquet"],
         "vdfmu run, references solved": lambda: ["run", scenario, *new()],
         "vdfmu run system.ssp": lambda: ["run", str(folder / "run" / "system.ssp")],
         "vdfmu --help": lambda: ["--help"],
-        f"vdfmu run {_UNKNOWN}": lambda: ["run", _UNKNOWN],
         "vdfmu check Plant.fmu": lambda: ["check", str(folder / "fmus" / "Plant.fmu")],
     }
     if scenario == "tracking":
         command("run", "two_joint", "--out", str(folder / "run two_joint"))
-        commands["vdfmu run two_joint, references solved"] = lambda: ["run", "two_joint", *new()]
         commands["vdfmu run two_joint, references kept"] = lambda: ["run", "two_joint"]
     best = dict.fromkeys(commands, float("inf"))
     for _ in range(rounds):
@@ -110,67 +95,6 @@ def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
     table = Table("commands", f"Processor time of commands, {scenario}", [("command", ""), ("time [s]", ".2f")])
     for name, seconds in best.items():
         table.add(name, seconds)
-    report.show(table)
-    report.facts["commands_s"] = best
-
-
-def _files(report: Report, folder: Path, rounds: int) -> None:
-    """Size of a run's results in each format, and the processor time to write and to read them."""
-    alone = folder / "results.csv"
-    shutil.copy(folder / "run" / "results.csv", alone)  # without the summary that names the copies
-    results = vdfmu.Results.read(alone)
-    table = Table(
-        "results",
-        f"Results of a run, {len(results)} rows",
-        [("file", ""), ("size [MB]", ".1f"), ("write [s]", ".3f"), ("read [s]", ".2f")],
-    )
-    for name in ("results.csv", "results.parquet"):
-        path, took = folder / name, [float("inf"), float("inf")]
-        for _ in range(rounds):
-            for i, call in enumerate((results.write, vdfmu.Results.read)):
-                began = time.process_time()
-                call(path)
-                took[i] = min(took[i], time.process_time() - began)
-        table.add(name, path.stat().st_size / 1e6, *took)
-        report.facts[f"{name}_mb"], report.facts[f"{name}_s"] = path.stat().st_size / 1e6, took[0]
-    report.show(table)
-
-
-def _simulator(report: Report, name: str, stop: float, rounds: int) -> None:
-    """Compare runs that load their components with runs of components that stay loaded."""
-    with packed(load_scenario(name), "native") as package, Simulator(package) as simulator:
-        simulator.run(stop=stop, step=1e-3)
-        spent: dict[str, list[tuple[float, float, float]]] = {
-            "vdfmu.engine.run.simulate": [],
-            "vdfmu.engine.run.Simulator": [],
-        }
-        for _ in range(rounds):
-            for which, runs in spent.items():
-                began, processor = time.perf_counter(), time.process_time()
-                if which == "simulate":
-                    results = simulate(package, stop=stop, step=1e-3)
-                else:
-                    results = simulator.run(stop=stop, step=1e-3)
-                took = time.perf_counter() - began
-                runs.append((time.process_time() - processor, took, results.summary["wall_s"]))
-    table = Table(
-        "run",
-        f"A run of {stop:g} s from Python, {name}",
-        [
-            ("call", ""),
-            ("processor [s]", ".3f"),
-            ("all [s]", ".3f"),
-            ("steps [s]", ".3f"),
-            ("rest [ms]", ".1f"),
-            ("rest [%]", ".1f"),
-        ],
-    )
-    for which, runs in spent.items():
-        _, whole, steps = min(runs, key=lambda run: run[1] - run[2])
-        least = min(processor for processor, _, _ in runs)
-        table.add(which, least, whole, steps, 1e3 * (whole - steps), 100.0 * (whole / steps - 1.0))
-        report.facts[f"{which}_s"] = least
-        report.facts[f"{which}_rest_s"] = whole - steps
     report.show(table)
 
 
@@ -217,27 +141,4 @@ def _short(report: Report, rounds: int) -> None:
     )  # fmt: skip
     for case, steps, other in zip(cases, (10, 10, long, long, long), (1, 1, 3, 3, 3), strict=True):
         table.add(case.name, 1e6 * case.best, 1e6 * case.best / steps, case.best / cases[other].best)
-        report.facts[case.name] = case.best
-    report.show(table)
-
-
-def _dynamics(report: Report, rounds: int) -> None:
-    """Time inverse dynamics of one state and of a batch."""
-    robot = vdfmu.load_robot("manipulator_6dof")
-    many = np.random.default_rng(3).standard_normal((3, _LARGE, robot.n))
-    single, few = [array[0] for array in many], [array[: _LARGE // 100] for array in many]
-    vdfmu.dynamics.inverse_dynamics(robot, *many)  # compiles
-    plain = robot.with_parameters(gravity=robot.gravity)  # of which no batch is large
-    cases = [
-        Case("one state", lambda: vdfmu.dynamics.inverse_dynamics(robot, *single)),
-        Case("a state of a batch, compiled", lambda: vdfmu.dynamics.inverse_dynamics(robot, *many)),
-        Case("a state of a small batch", lambda: vdfmu.dynamics.inverse_dynamics(plain, *few)),
-    ]
-    measure(cases, rounds)
-    table = Table(
-        "dynamics", "vdfmu.dynamics.inverse_dynamics, six joints", [("call", ""), ("time a state [us]", ".2f")]
-    )
-    for case, states in zip(cases, (1, _LARGE, _LARGE // 100), strict=True):
-        table.add(case.name, 1e6 * case.best / states)
-        report.facts[case.name] = case.best / states
     report.show(table)

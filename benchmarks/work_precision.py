@@ -200,7 +200,7 @@ class _ModelExchange(_Unpacked[FMU2Model]):
 
 
 def tabulate(precision: WorkPrecision, report: Report, title: str = "free fall") -> None:
-    """Show and keep the tables and facts."""
+    """Show and keep the tables."""
     table = Table(
         report.name, f"{precision.robot}, {precision.stop:g} s of {title}",
         [("method", ""), ("tolerance, accuracy or step [s]", ".1e"), ("error [rad]", ".1e"), ("time [ms]", ".2f")],
@@ -220,4 +220,3 @@ def tabulate(precision: WorkPrecision, report: Report, title: str = "free fall")
         ratios = [t / ours if t and ours else None for t in rivals]
         equal.add(error, *[None if t is None else 1e3 * t for t in times], *ratios)
     report.show(equal)
-    report.facts |= {"points": [vars(p) for p in precision.points], "closest_rad": precision.check}

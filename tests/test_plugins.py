@@ -11,12 +11,10 @@ import vdfmu
 from tests.added import command, installed, write_acme
 from vdfmu.arm.robot import robot_names
 from vdfmu.arm.units import find_unit, known_units
-from vdfmu.base import plugins
 from vdfmu.base.errors import UsageError
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results.folder import known_formats
 from vdfmu.engine.results.formats import FORMATS
-from vdfmu.system.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")
@@ -99,17 +97,6 @@ def test_a_package_that_does_not_work_is_named_and_the_others_are_there(added, t
         assert f"toy '{name}'" in caplog.text
     assert "vdfmu itself has one of this name" in caplog.text
     assert toys[".shipped"] == 1.0
-
-
-def test_entry_points_are_read_only_for_names_that_are_not_shipped(monkeypatch):
-    def refuse(group):
-        raise AssertionError(group)
-
-    monkeypatch.setattr(plugins, "_points", refuse)
-    assert find_unit("plant") and vdfmu.load_robot("planar_2dof")
-    load_scenario("planar_tracking")
-    with pytest.raises(AssertionError, match="units"):
-        find_unit("plaint")
 
 
 def test_commands_that_use_no_added_format_load_none(added, tmp_path):

@@ -2,6 +2,8 @@
 
 import hashlib
 import importlib.util
+import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -104,6 +106,7 @@ def test_a_release_made_twice_has_the_same_bits(releases):
     assert digests == {name: hashlib.sha256((first / name).read_bytes()).hexdigest() for name in digests}
     assert len([name for name in digests if name.endswith(".fmu")]) == 10  # five units in two versions of FMI
     sdist = f"vdfmu-{__version__}.tar.gz"
+    assert len([name for name in digests if name.endswith(".whl")]) == 2
     whole = {sdist, f"vdfmu-{__version__}-py3-none-any.whl", "LICENSE", "README.md", "recipe.yaml", "constraints.txt"}
     assert whole | {"planar_2dof/reference/planar_2dof_reach_2.0.ssp"} <= digests.keys()
     recipe = (first / "recipe.yaml").read_text()
@@ -116,3 +119,25 @@ def test_its_package_has_its_fmus(releases):
     with zipfile.ZipFile(arm / "reference" / "planar_2dof_reach.ssp") as package:  # of this platform alone, as they are
         for name in ("Trajectory", "Feedforward", "PDController", "Plant"):
             assert package.read(f"resources/{name}.fmu") == (arm / "fmi2.0" / f"{name}.fmu").read_bytes()
+
+
+@pytest.mark.heavy
+def test_the_first_run_of_its_wheel_for_this_platform_traces_and_compiles_nothing(releases, tmp_path):
+    (wheel,) = releases[0].glob("*linux*.whl")
+    site, environment = tmp_path / "site", os.environ | {"VDFMU_CACHE_DIR": str(tmp_path / "cache")}
+    install = ["-m", "pip", "install", "--quiet", "--no-deps", "--no-compile", "--target", str(site), str(wheel)]
+    subprocess.run([sys.executable, *install], check=True)
+
+    def first_run(name):
+        """Run the tracking scenario with an empty cache; return what it says and writes."""
+        run = [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--stop", "0.5", "--verbose", "--out", name]
+        environment["PYTHONPATH"] = str(site)
+        done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+        shutil.rmtree(tmp_path / "cache")
+        return done.stderr, (tmp_path / name / "results.csv").read_bytes()
+
+    said, results = first_run("brought")
+    assert "zig cc" not in said and "from the cache: native" in said
+    shutil.rmtree(site / "vdfmu" / "_data" / "prebuilt")
+    said, made_here = first_run("made")
+    assert "zig cc" in said and results == made_here

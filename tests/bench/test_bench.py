@@ -1,8 +1,6 @@
 """The benchmarks' own pieces at tiny sizes: no assertion on any time."""
 
-import csv
 import io
-import json
 from importlib import import_module
 from pathlib import Path
 
@@ -46,16 +44,13 @@ def test_every_case_gets_samples_and_a_slow_one_one():
     assert slow.samples == 1
 
 
-def test_table_in_all_forms_without_rows_of_wrong_length(tmp_path):
+def test_table_in_all_forms_without_rows_of_wrong_length():
     table = Table("t", "Title [us]", [("name", ""), ("time [us]", ".1f")], notes=["a note"])
     table.add("x", 1.25)
     table.add("y", None)
     assert table.to_markdown().splitlines() == [
         "### Title [us]", "", "| name | time [us] |", "| --- | ---: |", "| x | 1.2 |", "| y | - |", "", "- a note",
     ]  # fmt: skip
-    table.to_csv(tmp_path / "t.csv")
-    with open(tmp_path / "t.csv", encoding="utf-8") as file:
-        assert list(csv.reader(file)) == [["name", "time [us]"], ["x", "1.25"], ["y", ""]]
     stream = io.StringIO()
     Console(file=stream, width=80).print(table.to_rich())
     assert "Title [us]" in stream.getvalue()
@@ -83,11 +78,11 @@ def test_arms_are_measured_by_their_names_and_the_growth_of_the_fmus(report, mon
     assert table.rows[0][3] == pytest.approx(0.9)  # m, links of 0.5 and 0.4 m
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
-    *_, table, sizes = report.tables
-    assert [row[0] for row in table.rows] == [row[0] for row in sizes.rows] == [1, 2]
-    # seconds and memory of the builds, C, libraries, times of a step
+    *_, table = report.tables
+    assert [row[0] for row in table.rows] == [1, 2]
+    # seconds and memory of the builds, C, times of a step
     assert all(value > 0.0 for row in table.rows for value in row[1:])
-    assert table.rows[0][5] < table.rows[1][5]
+    assert table.rows[0][3] < table.rows[1][3]
 
 
 def test_least_of_blocks_leaves_out_what_disturbed_a_round_and_the_clock_divides_by_the_steps():
@@ -110,12 +105,10 @@ def test_native(report):
     )  # fmt: skip
     assert timings.differences[native.PYTHON] < 1e-9  # the bound of the project
     assert timings.differences[native.CONTAINER] < 1e-12  # the same calls in the same order
-    assert timings.differences[native.ISOLATED] == 0.0  # the very calls, in another process
     assert timings.differences[native.BY_FMPY] == 0.0  # the same bits
-    assert timings.differences[native.OWN] == 0.0  # the same operations in the same order
     assert 0.0 < timings.in_units < timings.least(native.NATIVE)
+    assert timings.ratio(native.NATIVE, native.BY_FMPY) < 1.0
     native.tabulate(timings, report)
-    assert report.facts["c_over_fmpy"] < 1.0
 
 
 def test_measured_commands_keep_bytecode_as_for_users(monkeypatch):
@@ -141,10 +134,9 @@ def test_work_precision_engines_and_the_whole(report):
         assert last.error < 10.0 * first.error * (last.level / first.level) ** order + 1e-10
     work_precision.tabulate(precision, report)
     whole.run(report, quick=True)
-    commands = report.facts["commands_s"]
-    assert set(commands) > {"vdfmu --help", "vdfmu run, references kept"} and min(commands.values()) > 0.0
-    assert report.facts["results.csv_mb"] > report.facts["results.parquet_mb"] > 0.1
-    assert report.facts["a state of a batch, compiled"] > 0.0
+    commands, runs = report.tables[-2:]
+    assert {row[0] for row in commands.rows} > {"vdfmu --help", "vdfmu run, references kept"}
+    assert all(value > 0.0 for table in (commands, runs) for row in table.rows for value in row[1:])
 
 
 def test_time_at_an_error_is_interpolated():
@@ -164,16 +156,13 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(coupling, "STEPS", {"jacobi": (1e-3, 5e-4), "iterative": (4e-3, 2e-3)})
     monkeypatch.setattr(coupling, "ERRORS", (1e-4,))
     assert main(["coupling", "--quick", "--out", str(tmp_path / "out")]) == 0
-    facts = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))
-    points = facts["benchmarks"]["coupling"]["points"]
-    assert {name: len(each) for name, each in points.items()} == {
-        "jacobi": 2, "iterative": 2, "extrapolated, adaptive": 1, "iterative, adaptive": 1,
-    }  # fmt: skip
-    (loose, steps), (tight, more) = points["jacobi"]
-    assert tight == pytest.approx(loose / 2, rel=0.1) and (steps, more) == (4000, 8000)  # first order, four units
-    assert points["iterative"][1][0] < points["iterative"][0][0] < loose
-    names = {p.name for p in (tmp_path / "out").iterdir()}
-    assert {"bench.json", "bench.md", "coupling.md", "coupling_equal.csv"} <= names
+    page = (tmp_path / "out" / "coupling.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith(("| jacobi", "| iterative"))]
+    assert [row[0] for row in rows] == ["jacobi"] * 2 + ["iterative"] * 2 + ["iterative, adaptive"]
+    errors = [float(row[3]) for row in rows]
+    assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1) and errors[3] < errors[2] < errors[0]  # first order
+    assert [row[-1] for row in rows[:2]] == ["4000", "8000"]  # steps of four units
+    assert page in (tmp_path / "out" / "bench.md").read_text(encoding="utf-8")
 
 
 def test_work_at_an_error_is_the_least_of_the_points_and_between_them():
@@ -187,8 +176,7 @@ def test_work_at_an_error_is_the_least_of_the_points_and_between_them():
 @pytest.mark.heavy
 def test_sweeps_and_verdict(report, monkeypatch):
     sweeps.run(report, quick=True)
-    assert [table.name for table in report.tables] == ["sweep_points", "sweep_engines"]
-    assert report.facts["batch_2"]["points_per_s"] > 0.0
+    assert all(value > 0.0 for table in report.tables for row in table.rows for value in row[1:])
     monkeypatch.setattr(verdict, "CASES", verdict.CASES[:1])
     verdict.run(report, quick=True)
     (row,) = report.tables[-1].rows

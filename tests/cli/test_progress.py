@@ -1,11 +1,8 @@
 """How far tracing and compiling are: reported to who builds, and shown on a terminal only."""
 
-import io
 import os
-import re
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -52,20 +49,3 @@ def test_a_terminal_shows_how_far_it_is_and_a_file_does_not(tmp_path, words):
     assert done.returncode == 0, done.stderr
     assert "trace" not in done.stderr
     assert "compile" not in done.stderr
-
-
-@pytest.mark.parametrize("pause", [0.0, 0.15])
-def test_the_rate_is_shown_from_half_a_second_on(monkeypatch, pause):
-    from rich.console import Console
-
-    from vdfmu.base import bars as module
-
-    shown = Console(file=io.StringIO(), force_terminal=True, width=120)
-    monkeypatch.setattr(module, "errors", shown)
-    with module.Bars() as bars:
-        for done in range(5):
-            bars.update("points", done, 5)
-            time.sleep(pause)
-        bars.update("points", 5, 5)
-    # 5 pauses are 0.75 s, and without them the points take milliseconds
-    assert bool(re.search(r"5/5.*\d/s", shown.file.getvalue())) == (pause > 0.0)  # pyright: ignore

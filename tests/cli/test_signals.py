@@ -10,9 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from vdfmu.base.interrupt import Stopped
-from vdfmu.cli import main
-
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals for a process")
 
 SECONDS = 1.0
@@ -226,21 +223,3 @@ def test_a_killed_run_leaves_the_results_before_and_its_rows(under_way):
     (rows,) = folder.glob(f"partial_{command.process.pid}/results.csv")
     assert len(rows.read_text().splitlines()) > 3
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == kept
-
-
-@pytest.mark.usefixtures("main_in_this_process")
-@pytest.mark.parametrize("behind", [ImportError("numpy"), SystemExit(130)])
-def test_a_signal_that_another_error_hides_is_said(monkeypatch, capsys, behind):
-    """Imports of C make an ImportError of it."""
-
-    def command() -> None:
-        try:
-            raise Stopped(signal.SIGTERM)
-        except Stopped:
-            raise behind  # noqa: B904 - as imports of C do
-
-    monkeypatch.setattr("vdfmu.cli.commands.command", command)
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 128 + signal.SIGTERM
-    assert capsys.readouterr().err == "stopped\n"

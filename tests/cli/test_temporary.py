@@ -1,6 +1,5 @@
 """Temporary folders and signals: whenever one comes, nothing is left."""
 
-import os
 import signal
 import sys
 import tempfile
@@ -48,21 +47,3 @@ def test_ctrl_c_leaves_no_folder_whenever_it_comes(tmp_path, monkeypatch):
             assert list(tmp_path.iterdir()) == [], f"left at event {event}"
             event += 1
     assert event > 50  # it was sent while the folder was made and removed, too
-
-
-def test_ctrl_c_in_the_search_for_a_place_leaves_no_file(tmp_path, monkeypatch):
-    """Python looks for a temporary folder by writing a file into it."""
-    monkeypatch.setattr(tempfile, "tempdir", None)
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    write = os.open
-
-    def write_and_interrupt(*arguments):
-        monkeypatch.setattr(os, "open", write)  # once
-        handle = write(*arguments)
-        signal.raise_signal(signal.SIGINT)
-        return handle
-
-    monkeypatch.setattr(os, "open", write_and_interrupt)
-    with listening(signal.SIGINT), pytest.raises(KeyboardInterrupt), temporary_folder("vdfmu_"):
-        pass
-    assert list(tmp_path.iterdir()) == []

@@ -41,28 +41,3 @@ def test_a_lack_of_memory_is_a_sentence_for_every_command(monkeypatch, capsys, e
         cli.main()
     assert end.value.code == 1
     assert said in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("main_in_this_process")
-def test_an_error_is_said_once_and_stays_the_error_if_its_message_cannot_be_printed(monkeypatch, capsys):
-    def command():
-        try:
-            raise MemoryError
-        except MemoryError:
-            raise SystemExit(2) from None
-
-    monkeypatch.setattr(commands, "command", command)
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    assert (end.value.code, capsys.readouterr().err) == (2, "")
-
-    class MuteError(Exception):
-        def __str__(self):
-            raise ValueError
-
-    def command():
-        raise MuteError
-
-    monkeypatch.setattr(commands, "command", command)
-    with pytest.raises(MuteError):
-        cli.main()

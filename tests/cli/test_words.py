@@ -43,25 +43,6 @@ def test_every_command_that_writes_takes_out_and_its_letter():
     assert all(options(ALL[name])["-o"] is options(ALL[name])["--out"] for name in writes)
 
 
-@pytest.mark.parametrize("name", [
-    "build", "ssp", "run", "report", "sweep report", "linear", "scenario motion",
-])  # fmt: skip
-def test_commands_that_write_files_replace_others_on_request(name):
-    assert "--overwrite" in options(ALL[name])
-
-
-@pytest.mark.parametrize(
-    "name", ["linear", "scenario motion", "check", "sweep indices", "robot list", "scenario list", "unit list"]
-)
-def test_commands_that_print_tables_print_json_on_request(name):
-    assert "--json" in options(ALL[name])
-
-
-@pytest.mark.parametrize("group", ["robot", "scenario", "unit"])
-def test_nouns_have_the_same_verbs(group):
-    assert {f"{group} list", f"{group} show"} <= ALL.keys()
-
-
 def test_every_option_has_help_and_values_that_there_are_can_be_completed():
     for name, node in ALL.items():
         for word, option in options(node).items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -14,17 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-import numpy as np
 import pytest
-from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Slave,
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-)
 
+from tests.compiler.native.binding import Instance, Model
 from tests.conftest import TYPICAL, heavy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
@@ -36,8 +27,8 @@ except ImportError:  # Windows
     fcntl = None
 
 
-BOTH = pytest.mark.parametrize("backend", ["python", "native"])
-"""A native unit computes, saves, refuses and says what the Python unit does: the same tests, the same words."""
+EACH = pytest.mark.parametrize("version", ["2.0", "3.0", "python"])
+"""Each form of a unit computes, saves, refuses and says the same: the same tests, the same words."""
 
 
 class Lazy(dict[str, Any]):
@@ -50,96 +41,6 @@ class Lazy(dict[str, Any]):
     def __missing__(self, key: str) -> Any:
         self[key] = self._make(key)
         return self[key]
-
-
-class Unit:
-    """One instance of an FMU, driven through fmpy, with the messages that its user sees.
-
-    A name without index stands for the whole group, in the order of the value references.
-    """
-
-    def __init__(self, folder: Path, instance: str = "unit", messages: list[str] | None = None) -> None:
-        self.description = fmpy.read_model_description(folder, validate=False)
-        self.messages: list[str] = [] if messages is None else messages
-        self.statuses: list[int] = []
-        callbacks = fmi2CallbackFunctions()
-        callbacks.logger = fmi2CallbackLoggerTYPE(self._receive)
-        callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(fmpy.calloc)
-        callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(fmpy.free)
-        self.fmu = FMU2Slave(
-            guid=self.description.guid, modelIdentifier=self.description.coSimulation.modelIdentifier,
-            unzipDirectory=str(folder), instanceName=instance,
-        )  # fmt: skip
-        self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
-        self.time = 0.0
-
-    def _receive(self, _: Any, instance: bytes, status: int, category: bytes, text: bytes) -> None:
-        self.statuses.append(status)
-        self.messages.append(text.decode())
-
-    def variables(self, name: str) -> list[Any]:
-        """Variables of a name, or of a group."""
-        members = [v for v in self.description.modelVariables if name in (v.name, v.name.split("[")[0])]
-        assert members, name
-        return members
-
-    def references(self, name: str) -> list[int]:
-        """Value references of a name, or of a group."""
-        return [v.valueReference for v in self.variables(name)]
-
-    def set(self, **values: Any) -> Unit:
-        """Set groups: ``set(q_0=[0.1, 0.2], equilibrium=False)``; use :meth:`set_one` for ``mass[1]``."""
-        for name, value in values.items():
-            self.set_one(name, value)
-        return self
-
-    def set_one(self, name: str, value: Any) -> Unit:
-        """Set a variable or group of a name that is no Python name."""
-        variables = self.variables(name)
-        array = np.broadcast_to(value, len(variables)).tolist()
-        call = getattr(self.fmu, "set" + variables[0].type)
-        call([v.valueReference for v in variables], array)
-        return self
-
-    def get(self, name: str) -> np.ndarray:
-        """Values of a variable or group."""
-        variables = self.variables(name)
-        call = getattr(self.fmu, "get" + variables[0].type)
-        return np.array(call([v.valueReference for v in variables]))
-
-    def outputs(self) -> np.ndarray:
-        """All outputs in order."""
-        return np.array(
-            self.fmu.getReal([v.valueReference for v in self.description.modelVariables if v.causality == "output"])
-        )
-
-    def start(self, time: float = 0.0, tolerance: float | None = None, **values: Any) -> Unit:
-        """Set values and take the unit through initialization."""
-        self.setup(time, tolerance)
-        self.set(**values)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-        return self
-
-    def setup(self, time: float = 0.0, tolerance: float | None = None) -> Unit:
-        """Set up the experiment."""
-        self.time = time
-        self.fmu.setupExperiment(tolerance=tolerance, startTime=time)
-        return self
-
-    def step(self, size: float = 1e-3, **inputs: Any) -> Unit:
-        """Set inputs and make a step from where the last one ended."""
-        self.set(**inputs)
-        self.fmu.doStep(self.time, size)
-        self.time += size
-        return self
-
-    @contextmanager
-    def refuses(self, words: str) -> Iterator[None]:
-        """Expect that a call fails and that the last message matches `words`."""
-        with pytest.raises(FMICallException):
-            yield
-        assert re.search(words, self.messages[-1]), self.messages[-1]
 
 
 @pytest.fixture(scope="session")
@@ -186,34 +87,55 @@ def unpacked(built, tmp_path_factory):
     return unpack
 
 
-@pytest.fixture
-def backend():
-    """Return the kind of the FMUs: Python ones, except where a test is marked with `BOTH`."""
-    return "python"
+@pytest.fixture(scope="session")
+def fmus(built):
+    """Return the Python FMUs by robot and unit."""
+    return Lazy(lambda robot: built("python", robot))
+
+
+@pytest.fixture(scope="session")
+def folders(unpacked):
+    """Return their folders."""
+    return Lazy(lambda robot: Lazy(lambda unit: unpacked("python", robot, unit)))
+
+
+@pytest.fixture(scope="session")
+def model(built, unpacked, tmp_path_factory):
+    """Return ``model(unit, version, robot)``; the version "python" is the Python FMU of FMI 2.0."""
+
+    @cache
+    def unpack(unit: str, version: str = "2.0", robot: str = "planar_2dof") -> Model:
+        if version == "3.0":
+            return Model(Path(fmpy.extract(built("native", robot, version)[unit], tmp_path_factory.mktemp(unit))))
+        return Model(unpacked("native" if version == "2.0" else version, robot, unit))
+
+    return unpack
 
 
 @pytest.fixture
-def fmus(built, backend):
-    return Lazy(lambda robot: built(backend, robot))
+def native(model):
+    """Instantiate ``native(unit, version, robot, **options of Instance)``; freed at the end of the test."""
+    opened: list[Instance] = []
 
-
-@pytest.fixture
-def folders(unpacked, backend):
-    return Lazy(lambda robot: Lazy(lambda unit: unpacked(backend, robot, unit)))
-
-
-@pytest.fixture
-def open_unit(folders):
-    """Instantiate a unit, of the planar robot if none is named; freed at the end of the test."""
-    opened: list[Unit] = []
-
-    def open_one(unit: str, robot: str = "planar_2dof", instance: str = "unit") -> Unit:
-        opened.append(Unit(folders[robot][unit], instance))
+    def instantiate(unit: str = "plant", version: str = "2.0", robot: str = "planar_2dof", **options: Any) -> Instance:
+        opened.append(Instance(model(unit, version, robot), **options))
+        assert opened[-1].pointer, opened[-1].messages
         return opened[-1]
 
-    yield open_one
-    for unit in opened:
-        unit.fmu.freeInstance()
+    yield instantiate
+    for instance in opened:
+        instance.free()
+
+
+@pytest.fixture(params=["2.0", "3.0"])
+def version(request):
+    return request.param
+
+
+@pytest.fixture
+def open_unit(native, version):
+    """Instantiate a unit of the version of the test, of the planar robot if none is named."""
+    return lambda unit, robot="planar_2dof", **options: native(unit, version, robot, **options)
 
 
 @pytest.fixture
@@ -221,10 +143,9 @@ def words_of_refusal():
     """Instantiate a unit from a folder, which must fail, and return what its user reads."""
 
     def instantiate(folder: Path) -> str:
-        messages: list[str] = []
-        with pytest.raises(Exception, match="Failed to instantiate model"):
-            Unit(folder, messages=messages)
-        return messages[-1]
+        instance = Instance(Model(folder))
+        assert instance.pointer is None
+        return instance.messages[-1].text
 
     return instantiate
 

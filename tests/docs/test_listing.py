@@ -39,18 +39,11 @@ def test_each_entry_is_in_the_lists_of_fmi_ssp_efmi_and_awesome_things():
         assert f"| `{name}` |" in listed and re.search(empty, text(name)), name
     assert "urls" not in PROJECT  # once there is an address, it goes into the entries
     entry = json.loads(text("fmi-standard.org.json"))
-    assert [*entry] == [  # the columns of its CONTRIBUTING.md; a logo is optional
-        "name", "license", "url", "vendor", "vendorURL", "examplesURL", "description", "features", "platforms",
-        "interfaces", "fmiVersions", "fmuExport", "fmuImport", "layeredStandards",
-    ]  # fmt: skip
     assert (entry["license"], PROJECT["license"], entry["vendor"]) == ("osi", "MIT", PROJECT["authors"][0]["name"])
-    assert not re.search(r"\.$|Windows|Linux|FMI|MIT|leading|flexible|https?:|[*_`]", entry["description"])
     assert entry["fmiVersions"] == [*FMI_VERSIONS]
     systems = {"darwin": "macOS", "linux": "Linux", "windows": "Windows"}
     built = {systems[name.split("-")[1]] for name in PLATFORMS if "-" in name}
     assert {*entry["platforms"]} == built | {"Source Code"}
-    assert all(any(system in each for each in PROJECT["classifiers"]) for system in ("MacOS", "Linux", "Windows"))
-    assert "vdfmu" in PROJECT["scripts"] and vdfmu.__all__ and entry["interfaces"] == ["CLI", "library"]
     plant = Interface(shipped_units()["plant"], vdfmu.load_robot("planar_2dof"))
     for made in (model_description(plant, "{}", "", {}, ("unit.c",)), model_description_3(plant, "{}", "", {})):
         kinds = [kind for kind in KINDS if made.find(kind) is not None]
@@ -62,15 +55,8 @@ def test_each_entry_is_in_the_lists_of_fmi_ssp_efmi_and_awesome_things():
     cells = [" ".join(cell.text_content().split()) for cell in row.iter("td")]
     versions = "/".join(SSP_FORMATS)
     assert (cells[0], cells[1], *cells[3:]) == ("vdfmu", PROJECT["authors"][0]["name"], "free", versions, versions)
-    assert len(cells) == 6
-    rows = text("efmi-standard.org.md").splitlines()
-    assert all(row.startswith("| ") and row.endswith(" |") and row.count("|") == 3 for row in rows)
-    containers = re.findall(r"\*\*([A-Z]C|BM):\*\*", "".join(rows))
-    assert containers == ["AC", "PC"]  # algorithm and production code
-    assert f"**Since version:** {vdfmu.__version__.rpartition('.')[0]} " in rows[0]
+    first, *_ = text("efmi-standard.org.md").splitlines()
+    assert f"**Since version:** {vdfmu.__version__.rpartition('.')[0]} " in first
     assert re.fullmatch(r"- \[vdfmu\]\(\) - Python package .*\. \[MIT\]\n", text("awesome-fmi.md"))
     (entry,) = yaml.safe_load(text("awesome-robotics-libraries.yaml"))
-    assert entry.keys() == {"name", "github", "description", "license", "languages", "models", "features"}
     assert (entry["name"], entry["license"]) == ("vdfmu", PROJECT["license"])
-    assert {"robot_from_urdf", "robot_from_mjcf", "dynamics"} <= {*vdfmu.__all__}
-    assert {"id", "urdf", "mjcf"} <= {*entry["features"]}

@@ -67,10 +67,6 @@ def identifiers():
     return words
 
 
-def test_page_has_rows():
-    assert len(ROWS) > 60 and len(FMI_ROWS) > 40
-
-
 @pytest.mark.parametrize("row", [row for row in ROWS if row["code"]], ids=lambda row: row["code"])
 def test_code_name_exists(row, identifiers):
     assert row["code"] in identifiers
@@ -122,24 +118,6 @@ def test_the_page_of_the_robot_file_has_every_key(monkeypatch):
         section = page.split(f"## [{row.table}]" if row.per_joint or row.table else "## Top")[-1]
         section = page.split("## [[joints]]")[-1] if row.table == "joints" else section
         assert f"| `{row.key}` | {row.unit()}" in section.split("\n## ")[0]
-
-
-def test_the_pages_of_the_command_line_and_the_scenario_file_have_every_name(monkeypatch):
-    monkeypatch.syspath_prepend(DOCS)
-    pages = importlib.import_module("reference_pages")
-    commands, keys = pages.command_line_page(), pages.scenario_file_page()
-    for name in ("run", "sweep", "sweep indices", "robot import", "doctor", "unit new"):
-        assert f"# vdfmu {name}\n" in commands
-    for option in (
-        "`--set` `NAME=VALUE`",
-        "`--pictures` `png|svg|pdf` |  |",
-        "`--isolate`, `--no-isolate`",
-        "| `ROBOT|SCENARIO|FILE.ssp` |",
-    ):
-        assert option in commands
-    assert "| `stop` | number > 0, needed | End of the run \\[s] |" in keys
-    table = keys.split("## [controller]")[1].split("\n## ")[0]
-    assert "| `velocity` | `kappa_dot`, `q_dot`, `mixed` |" in table
 
 
 def test_the_page_of_the_rules_has_every_rule(monkeypatch):

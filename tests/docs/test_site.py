@@ -208,16 +208,6 @@ FOUND = """new Promise((done, failed) => {
 })"""
 
 
-SEARCHES = {
-    "anti-resonances": ("modes.html", "Anti-resonances"),
-    "stiffness": ("drives.html", "From the catalogue to the law"),
-    "wasm": ("native.html", "WebAssembly"),
-    "WebAssembly": ("native.html", "compiles the same C"),
-    "own controller": ("tutorials/own-controller.html", "Your own controller"),
-}
-"""Search text, a page that must be found, and words beside it."""
-
-
 QUESTIONS = {
     "change a gain": "index.html",  # How do I try other gains?
     "URDF": "tutorials/own_arm.html",  # My robot is a URDF. What now?
@@ -249,17 +239,3 @@ def test_ten_questions_are_answered_within_two_clicks_and_by_the_search(site, tm
             browser.call("Input.insertText", text=text)
             urls = [url for url, _ in browser.run(FOUND)]
             assert any(url.startswith((site / page).as_uri()) for url in urls), (text, urls)
-
-
-def test_the_search_of_a_page_from_disk_finds_other_pages(site, tmp_path):
-    with Browser(tmp_path) as browser:
-        for text, (page, words_of_it) in SEARCHES.items():
-            browser.open(site / "tutorials" / "own_arm.html")
-            browser.run("document.querySelector('.md-search__button').click()")
-            browser.settle()
-            browser.call("Input.insertText", text=text)
-            results = browser.run(FOUND)
-            urls = [url for url, near in results if words_of_it in near]
-            assert any(url.startswith((site / page).as_uri()) for url in urls), (text, results)
-        assert browser.problems == []
-        assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []

@@ -164,22 +164,6 @@ def test_variables_of_one_dotted_name_are_set_together_and_units_that_hardly_dif
     )
 
 
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"replace": [(b'fmiVersion="2.0"', b'fmiVersion="1.0"')]}, "is an FMU of FMI 1.0 for model exch"),
-    ({"drop": "binaries/"}, "has no binary for this platform .*; it has none"),
-    ({"replace": [(b"<fmiModelDescription", b'<!DOCTYPE x [<!ENTITY e "x">]><fmiModelDescription')]},
-     "document type declaration"),
-    ({"replace": [(b'causality="output"', b'causality="outputs"')]}, "faulty model description"),
-    ({"replace": [(b"<CoSimulation ", b"<ModelExchange "),
-                  (b'canHandleVariableCommunicationStepSize="true" canInterpolateInputs="false" ', b"")]},
-     "the SSD asks for CoSimulation, resources/changed.fmu has ModelExchange"),
-])  # fmt: skip
-def test_fmus_that_cannot_be_run(pack, xml, fmus, changes, message):
-    element = xml.component("a", "changed", "", attributes='implementation="CoSimulation"')
-    path = pack([element], extra={"resources/changed.fmu": edited(fmus["Gain"], **changes)})
-    expect(problems(path), message)
-
-
 def test_an_fmu_that_can_be_there_only_once_and_a_linear_transformation_of_an_integer(pack, xml, fmus):
     old = b'canBeInstantiatedOnlyOncePerProcess="false"'
     data = edited(fmus["Gain"], replace=[(old, old.replace(b"false", b"true"))])

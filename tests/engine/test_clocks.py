@@ -2,11 +2,8 @@
 
 from dataclasses import replace
 
-import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi3 import FMU3Slave
-from fmpy.validation import validate_fmu
 
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
@@ -62,35 +59,6 @@ def test_inputs_at_events_read_back_as_they_were(system, tmp_path):
     results = Results.read(tmp_path / "results.csv")
     assert_same_bits(results, simulate(path, stop=1.0, step=0.1, record=["*"]))
     np.testing.assert_array_equal(results["c.e"], results["p.x"])
-
-
-def test_the_controller_in_plain_fmpy(built, tmp_path):
-    """The clock ticked by hand in FMPy, which does not tick clocks by itself."""
-    path = tmp_path / "controller.fmu"
-    path.write_bytes(built(models.CONTROLLER))
-    assert validate_fmu(str(path)) == []
-    description = fmpy.read_model_description(str(path))
-    unit = FMU3Slave(
-        guid=description.guid, unzipDirectory=fmpy.extract(str(path)), modelIdentifier="SampledController",
-        instanceName="c",
-    )  # fmt: skip
-    unit.instantiate(eventModeUsed=True)
-    unit.enterInitializationMode()
-    unit.exitInitializationMode()
-    x, u = sampled_loop(200)
-    outputs = []
-    for k in range(20):
-        if k:
-            unit.enterEventMode()
-        unit.setClock([1], [True])
-        unit.setFloat64([2], [x[k]])
-        outputs.append(unit.getFloat64([3])[0])
-        unit.updateDiscreteStates()
-        unit.enterStepMode()
-        unit.doStep(0.1 * k, 0.1)
-    unit.terminate()
-    unit.freeInstance()
-    np.testing.assert_allclose(outputs, u[:20], rtol=1e-14, atol=0)
 
 
 def test_periodic_countdown_and_triggered_clocks_tick_between_communication_points_too(system):

@@ -1,6 +1,5 @@
 """Steps in compiled code give the bits, failures and messages of steps in Python, and are used where they can be."""
 
-import math
 import os
 import re
 import signal
@@ -17,8 +16,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.masters import compiled
-from vdfmu.engine.masters.observer import Tap
-from vdfmu.engine.run import Interrupted, Results, Simulator, session, simulate
+from vdfmu.engine.run import Interrupted, Results, simulate
 
 HELD = named(substeps=1)
 NUMBERS = models.feedthrough(tuple(kind for kind in models.SCALARS if kind not in ("String", "Binary")), "Numbers")
@@ -116,63 +114,6 @@ def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
     assert name.startswith(("types", "resource")) or any(
         (results[each][1:] != results[each][0]).any() for each in results
     )
-
-
-@pytest.mark.parametrize("observed", [False, True])
-def test_rows_go_to_files_block_by_block(packaged, both, monkeypatch, tmp_path, observed):
-    """Blocks of 7 rows, and slices of less than a step; an observer sees each row."""
-    monkeypatch.setattr(session, "ROWS", 7)
-    monkeypatch.setattr(compiled, "_SLICE", 0.0)
-    seen = []
-
-    class Seeing:
-        def row(self, time, values):
-            seen.append((time, values.tolist()))
-
-    package, _ = packaged("van der pol 2.0")
-    results = both(package, step=0.01, stop=1.0, stream=tmp_path / "rows.csv", observer=Seeing() if observed else None)
-    assert np.array_equal(Results.read(tmp_path / "rows.csv")["m.x0"], results["m.x0"])
-    assert seen[:101] == seen[101:]
-    assert len(seen) == 202 * observed
-
-
-class Looking(Tap):
-    """Looks at some rows, and at all rows of a signal."""
-
-    wanted = ("m.x0", "nobody.x")
-    size = 16
-
-    def begin(self, grid, names):
-        """Begin a run."""
-        self.rows, self.seen, self.blocks, self.names = [1, 2, 30, grid.n], [], [], list(names)
-
-    def due(self, k):
-        """Return the next row."""
-        return min((row for row in self.rows if row >= k), default=math.inf)
-
-    def take(self, k, time, components):
-        """Keep the row."""
-        self.seen.append((k, time, components.exchange.clock.value, components.exchange.banks[0].outputs.tolist()))
-
-    def block(self, times, values):
-        """Keep the rows."""
-        self.blocks.append((times.tolist(), values[:, 0].tolist()))
-
-
-def test_taps_see_the_same_rows_and_steps_in_c_go_on_to_the_next_of_them(packaged, monkeypatch):
-    package, _ = packaged("van der pol 2.0")
-    ends, plain, taps = [], compiled.CompiledSteps.run, [Looking(), Looking()]
-    monkeypatch.setattr(compiled.CompiledSteps, "run", lambda self, end: ends.append(end) or plain(self, end))
-    for tap, stepper in zip(taps, ("c", "fmpy"), strict=True):
-        with Simulator(package, stepper=stepper, isolate=False) as simulator:
-            results = simulator.run(step=0.01, stop=0.5, taps=[tap])
-        assert tap.names == ["m.x0"]
-        assert [time for times, _ in tap.blocks for time in times] == results.time.tolist()
-        assert [x for _, values in tap.blocks for x in values] == results["m.x0"].tolist()
-        assert [len(times) for times, _ in tap.blocks] == [16, 16, 16, 3]
-    assert taps[0].seen == taps[1].seen
-    assert [row for row, *_ in taps[0].seen] == [1, 2, 30, 50]
-    assert set(ends) == {1, 2, 30, 50}
 
 
 @pytest.mark.parametrize(

@@ -344,12 +344,6 @@ def test_the_energy_residual_has_the_order_of_the_coupling_and_is_the_integral_o
 
 
 @pytest.mark.heavy
-def test_error_control_finds_the_steps(study):
-    errors = [study("tracking", "iterative", 4e-3, adaptive=e)[0] for e in (1e-5, 1e-7)]
-    assert errors[1] < errors[0] / 10
-
-
-@pytest.mark.heavy
 def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
     summary = vdfmu.run(
         "planar_tracking", stop=0.1, step=0.01, out=tmp_path, backend="python", algorithm="iterative", adaptive=1e-5

@@ -1,17 +1,16 @@
 """Components of FMI 3.0, and of 2.0 beside them: types, arrays, sizes, events, clocks."""
 
-from ctypes import c_double
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.package.join import join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
+from vdfmu.engine.plan.schedule import variable_graph
 from vdfmu.engine.run import ALGORITHMS, simulate
 
 LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
@@ -36,6 +35,33 @@ def test_all_scalar_types_pass_through(system, algorithm, isolate):
     assert "b.String_output" not in results and "b.Binary_output" not in results  # tables hold numbers
 
 
+def test_fmus_with_an_enumeration_are_joined(built, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.fmu").write_bytes(built(models.FEEDTHROUGH, "3.0"))
+    fmus = {name: tmp_path / f"{name}.fmu" for name in ("a", "b")}
+    parameters = {"a.Enumeration_input": "Option 2"}
+    path = join(fmus, {"a.Enumeration_output": "b.Enumeration_input"}, tmp_path / "ab.ssp", parameters=parameters)
+    results = simulate(path, stop=0.3, step=0.1)
+    assert results["b.Enumeration_output"].tolist() == [2] * 4
+
+
+def test_the_graph_of_an_array_grows_with_its_length(system):
+    """Every element of an output depends on every element of an input."""
+
+    def edges(n):
+        code = "static void outputs(Instance *I) { for (int i = 0; i < N; i++) I->d.y[i] = I->d.u[i] + 1; }\n"
+        variables = [models.V("u", "input", start=[0.0] * n, dims=(n,), room=n),
+                     models.V("y", "output", dims=(n,), room=n, needs=("u",))]  # fmt: skip
+        model = models.Model(f"Array{n}", variables, code.replace("N", str(n)))
+        path = system({"a": (model, "3.0"), "b": (model, "3.0")}, [f"a.y[{i}] -> b.u[{i}]" for i in range(1, n + 1)])
+        checked = check_system(load_ssp(path))
+        results = simulate(path, stop=0.2, step=0.1)
+        assert results[f"b.y[{n}]"].tolist() == [2.0] * 3
+        return len(variable_graph(checked.descriptions, checked.links, initial=True)[1])
+
+    assert edges(40) < 2.1 * edges(20)
+
+
 def test_texts_and_binary_values_arrive(system):
     """Of components that can only be asked: their last values, before they are freed."""
     from vdfmu.base.files import temporary_folder
@@ -55,9 +81,9 @@ def test_texts_and_binary_values_arrive(system):
         components.initialize(0.0, 1.0, None)
         components.couple(None, None, 1.0, None).advance(0.0, 0.1, 0.1)
         b, c = components.instances["b"], components.instances["c"]
-        assert b.get(b.description.variables["Binary_output"]) == b"\x00\xff\x00"
-        assert b.get(b.description.variables["String_output"]) == "grün"
-        assert c.get(c.description.variables["String_output"]) == "grün"
+        assert b.get_all([b.description.variables["Binary_output"]]) == [b"\x00\xff\x00"]
+        assert b.get_all([b.description.variables["String_output"]]) == ["grün"]
+        assert c.get_all([c.description.variables["String_output"]]) == ["grün"]
         assert components.close() is None
 
 
@@ -123,29 +149,3 @@ def test_structural_parameters_size_the_arrays(system, xml):
     assert len(check_system(load_ssp(bound)).descriptions["s"].variables) == 1 + 3 + 1 + 3 + 3 + 9 + 1 + 3 + 1 + 1 + 3
     with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
         simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})
-
-
-@pytest.mark.parametrize(("left", "calls"), [(1e-13, 1), (5e-8, 2)])
-def test_a_step_that_returns_early_is_finished_unless_rounding_is_left(left, calls):
-    """A step of 1 ms: what is left of it is an ulp of the time, or more than a ten-thousandth of the step."""
-    made = []
-
-    def do_step(component, clock, size, keep, event, end, early, last):
-        made.append(clock.value)
-        early._obj.value = len(made) == 1
-        last._obj.value = clock.value + size.value - (left if len(made) == 1 else 0.0)
-        return 0
-
-    class Early(Instance3):
-        def __init__(self):
-            self.updates, self._failed, self.fmu = False, None, SimpleNamespace(component=None)
-
-        def function(self, name):
-            return do_step
-
-        def _answered(self, flags, last, ended):
-            return ended
-
-    call, arguments, _ = Early()._simulation_call(c_double(1.0), c_double(1e-3))
-    assert call(*arguments) == 0
-    assert len(made) == calls

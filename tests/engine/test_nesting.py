@@ -56,22 +56,6 @@ def test_the_cost_is_in_proportion_to_the_number_of_references(read, calls, made
     assert system is not None and problems == []
 
 
-def test_a_file_that_is_refused_is_read_once(read, monkeypatch):
-    from vdfmu.engine.package import elements as package_elements
-
-    parse, read_files = package_elements.parse_ssp_xml, []
-
-    def count(data, kind, where, version):
-        read_files.append(where)
-        return parse(data, kind, where, version)
-
-    monkeypatch.setattr(package_elements, "parse_ssp_xml", count)
-    references = (f'<ssd:Component name="c{i}" type="{DEFINITION}" source="x.ssd"/>' for i in range(20))
-    _, problems = read(main=ssd(elements(references)), x="<a>")
-    assert sum("x.ssd" in where for where in read_files) == 1
-    assert [problem.rule.number for problem in problems] == ["PKG008"]
-
-
 @pytest.mark.parametrize("n", [100, 2000])
 def test_thousands_of_breaches_of_a_schema_are_counted_and_the_first_reported(read, n):
     """With lines up to 1,000. Deep in a file libxml2 would take half a minute for lines of all of these."""

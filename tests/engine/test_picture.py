@@ -109,18 +109,3 @@ def test_any_name_unit_and_value_can_be_drawn(tmp_path):
     assert titles(figure)[2] == f"{long[:18]}…{long[-19:]}"
     write_signals(results, tmp_path, ["png"], 6.0)
     assert (tmp_path / "signals.png").exists()
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("count", "drawn"), [(8, 8), (12, 8)])
-def test_the_legend_of_an_array_stays_inside_its_panel(count, drawn):
-    array = [(f"a.x[{i}]", "real", "") for i in range(1, count + 1)]
-    results = make(*array, *((f"a.y{i}", "real", "") for i in range(11)))
-    figure = draw_signals(results)
-    figure.draw_without_rendering()
-    panel = figure.axes[0]
-    assert len(panel.lines) == drawn
-    legend, box = panel.get_legend().get_window_extent(), panel.get_window_extent()
-    assert box.x0 <= legend.x0 and legend.x1 <= box.x1 and box.y0 <= legend.y0 and legend.y1 <= box.y1
-    alone = draw_signals(make(*array))
-    assert len(alone.axes[0].lines) == count

@@ -83,23 +83,3 @@ def test_scalars_of_both_versions(tmp_path, version):
     adjoint = imported.reverse(1)(x, F, 0, seed)
     np.testing.assert_allclose(adjoint[0].full().ravel(), seed @ J, rtol=0, atol=2e-15)
     assert float(adjoint[1]) == pytest.approx(seed[1] * np.cos(x[0]), abs=1e-15)
-
-
-@SEEN
-def test_what_the_importer_does_not_do(tmp_path):
-    """The rows of docs/interop.md: a change of CasADi shows here."""
-    fmu = build_fmus(load_robot(ROBOT), tmp_path, units=["plant"], backend="native", fmi_version="3.0", folded=True)[
-        "plant"
-    ]
-    with pytest.raises(RuntimeError, match="get_in failed"):  # arrays
-        imported_rate(fmu)
-    forward = imported_rate(swing(tmp_path, "2.0"), new_forward=True).forward(1)
-    x, ones = np.array([0.4, -0.3]), np.ones(2)
-    last = forward(x, 0.7, 0, ones, 1.0).full()
-    # a direction that is all zero repeats the last answer
-    np.testing.assert_array_equal(forward(x, 0.7, 0, 0.0 * ones, 0.0).full(), last)
-    reverse = imported_rate(swing(tmp_path, "3.0"), uses_adjoint_derivatives=True).reverse
-    seeds = np.array([[0.6, 0.2], [-1.1, 0.5]])
-    # of several adjoint directions the first column has the last one
-    both, last = reverse(2)(x, 0.7, 0, seeds)[0].full(), reverse(1)(x, 0.7, 0, seeds[:, 1])[0].full()
-    np.testing.assert_array_equal(both, np.hstack([last, 0.0 * last]))

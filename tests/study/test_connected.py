@@ -11,7 +11,6 @@ import vdfmu
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import data_path
-from vdfmu.unit import Input, Output, Switch, Unit, where
 
 Lag = find_unit(data_path("examples") / "units" / "low_pass.py")
 
@@ -129,21 +128,3 @@ def test_a_scenario_is_a_system(tmp_path):
     assert system.check(run=False).problems == []
     with pytest.raises(UsageError, match=r"path must end in \.ssp"):
         system.write(tmp_path / "x.zip")
-
-
-class Gate(Unit):
-    """Pass a signal if it is open."""
-
-    is_open = Switch(True, "whether the signal passes")
-    u = Input("1", text="signal")
-    y = Output("1", text="passed signal")
-
-    def outputs(self) -> None:
-        """Pass the signal."""
-        self.y = where(self.is_open, self.u, 0.0)
-
-
-@pytest.mark.parametrize(("value", "passed"), [(False, 0.0), ("false", 0.0), (np.False_, 0.0), ("true", 2.0), (1, 2.0)])
-def test_a_boolean_may_be_given_as_text(value, passed):
-    system = vdfmu.connect({"gate": Gate}, parameters={"gate.is_open": value, "gate.u": 2.0}, stop=0.1, step=0.1)
-    assert system.run()["gate.y"][-1] == passed

@@ -111,24 +111,6 @@ def test_judge_and_linear_name_call_and_component_of_a_crash_and_go_on_in_the_ne
     assert_elsewhere(loaded)
 
 
-def test_an_environment_steps_foreign_fmus_in_a_process_as_a_run_does(loaded, folder):
-    environment = pytest.importorskip("vdfmu.extras.learn").Environment
-    lone = vdfmu.load(folder / "Brittle.fmu")
-    name = next(iter(lone.components))
-    force, x = f"{name}.u", f"{name}.x"
-    env = environment(lone, {force: 1.0}, {x: 5.0}, lambda seen, action: 0.0, step=0.1, stop=1.0)
-    rows: list[np.ndarray] = []
-    for _ in range(2):  # the second time from saved states
-        first, _ = env.reset()
-        rows = [first, *(env.step(np.array([0.5]))[0] for _ in range(10))]
-    changed, _ = env.reset(options={"parameters": {x: 2.0}})
-    env.close()
-    assert_elsewhere(loaded)
-    expected = lone.run(stop=1.0, step=0.1, parameters={force: 0.5})
-    np.testing.assert_array_equal(np.ravel(rows), expected[x])
-    assert changed == [2.0]
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("command", ["run", "judge", "linear"])

@@ -21,7 +21,6 @@ from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import checks_of
-from vdfmu.engine.run import Simulator
 from vdfmu.study.coupling_error import KINDS, OPEN, RIGHT, WRONG, differences, error_of, kind_of, verdict_of
 from vdfmu.study.judgement import judge
 from vdfmu.study.report.sheets import facts
@@ -364,38 +363,6 @@ def test_outputs_that_nothing_reads_are_judged():
     assert rates > 1.5**2 * 1.1 * lags
     judged = system.judge(between, step=0.005, algorithm="jacobi")
     assert judged.verdict == WRONG and "an output that no component reads" in judged.text
-
-
-@pytest.mark.parametrize(("case", "most"), [("right", 8.625), ("readings", 15.625), ("open", 8.0), ("held", 7.0)])
-def test_it_counts_its_steps(monkeypatch, lags, case, most):
-    """In lengths of the run: 1 + 2 + 4 for three runs, 13/8 to look for aliases, at most 1 to linearise.
-
-    Two readings take both, but components that keep a period cannot make steps of 8/13. So never more than 9, or 17.
-    """
-    counted, run = [], Simulator.run
-
-    def counting(self, **options):
-        results = run(self, **options)
-        counted.append(results.summary["steps"])
-        return results
-
-    law = vdfmu.connect({"law": Gain, "plant": Lag}, {"law.y": "plant.u", "plant.y": "law.u"}, stop=0.8)
-    monkeypatch.setattr(Simulator, "run", counting)
-    if case == "right":
-        judged, n = lags.judge(0.5, step=0.01, stop=0.8), 80
-        assert judged.verdict == RIGHT
-    elif case == "readings":
-        judged, n = law.judge(0.1, step=1e-3), 800
-        assert judged.verdict == RIGHT
-    elif case == "held":
-        judged, n = law.judge(0.1, step=1e-3, sampled=True), 800
-        assert judged.verdict == RIGHT
-    else:
-        judged, n = lags.judge(0.01, step=0.2, stop=1.0), 5
-        assert judged.verdict != RIGHT
-    assert sum(counted) <= most * n
-    if case != "open":
-        assert sum(counted) == most * n
 
 
 @pytest.mark.parametrize(("kind", "signal"), [

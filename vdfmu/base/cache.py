@@ -5,6 +5,9 @@ digest of its name and content. Beyond a total size the least recently used entr
 
 Traced functions and their objects depend on the structure of a robot alone: their keys hold the structure, and an entry
 serves all parameter values. An FMU and its library contain the values, so each value makes new entries.
+
+A wheel for one platform brings the entries of the first run in the package. They are read where the user's cache has
+none, so that this run compiles nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, TypeVarTuple, overload
 
 from vdfmu.base.errors import LOG, UsageError
-from vdfmu.base.files import open_regular
+from vdfmu.base.files import PACKAGE, open_regular
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
 
@@ -35,6 +38,8 @@ _LINE = 65
 _HEAD = re.compile(rb"[0-9a-f]{64}\n")
 COMPILER = "zig"
 """Folder of the cache that the compiler manages, with its own locks."""
+PREBUILT = PACKAGE / "_data" / "prebuilt"
+"""Entries that came with the package, an archive for each kind, trusted as its code is. A source tree has none."""
 _NEW_KEY = secrets.token_bytes(32)
 """Key that this process stores if the cache has no key, and uses if it cannot be stored."""
 _PROCESSES = 8
@@ -125,7 +130,10 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
                 return None
             data = file.read()
     except OSError:
-        return None
+        data = _prebuilt(path.parent.name).get(path.name)
+        if data is None:
+            return None
+        store(path, data[_LINE:])  # later commands read it there
     LOG.info("from the cache: %s/%s", path.parent.name, path.name[:16])
     if data[:_LINE] != _digest(path, data[_LINE:]):
         return None
@@ -137,6 +145,22 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
     with suppress(OSError):  # another process may have removed it
         os.utime(path)
     return content
+
+
+@lru_cache
+def _prebuilt(kind: str) -> dict[str, bytes]:
+    """Return the entries of a kind that the package brought, by name; none if their archive is damaged."""
+    archive = PREBUILT / f"{kind}.tar.xz"
+    if not archive.is_file():
+        return {}
+    import tarfile  # takes time to import
+
+    try:
+        with tarfile.open(archive) as packed:
+            return {member.name: file.read() for member in packed if (file := packed.extractfile(member))}
+    except (OSError, EOFError, tarfile.TarError) as error:
+        LOG.info("made anew, since the package has something else: %s: %s", archive, error)
+        return {}
 
 
 def load_or_make(path: Path, make: Callable[[], bytes], read: Callable[[bytes], Made]) -> Made:

@@ -113,7 +113,8 @@ def _is_unit(name: str) -> bool:
         return True
     if Path(name).suffix or Path(name).is_file():
         return False
-    files = list((PACKAGE / "arm" / "units").rglob("[!_]*.py"))  # to import them takes long
+    folders = (PACKAGE / "arm" / "units", *(PACKAGE / "extras").glob("*/units"))
+    files = [file for folder in folders for file in folder.rglob("[!_]*.py")]  # to import them takes long
     classes = (re.findall(r"^class (\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE) for path in files)
     if name in {path.stem for path in files}.union(*classes):
         return True

@@ -6,6 +6,7 @@ import logging
 import os
 import shutil
 import stat
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -146,3 +147,21 @@ def test_a_run_with_wrong_entries_is_the_run_with_none(tmp_path, monkeypatch, co
         cache.store(entry, content)
     # pages differ in the times that the runs took
     assert abs(len(page()) - len(whole)) < 100
+
+
+@pytest.mark.parametrize("damage", [lambda data: data, lambda data: data[: len(data) // 2], lambda data: b"no archive"])
+def test_what_the_package_brought_is_read_once_or_made_anew_if_it_is_damaged(tmp_path, monkeypatch, damage):
+    entry, brought = tmp_path / "user" / "native" / "key", tmp_path / "native.tar.xz"
+    cache.store(made := tmp_path / "maker" / "native" / "key", b"code")
+    with tarfile.open(brought, "w:xz") as archive:
+        archive.add(made, "key")
+    whole = brought.read_bytes()
+    brought.write_bytes(damage(whole))
+    monkeypatch.setattr(cache, "PREBUILT", tmp_path)
+    cache._prebuilt.cache_clear()
+    content = b"code" if damage(whole) == whole else None
+    assert cache.load(entry) == content
+    cache._prebuilt.cache_clear()
+    brought.unlink()
+    assert cache.load(entry) == content
+    assert cache.load(entry.with_name("other")) is None

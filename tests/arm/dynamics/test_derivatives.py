@@ -1,7 +1,5 @@
 """Directional and adjoint derivatives of the traced functions, and the C text of traced functions."""
 
-import re
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -63,20 +61,6 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
     np.testing.assert_allclose(tangent, difference, rtol=0, atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_reverse_is_the_transpose_of_forward(robot, functions_of, name):
-    functions, rng = functions_of(name.split("_")[0], robot), np.random.default_rng(76)
-    function = functions.casadi_function(name)
-    forward, reverse = (functions.casadi_function(f"{name}_{end}") for end in ("forward", "reverse"))
-    start = nominal(function, robot.values(), rng)
-    direction = [rng.uniform(-1.0, 1.0, a.shape) for a in start]
-    weights = [rng.uniform(-1.0, 1.0, function.size1_out(i)) for i in range(function.n_out())]
-    tangent, adjoint = flat(forward(*start, *direction)), flat(reverse(*start, *weights))
-    left, right = np.concatenate(weights) * tangent, adjoint * np.concatenate(direction)
-    # Both sums are the same number; each term carries some hundred roundings.
-    assert left.sum() == pytest.approx(right.sum(), abs=1e-12 * (np.abs(left).sum() + np.abs(right).sum()))
-
-
 @pytest.mark.parametrize("form", ["whole", "in parts"])
 @pytest.mark.parametrize(
     "name",
@@ -99,26 +83,6 @@ def test_a_table_of_operations_has_the_derivatives_of_the_trace(robot, functions
     functions = functions_of(name.split("_")[0], robot)
     text = f'#include "operations.h"\n{c_derivatives(straight(functions.casadi_function(name)))}'
     check_c_text(text, functions.casadi_function(f"{name}_{ending}"), robot.values(), tmp_path)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("form", ["function", "in parts"])
-def test_c_text_of_the_step_calls_what_all_stages_share(robot, functions_of, form, tmp_path, monkeypatch):
-    if form == "in parts":
-        monkeypatch.setattr(c_code, "WHOLE", 37)
-        monkeypatch.setattr(c_code, "_PART", 37)
-    function = functions_of("plant", robot).casadi_function("plant_step")
-    text = "\n".join(c_texts(function))
-    # the first stage is at the start of the step, where the forces are in balance
-    for name, calls in (("plant_step_balance", 5), ("plant_step_solve", 6)):
-        called = re.findall(rf"^    {name}\(", text, re.MULTILINE)
-        defined = re.findall(rf"^void {name}\(.*\)\n{{", text, re.MULTILINE)
-        assert (len(called), len(defined)) == (calls, 1)
-    check_c_text(text, function, robot.values(), tmp_path)
-    # beside functions that have files of their own it is shorter by these
-    apart = "\n".join(c_texts(function, apart=["plant_step_balance"]))
-    assert "void plant_step_balance_part" not in apart
-    assert len(apart) < len(text)
 
 
 def check_c_text(text, function, p, tmp_path):

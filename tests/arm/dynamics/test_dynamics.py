@@ -6,9 +6,6 @@ import pytest
 
 from tests.arm.balanced import EVERY_CHAIN
 from vdfmu import dynamics
-from vdfmu.arm.equations.kinematics import end_effector_pose
-from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix
-from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.base.errors import KernelError, UsageError
 
 FUNCTIONS = (dynamics.gravity_torque, dynamics.mass_matrix, dynamics.jacobian, dynamics.forward_kinematics)
@@ -40,25 +37,6 @@ def test_batches_agree_with_pinocchio(chain, draw, pinocchio_model):
         pose = data.oMi[chain.n].act(tool)
         np.testing.assert_allclose(p, pose.translation, rtol=0, atol=1e-13)
         np.testing.assert_allclose(R, pose.rotation, rtol=0, atol=1e-14)  # of size 1, else as above
-
-
-@EVERY_CHAIN
-def test_one_state_is_that_of_the_equations_and_a_row_of_the_batch(chain, draw):
-    q = positions(chain, draw, seed=81)
-    p_O, R_O = end_effector_pose(chain, q[0])
-    expected = (equilibrium_torque(chain, q[0]), joint_space_mass_matrix(chain, q[0]), jacobian(chain, q[0]))
-    p, R = dynamics.forward_kinematics(chain, q[0])
-    actual = [function(chain, q[0]) for function in FUNCTIONS[:3]]
-    for a, b in zip([*actual, p, R], [*expected, p_O, R_O], strict=True):
-        assert a.shape == b.shape
-        # The same operations in an order that CasADi may change: as in test_trace.
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * max(np.abs(b).max(), 1.0))
-    for function, single in zip(FUNCTIONS, [*actual, (p, R)], strict=True):
-        batch = function(chain, q)
-        pairs = zip(batch, single, strict=True) if isinstance(single, tuple) else [(batch, single)]
-        for rows, row in pairs:
-            assert rows.shape == (len(q), *row.shape)
-            np.testing.assert_array_equal(rows[0], row)
 
 
 @EVERY_CHAIN

@@ -27,27 +27,6 @@ def test_virtual_decomposition_agrees_with_newton_euler(chain, draw):
         np.testing.assert_allclose(a, b, rtol=0, atol=100 * chain.n * EPS * np.abs(b).max())
 
 
-@pytest.mark.parametrize("wrench", [False, True], ids=["free", "wrench"])
-@pytest.mark.parametrize(("name", "last", "theirs", "bound"), [
-    # The bounds that the project holds itself to: 1e-12 of the largest torque, some 5000 roundings; 1e-9 of the
-    # largest acceleration, as mass matrices have a condition of up to 1e5.
-    ("inverse_dynamics", "q_ddot", pin.rnea, 1e-12),
-    ("forward_dynamics", "tau_s", pin.aba, 1e-9),
-])  # fmt: skip
-def test_dynamics_agree_with_pinocchio(
-    chain, draw, kernel_of, pinocchio_model, pinocchio_force, name, last, theirs, bound, wrench
-):
-    model = pinocchio_model(chain)
-    data = model.createData()
-    states = draw(chain, 1000, seed=65)
-    F_e = [state.F_e if wrench else np.zeros(6) for state in states]
-    columns = [[getattr(s, key) for s in states] for key in ("q", "q_dot", last)]
-    ours = kernel_of(chain).rows(name, [*columns, F_e], [chain.n] * 3 + [6])
-    for state, force, actual in zip(states, F_e, ours, strict=True):
-        wanted = theirs(model, data, state.q, state.q_dot, getattr(state, last), pinocchio_force(chain, force))
-        np.testing.assert_allclose(actual, wanted, rtol=0, atol=bound * np.abs(wanted).max())
-
-
 @pytest.mark.parametrize("name", [*robot_names(), "general"])
 def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_model, pinocchio_force):
     """Of every shipped arm and of the general chain: the links alone, without a counterbalance."""

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.arm.balanced import EVERY_CHAIN
@@ -18,11 +17,10 @@ from vdfmu.arm.equations.forward_dynamics import articulated, forward_dynamics
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.inverse_dynamics import Base, gravity_in_links, inverse_dynamics, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
-from vdfmu.arm.equations.plant import balance, plant_derivative, plant_outputs
+from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.equations.rigid_body import coriolis_force, gravity_force, mass_matrix
 from vdfmu.arm.equations.spatial import skew
 from vdfmu.arm.equations.trajectory import desired_motion
-from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.arm.world.attachment import Load, base_load, moving_base, point_acceleration, tool_motion
 from vdfmu.compiler.scalar.jet import derivative, jets
 
@@ -113,19 +111,6 @@ def test_rotors_on_a_moving_base_agree_with_bodies_on_a_free_root(chain, draw):
         close(M_S @ ride.A_S + F_S0, F_S)
 
 
-@EVERY_CHAIN
-def test_the_balance_of_forces_is_that_of_the_derivative(chain, draw):
-    random = np.random.default_rng(15)
-    for state, ride in zip(draw(chain, 5, seed=16), rides(5, 17), strict=True):
-        M_e = mass_matrix(2.0, random.normal(size=3), random_inertia(random, 0.3))
-        ends = ride.base(chain), Load(M_e)
-        x_dot = plant_derivative(chain, state.x, state.tau, state.F_e, *ends)
-        # the torques that cancel: those of the joints, and what accelerations of 1e3 rad/s2 make of the inertia
-        left = balance(chain, state.x, x_dot, state.tau, state.F_e, *ends)
-        for part, rate in zip(np.split(left, 4), np.split(x_dot, 4), strict=True):
-            np.testing.assert_allclose(part, 0.0, atol=CLOSE * np.abs(rate).max())
-
-
 def test_gravity_is_an_acceleration_of_the_base_and_a_base_that_turns_about_the_axis_of_joint_1_is_joint_1(chain, draw):
     floating = dataclasses.replace(chain, gravity=np.zeros(3))
     for state, ride in zip(draw(chain, 5, seed=18), rides(5, 19), strict=True):
@@ -180,39 +165,6 @@ def test_a_load_with_the_mass_of_a_body_is_a_payload(chain, draw):
             plant_derivative(bare, state.x, state.tau, F_e, base, Load(mass_matrix(*body))),
             plant_derivative(loaded, state.x, state.tau, state.F_e, base),
         )
-
-
-def part(robot, joints, **fields):
-    arrays = {name: getattr(robot, name)[joints] for name, row in PARAMETERS.items() if row.per_joint}
-    return dataclasses.replace(robot, joint_types=robot.joint_types[joints], **arrays | fields)
-
-
-@pytest.mark.parametrize("coupled", [False, True])
-def test_two_arms_accelerate_as_the_arm_of_all_their_joints(chain, draw, coupled):
-    """One arm cut after its first joint: no iteration, the parts hand on motion, apparent mass and wrench."""
-    whole = dataclasses.replace(chain, rotor_coupling=coupled)
-    n = whole.n
-    tool = np.array([0.1, -0.2, 0.05])  # anywhere: the second arm is placed from there
-    R = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
-    offset, rotation = whole.offset[1:].copy(), whole.rotation[1:].copy()
-    offset[0], rotation[0] = R.T @ (offset[0] - tool), R.T @ rotation[0]
-    first = part(whole, slice(0, 1), tool_offset=tool, tool_rotation=R, payload=False)
-    second = part(whole, slice(1, n), offset=offset, rotation=rotation)
-    for state, ride in zip(draw(whole, 10, seed=24), rides(10, 25), strict=True):
-        x, base = split_state(whole, state.x)[:4], ride.base(whole)
-        x_1, x_2 = (np.concatenate([s[joints] for s in x]) for joints in (slice(0, 1), slice(1, n)))
-        R_O = ride.R_S @ plant_outputs(first, x_1).R_O
-        V_O, _ = tool_motion(first, x_1, state.tau[:1], np.zeros(6), base)
-        carried = moving_base(R_O, V_O[3:], np.zeros(6))
-        M_S, F_S0 = base_load(second, x_2, state.tau[1:], state.F_e, carried, None)
-        loaded = base, Load(M_S)
-        rates_1 = plant_derivative(first, x_1, state.tau[:1], F_S0, *loaded)
-        _, A_O = tool_motion(first, x_1, state.tau[:1], F_S0, *loaded)
-        rates_2 = plant_derivative(second, x_2, state.tau[1:], state.F_e, moving_base(R_O, V_O[3:], A_O))
-        rates = [np.concatenate(pair) for pair in zip(np.split(rates_1, 4), np.split(rates_2, 4), strict=True)]
-        expected = np.split(plant_derivative(whole, state.x, state.tau, state.F_e, base), 4)
-        for a, b in zip(rates, expected, strict=True):
-            close(a, b)
 
 
 @EVERY_CHAIN

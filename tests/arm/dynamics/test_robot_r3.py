@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import find_unit
 from vdfmu.arm.units.plant import Plant
 from vdfmu.system.package.description import SystemDescription
@@ -86,53 +85,3 @@ def test_the_currents_at_the_start_are_the_published_ones_and_hold_the_arm(scena
     plant.tau = axis.tau
     plant.derivatives()
     np.testing.assert_allclose(plant.der_q_dot, 0.0, atol=1e-12)  # rounding of 1000 N.m, over 0.1 kg.m2
-
-
-def test_the_motion_keeps_its_limits_and_reaches_one_of_each(scenario):
-    values = scenario.sections["path"]
-    path = find_unit(FOLDER / "path.py")(scenario.robot, **values)
-    h, samples = 1e-3, []
-    for t in np.arange(0.0, 1.5, h):
-        path.t = t
-        path.outputs()
-        samples.append((path.q_d.copy(), path.q_d_dot.copy()))
-    q, q_dot = (np.array(column) for column in zip(*samples, strict=True))
-    np.testing.assert_allclose(q[[0, -1]], [values["q_start"], values["q_end"]], rtol=0, atol=1e-12)  # rounding
-    # A quadratic's central difference is exact except for rounding of 1e-16 / h, and jumps of 60 rad/s2 times h / 2.
-    np.testing.assert_allclose((q[2:] - q[:-2]) / (2 * h), q_dot[1:-1], rtol=0, atol=60.0 * h / 2)
-    speeds = np.abs(q_dot).max(axis=0) / values["speed"]
-    assert speeds.max() == pytest.approx(1.0, rel=1e-9)  # rounding, and the 1e-12 rad that keep 0 out of a quotient
-    accelerations = np.abs(np.diff(q_dot, axis=0)).max(axis=0) / h / values["acceleration"]
-    assert accelerations.max() == pytest.approx(1.0, rel=1e-9)
-
-
-def test_dampers_take_what_the_plant_loses():
-    """Rates of all energies, with and without dampers from the same state, differ by d (kappa_dot - q_dot)^2."""
-    robot = load_robot(FOLDER / "robot.toml")
-    random = np.random.default_rng(7)
-    d = random.uniform(50.0, 500.0, robot.n)
-    x = [random.uniform(-1.0, 1.0, robot.n) * size for size in (1.0, 1.0, 1.0, 100.0)]
-    Damped = find_unit(FOLDER / "damped.py")
-
-    def energy_rate(unit, **more) -> float:
-        names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")
-
-        def at(state):
-            plant = unit(robot, equilibrium=False, **dict(zip(names, state, strict=True)), **more)
-            plant.start()
-            plant.outputs()
-            return plant
-
-        here = at(x)
-        here.derivatives()
-        rates = (here.der_q, here.der_q_dot, here.der_kappa_dot, here.der_tau_s)
-        h = 1e-7
-        E = [
-            float(plant.E_kin + plant.E_pot + plant.E_spring)
-            for plant in (at([v + s * h * r for v, r in zip(x, rates, strict=True)]) for s in (1, -1))
-        ]
-        return (E[0] - E[1]) / (2 * h)
-
-    lost = energy_rate(Plant) - energy_rate(Damped, d=d)
-    # Differences of energies of 1e3 J: rounding of 1e-16 * 1e3 / 1e-7 J/s, and h^2 of third derivatives.
-    assert lost == pytest.approx(float(d @ (x[2] - x[1]) ** 2), rel=1e-4)

@@ -54,7 +54,7 @@ def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp
     written = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert written.returncode == 0, written.stderr
     assert "modulus margin" in written.stdout
-    assert "Written to planar_2dof_reach.toml. Run it with 'vdfmu run planar_2dof_reach.toml'" in written.stdout
+    assert "Written to planar_2dof_reach.toml, with a step of 1 ms. Run it with" in written.stdout
     again = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
     assert (again.returncode, again.stderr[:50]) == (2, "error: planar_2dof_reach.toml: expected no file of")
     for words in (("planar_2dof_reach.toml",), ("reach", "--robot", "planar_2dof")):

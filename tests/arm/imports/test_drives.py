@@ -99,13 +99,6 @@ def test_a_file_of_drives_has_plain_words(urdf, tmp_path):
     robot = vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
     assert (robot.K_f0.tolist(), robot.I_m.tolist(), robot.K_w0.tolist()) == ([2e4] * 3, [5e-3] * 3, [1e11] * 3)
     assert robot.source_of("joints[3].drive.K_f0") == "stiffness = 20000 N/m; sheet"
-    drives.write_text('["*"]\ndrive = { stiffness = 2e4, K_w0 = 1.0, rotor_inertia = 1e-4 }\n', encoding="utf-8")
-    with pytest.raises(vdfmu.VdfmuError) as error:
-        vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
-    assert [problem.partition(": ")[2] for problem in error.value.problems] == [
-        "*.drive.stiffness: expected stiffness or K_f0, c_f, K_w0, c_w, got stiffness and K_w0. Delete one.",
-        "*.drive.rotor_inertia: expected ell beside it, got nothing. I_m is ell * rotor_inertia: add ell.",
-    ]
 
 
 def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path):
@@ -175,14 +168,3 @@ def test_published_drives_of_the_fr3_disagree_threefold_and_armature_is_the_iner
     assert menagerie.f_c.tolist() == [1.137] * 4 + [0.763, 0.44, 0.248]
     rows = [row for row in PARAMETERS.values() if row.foreign == "armature"]
     assert [row.quantity for row in rows] == ["rotor inertia"]
-
-
-def test_the_words_of_a_file_of_drives_are_those_of_urdf_and_assumed_drives_are_complete():
-    words = {row.foreign for row in PARAMETERS.values() if row.per_joint} - {""}
-    assert words == {"lower", "upper", "effort", "velocity", "damping", "friction", "armature"}
-    # Every number without a default of its own, except those of limits that only some robots have.
-    for kind in ("revolute", "prismatic"):
-        for part in ("drive", "friction", "limits"):
-            needed = {row.key for row in section(part) if row.default is None}
-            assert needed == set(ASSUMED[kind][part])
-    assert np.isfinite(ASSUMED["revolute"]["rating"])

@@ -3,25 +3,15 @@
 import numpy as np
 import pytest
 
-from tests.arm.balanced import EVERY_CHAIN
-from vdfmu.arm.equations.forward_dynamics import forward_dynamics
-from vdfmu.arm.equations.inverse_dynamics import (
-    gravity_in_links,
-    inverse_dynamics,
-    joint_torques,
-    link_forces,
-    link_motion,
-)
+from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics, joint_torques, link_forces, link_motion
 from vdfmu.arm.equations.kinematics import end_effector_pose, tool_transform
 from vdfmu.arm.equations.mapping import (
     extended_jacobian,
-    forward_dynamics_by_mapping,
-    jacobian,
     joint_space_jacobian,
     joint_space_mass_matrix,
     velocity_mapping,
 )
-from vdfmu.arm.equations.rigid_body import coriolis_force, coriolis_matrix, gravity_force, mass_matrix, net_force
+from vdfmu.arm.equations.rigid_body import coriolis_force, coriolis_matrix, mass_matrix, net_force
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, homogeneous_transform, joint_axis, skew
 from vdfmu.compiler.scalar.jet import derivative, jets
 
@@ -127,21 +117,6 @@ def test_velocity_derivative_is_that_of_the_velocity_and_transform_rate_minus_th
         np.testing.assert_allclose(derivative(moving[i].T, 1), -X @ fixed[i].T, rtol=0, atol=1e-14)
 
 
-def test_joint_mass_matrix_is_symmetric_positive_definite_and_has_the_energy_of_the_links(chain, draw):
-    for state in draw(chain, 50, seed=8):
-        M = joint_space_mass_matrix(chain, state.q)
-        # Sums of n congruences J.T M J: some 100 n products.
-        np.testing.assert_allclose(M, M.T, rtol=0, atol=100 * chain.n * EPS * np.abs(M).max())
-        assert np.linalg.eigvalsh(M).min() > 0
-    for state in draw(chain, 10, seed=9):
-        V_b = link_motion(chain, state.q, state.q_dot, state.q_ddot).V_B
-        bodies = [mass_matrix(*chain.body(i)) for i in range(chain.n)]
-        energy = 0.5 * sum(V @ M @ V for V, M in zip(V_b, bodies, strict=True))
-        M = joint_space_mass_matrix(chain, state.q)
-        # Terms of the quadratic form cancel by a factor of at most 100 here; 1e-12 is 5000 roundings.
-        np.testing.assert_allclose(0.5 * state.q_dot @ M @ state.q_dot, energy, rtol=1e-12)
-
-
 def coriolis_in_joint_space(robot, q, q_dot):
     """Return C of ``C q_dot`` by the mapping (40)-(41): J.T (M J_dot + C_B J), summed over the links."""
     zero = np.zeros(robot.n)
@@ -172,26 +147,6 @@ def test_coriolis_matrix_in_joint_space_gives_the_velocity_torques_and_the_rate_
         np.testing.assert_allclose(product, torque, rtol=0, atol=1e-12 * max(100.0, np.abs(torque).max()))
 
 
-def test_base_force_is_the_rate_of_the_total_momentum_plus_weight(chain, draw):
-    for state in draw(chain, 10, seed=12):
-        q, q_dot, q_ddot, zero = state.q, state.q_dot, state.q_ddot, np.zeros(chain.n)
-        moving = link_motion(chain, jets(q, q_dot, q_ddot), jets(q_dot, q_ddot, zero), zero)
-        fixed = link_motion(chain, q, q_dot, q_ddot)
-        g_B = gravity_in_links(chain, fixed.U_AB)
-        momentum, weight = np.zeros(6), np.zeros(6)
-        U, U_fixed = np.eye(6), np.eye(6)
-        for i in range(chain.n):
-            body = chain.body(i)
-            U, U_fixed = U @ moving.U_AB[i], U_fixed @ fixed.U_AB[i]
-            momentum = momentum + U @ (mass_matrix(*body) @ moving.V_B[i])
-            weight = weight + U_fixed @ gravity_force(*body[:2], g_B[i])
-        tool = U_fixed @ tool_transform(chain) @ state.F_e
-        base = fixed.U_AB[0] @ link_forces(chain, fixed, state.F_e)[0]
-        # Some 1000 products of the size of the largest force.
-        expected = derivative(momentum, 1) + weight + tool
-        np.testing.assert_allclose(base, expected, rtol=0, atol=1000 * EPS * np.abs(expected).max())
-
-
 def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
     # What leaves link i-1 at its driving cutting point {T_i} enters link i and joint i, for any difference of
     # required and actual quantities: the flows are bilinear, so it holds for V and F as for V_r - V and F_r -
@@ -215,40 +170,6 @@ def test_virtual_power_flows_at_cutting_points_cancel(chain, draw):
         net = sum(V[i] @ F_star[i] for i in range(chain.n))
         outer = tau @ rate - V_O @ (other.F_e - state.F_e)
         np.testing.assert_allclose(net, outer, rtol=0, atol=100 * chain.n * EPS * size)
-
-
-@EVERY_CHAIN
-def test_forward_dynamics_invert_the_inverse_and_equal_those_by_mapping_matrices(chain, draw):
-    for state in draw(chain, 20, seed=15):
-        q_ddot = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
-        tau = inverse_dynamics(chain, state.q, state.q_dot, q_ddot, state.F_e)
-        # Backward stable to some 100 n roundings of the largest torque that enters, M q_ddot.
-        M = np.abs(joint_space_mass_matrix(chain, state.q))
-        size = np.max(M @ np.abs(q_ddot)) + np.abs(state.tau_s).max()
-        np.testing.assert_allclose(tau, state.tau_s, rtol=0, atol=100 * chain.n * EPS * size)
-    for state in draw(chain, 20, seed=16):
-        a = forward_dynamics(chain, state.q, state.q_dot, state.tau_s, state.F_e)
-        b = forward_dynamics_by_mapping(chain, state.q, state.q_dot, state.tau_s, state.F_e)
-        # Two backward stable solutions differ by cond(M) times some 100 roundings.
-        cond = np.linalg.cond(joint_space_mass_matrix(chain, state.q))
-        np.testing.assert_allclose(a, b, rtol=0, atol=100 * EPS * cond * np.abs(b).max())
-
-
-def test_jacobian_gives_the_velocity_of_the_end_effector_and_its_transpose_takes_the_wrench(chain, draw):
-    for state in draw(chain, 5, seed=17):
-        p, R = end_effector_pose(chain, jets(state.q, state.q_dot, state.q_ddot))
-        R_now = derivative(R, 0)
-        S = R_now.T @ derivative(R, 1)
-        V_O = np.concatenate([R_now.T @ derivative(p, 1), [S[2, 1], S[0, 2], S[1, 0]]])
-        # Some 100 products of sizes up to 10 m/s.
-        np.testing.assert_allclose(jacobian(chain, state.q) @ state.q_dot, V_O, rtol=0, atol=1e-13)
-    for state in draw(chain, 5, seed=18):
-        with_wrench = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot, state.F_e)
-        without = inverse_dynamics(chain, state.q, state.q_dot, state.q_ddot)
-        expected = jacobian(chain, state.q).T @ state.F_e
-        # A difference of torques up to 1000 N m: 1e-12 of that is 5000 roundings.
-        np.testing.assert_allclose(with_wrench - without, expected, rtol=0, atol=1e-9)
-        assert np.abs(expected).max() > 1.0
 
 
 def test_extended_jacobian_maps_the_end_effector_to_all_velocities(arm, draw):

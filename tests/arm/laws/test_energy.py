@@ -4,10 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from tests.arm.balanced import EVERY_CHAIN
-from tests.arm.laws.energies import ENERGIES, energy
+from tests.arm.laws.energies import ENERGIES
 from vdfmu.arm.equations.flexible_joint import split_state
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.harmonic_drive import kinematic_error
@@ -64,30 +63,6 @@ def test_kinematic_error_trades_energy_with_the_rotor(general, draw):
         # As above, and the phase 2 ell kappa, up to 4e3 rad, has 1e4 roundings of its own.
         assert rate == pytest.approx(flow, abs=1e4 * EPS * size)
         assert abs(trade) > 1e-3
-
-
-@pytest.mark.parametrize("friction", [True, False])
-def test_energy_balance_along_an_integrated_trajectory(robot, plant_function, friction):
-    # Friction is widened to 0.05 rad/s, so that an explicit method can follow it through standstill.
-    robot = robot.with_parameters(eps=0.05)
-    if not friction:
-        robot = robot.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-    n = robot.n
-    right_hand_side = plant_function(robot, "derivatives")
-    tau, F_e = np.full(n, 0.1), np.array([3.0, -2.0, 1.0, 0.3, 0.2, -0.1])
-
-    def rate(_, y):
-        return np.append(right_hand_side(y[:-1], tau, F_e), power_in(robot, y[:-1], tau, F_e))
-
-    x = np.concatenate([np.linspace(0.3, 0.9, n), np.full(n, 0.2), np.full(n, -0.1), np.full(n, 5.0)])
-    solution = solve_ivp(rate, (0.0, 0.03), np.append(x, 0.0), method="DOP853", rtol=1e-9, atol=1e-9)
-    assert solution.success
-    start, end = (energy(plant_outputs(robot, y)) for y in (x, solution.y[:-1, -1]))
-    work = solution.y[-1, -1]
-    # Local errors of 1e-9 in every state, some 300 steps, times the forces that turn a state's error into
-    # energy: a position's by up to 100 N m, a velocity's by up to 10 J s/rad.
-    assert end - start == pytest.approx(work, abs=1e-5)
-    assert abs(work) > 0.03
 
 
 def test_potential_energy_gives_the_gravity_torque(chain, draw):

@@ -4,7 +4,6 @@ Exceptions are declared beside the table, with reasons. A parameter that moves t
 """
 
 import dataclasses
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -12,15 +11,12 @@ import pytest
 
 from tests.arm.balanced import EVERY_CHAIN
 from tests.conftest import OPTIONS, draw_states, make_general_chain
-from vdfmu.arm.drive.option import Array, row
 from vdfmu.arm.drive.options import options_of
-from vdfmu.arm.equations import flexible_joint as joints
 from vdfmu.arm.equations.feedforward import feedforward_inverse
 from vdfmu.arm.equations.flexible_joint import drive_losses, drive_torque, split_state
 from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.equations.trajectory import desired_motion
-from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, NOT_BALANCED, NOT_INVERTED, PARAMETERS, Row
 from vdfmu.compiler.scalar.jet import derivative, jets
 
@@ -184,35 +180,3 @@ def test_power_is_balanced_with_all_options_at_once(friction):
 def test_each_exception_is_of_a_parameter_an_option_or_a_flag():
     assert {*NOT_INVERTED} <= {*PARAMETERS, *JOINT_OPTIONS, "rotor_coupling"}
     assert {*NOT_BALANCED} <= {*PARAMETERS}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Damped(Robot):
-    """A robot with a damper beside each spring."""
-
-    d_s: Array = row("drive", "damping", "damping beside the spring, link-side", "", 1e9, 0.0, default=0.0)
-
-
-@pytest.mark.parametrize("accounted", [False, True])
-def test_the_walk_finds_a_damper_that_the_plant_alone_knows(monkeypatch, accounted):
-    """A field of the table and the torque of the plant: without losses power is missing, with them the inverse."""
-    robot = walker()
-    damped = Damped(**{f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)}, d_s=np.zeros(robot.n))
-    (field,) = (f for f in dataclasses.fields(Damped) if f.name == "d_s")
-    of = Row("d_s", *field.metadata["row"], **field.metadata["rest"])
-    monkeypatch.setitem(PARAMETERS, "d_s", of)
-    torque, losses, stretch = joints.drive_torque, joints.drive_losses, joints.stretch_rate
-    monkeypatch.setattr(joints, "drive_torque", lambda robot, s: torque(robot, s) + robot.d_s * stretch(robot, s))
-    if accounted:
-        heat = lambda robot, s: losses(robot, s) + robot.d_s * stretch(robot, s) ** 2  # noqa: E731
-        monkeypatch.setattr(f"{__name__}.drive_losses", heat)
-    with pytest.raises(AssertionError, match="d_s: the exact inverse does not know it"):
-        check(damped, of)
-    assert (imbalance(changed(damped, of)) < 1.0) == accounted
-
-
-@pytest.mark.parametrize("declared", ["NOT_INVERTED", "NOT_BALANCED"])
-def test_a_declared_exception_that_holds_is_found(monkeypatch, declared):
-    monkeypatch.setitem(globals()[declared], "mass", "not so")
-    with pytest.raises(AssertionError, match="mass: declared, though"):
-        check(walker("link"), PARAMETERS["mass"])

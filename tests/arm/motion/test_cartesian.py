@@ -59,18 +59,6 @@ def test_the_end_effector_keeps_its_speed(planar, arm):
     assert motions.line(arm, q, p, orientation=turn, speed=0.2, duration=1.0).duration == 1.0
 
 
-def test_knots_are_doubled_until_the_line_is_as_straight_as_asked(planar, monkeypatch):
-    monkeypatch.setattr("vdfmu.arm.motion.cartesian._FIRST", 16)
-    coarse, fine = (
-        motions.line(planar, [0.3, 0.8], [0.1, 0.0, 0.6], duration=1.0, tolerance=tolerance)
-        for tolerance in (0.1, 1e-5)
-    )
-    assert len(fine.knots) > len(coarse.knots) == 21  # 16 intervals, and two more knots at each end
-    monkeypatch.setattr("vdfmu.arm.motion.cartesian._MOST", 16)
-    with pytest.raises(UsageError, match="expected at most 1e-17 m or rad from the path"):
-        motions.line(planar, [0.3, 0.8], [0.5, 0.0, 0.6], duration=1.0, tolerance=1e-17)
-
-
 def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
     l_1, l_2 = 0.5, 0.4
     q = np.array([0.3, 0.8])

@@ -14,7 +14,6 @@ DELETE = object()
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("name",), DELETE, r"name: expected a string that is not empty, got nothing\. The key is missing: add it\."),
-    (("name",), "", r'name: expected a string that is not empty, got ""'),
     (("name",), 3, r"name: expected a string that is not empty, got 3\. Write a string in quotes"),
     (("gravity",), DELETE, r"gravity: expected 3 finite numbers in m/s2, got nothing"),
     (("gravity",), 9.81, r"gravity: expected 3 finite numbers in m/s2, got one number\. Write 3 numbers"),
@@ -36,17 +35,14 @@ FAULTS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("joints", 1, "rotation"), [[1, 0, 0], [0, 1, 0], [0, 0, -1]],
      r"rotation: expected a rotation of determinant \+1, got determinant -1\. It mirrors"),
     (("joints", 1, "link", "mass"), 0, r"joints\[2\]\.link\.mass: expected a finite number > 0 in kg, got 0\."),
-    (("joints", 1, "link", "mass"), -3.2, r"joints\[2\]\.link\.mass: expected a finite number > 0 in kg, got -3\.2"),
     (("joints", 1, "link", "mass"), True, r"mass: expected a finite number > 0 in kg, got true\. Write a number"),
     (("tool_rotation",), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.1, 1.0]],
      r"my\.toml: tool_rotation: expected an orthogonal matrix .* got .* R\^T - E\| up to 0\.1"),
-    (("joints", 1, "link", "mass"), math.nan, r"joints\[2\]\.link\.mass: .* got nan"),
     (("joints", 1, "link", "mass"), 10**400, r"joints\[2\]\.link\.mass: .* got 1000"),
     (("joints", 1, "link", "mas"), 1.0, r'joints\[2\]\.link\.mas: .* an unknown one\. Did you mean "mass"\?'),
     (("joints", 1, "link"), DELETE, r"joints\[2\]\.link: expected a table, got nothing"),
     (("joints", 1, "link", "inertia"), DELETE, r"joints\[2\]\.link\.inertia: expected .* kg\.m2, got nothing"),
     (("joints", 1, "link", "inertia"), -1.0, r"inertia: expected positive definite, in kg\.m2, got principal moments"),
-    (("joints", 1, "link", "inertia"), "big", r'inertia: expected a finite number in kg\.m2, got "big"'),
     (("joints", 1, "link", "inertia"), [1.0, 2.0, 3.1],
      r"inertia: expected no .* \(triangle inequality\), got principal moments 1, 2, 3\.1 kg"),
     (
@@ -59,11 +55,8 @@ FAULTS: list[tuple[tuple[Any, ...], Any, str]] = [
      r"inertia: expected a symmetric matrix"),
     (("joints", 1, "link", "inertia"), [1.0, 2.0], r"inertia: expected 3 finite numbers in kg\.m2, got 2\..*3 x 3"),
     (("joints", 0, "drive", "ell"), 0.5, r"joints\[1\]\.drive\.ell: expected a finite number >= 1, got 0\.5"),
-    (("joints", 0, "drive", "I_m"), 0, r"I_m: expected a finite number > 0 in kg\.m2, got 0"),
     (("joints", 0, "drive", "K_f0"), -1, r"K_f0: expected a finite number > 0 in N\.m/rad, got -1"),
-    (("joints", 0, "drive", "K_w0"), 0, r"K_w0: expected a finite number > 0 in N\.m/rad, got 0"),
     (("joints", 0, "drive", "c_f"), 0, r"c_f: .* got 0\. For a linear spring give a small value"),
-    (("joints", 0, "drive", "c_w"), 0, r"c_w: .* got 0\. For a linear spring give a small value"),
     (("joints", 0, "drive", "theta_err_amplitude"), -1e-4, r"theta_err_amplitude: expected .* >= 0 in rad"),
     (
         # 2 * 100 * 0.0025 is the limit itself.
@@ -72,10 +65,7 @@ FAULTS: list[tuple[tuple[Any, ...], Any, str]] = [
         r"theta_err_amplitude: expected 2\*ell\*theta_err_amplitude < 0\.5, got ell = 100, .* = 0\.0025\. Lower",
     ),
     (("joints", 0, "friction", "f_c"), -0.1, r"f_c: expected a finite number >= 0 in N\.m, got -0\.1"),
-    (("joints", 0, "friction", "f_v"), -0.1, r"f_v: expected a finite number >= 0 in N\.m\.s/rad"),
-    (("joints", 0, "friction", "f_ck"), -0.1, r"f_ck: expected a finite number >= 0"),
     (("joints", 0, "friction", "f_s"), 0.1, r"f_s: expected f_s >= f_c, got f_s = 0\.1, f_c = 0\.3\. Set f_s = f_c"),
-    (("joints", 0, "friction", "v_s"), 0, r"v_s: expected a finite number > 0 in rad/s, got 0"),
     (("joints", 0, "friction", "eps"), 0.0, r"eps: expected a finite number > 0 in rad/s, got 0\.0"),
     (("sources",), "the paper", r"sources: expected a table"),
     (("sources", "gravity"), 1, r"sources\.gravity: expected a string, got 1"),

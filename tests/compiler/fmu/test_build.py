@@ -1,7 +1,6 @@
 """Building: the same bytes from the same sources, nothing stale, nothing built that could not start."""
 
 import dataclasses
-import json
 import sys
 import zipfile
 from collections.abc import Mapping
@@ -212,11 +211,3 @@ def test_a_robot_that_is_not_physical_unknown_units_and_closed_folders_are_refus
     for backend in ("python", "native"):
         with pytest.raises(FmuError, match=r"file/PDController.fmu: cannot be written: .*Choose another folder"):
             build_fmus(planar, tmp_path / "file", units=["controller"], backend=backend, folded=True)
-
-
-def test_the_content_file_reads_back(planar, tmp_path):
-    content = Content(shipped_units()["plant"], planar, {"q_0[1]": 0.1, "equilibrium": False})
-    (tmp_path / "vdfmu.json").write_text(content.to_json(), encoding="utf-8")
-    again = Content.read(tmp_path, "Plant")
-    assert again.guid == content.guid
-    assert json.loads(again.to_json()) == json.loads(content.to_json())

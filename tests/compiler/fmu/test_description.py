@@ -8,7 +8,6 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from vdfmu.arm.units import shipped_units
-from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.compiler.unit.interface import Interface
 
 
@@ -143,17 +142,3 @@ def test_model_structure_lists_each_output_twice_and_nothing_else(root, robots, 
             dependencies = [int(k) - 1 for k in unknown.get("dependencies").split()]
             sources = [i for i in declared(output) if table.memory[i].causality in ("input", "parameter")]
             assert dependencies == sources
-
-
-def test_names_count_from_one_in_one_group_and_no_limit_is_far_above_any_motor(robots, robot_name, unit_name):
-    """FMI 2.0 has no infinity that every importer reads."""
-    table = Interface(shipped_units()["controller"], robots["planar_2dof"])
-    assert table.find("tau_max[1]").start == NO_LIMIT >= 1e9
-    table = Interface(shipped_units()[unit_name], robots[robot_name])
-    for group, where in table.groups.items():
-        members = table.variables[where]
-        assert {v.group for v in members} == {group}
-        if members[0].index:
-            assert min(min(v.index) for v in members) >= 0
-            assert all("[0" not in v.name and ",0" not in v.name for v in members)
-    assert sum(where.stop - where.start for where in table.groups.values()) == len(table)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.arm.laws.ends import rounded_ends
-from tests.compiler.conftest import BOTH
+from tests.compiler.conftest import EACH
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.pd import pd_control
 from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative, plant_outputs
@@ -34,12 +34,12 @@ def another(robot: Robot, rng: np.random.Generator) -> Robot:
 
 
 def set_robot(unit: Any, robot: Robot) -> None:
-    references = {v.name: v.valueReference for v in unit.description.modelVariables}
-    values = {p.name: value for p, value in zip(robot.entries(), robot.values(), strict=True) if p.name in references}
-    unit.fmu.setReal([references[name] for name in values], [float(value) for value in values.values()])
+    for entry, value in zip(robot.entries(), robot.values(), strict=True):
+        if entry.name in unit.model.references:
+            unit.set_one(entry.name, float(value))
 
 
-@BOTH
+@EACH
 def test_the_trajectory_is_equation_57_and_at_its_ends_does_not_depend_on_rounding(open_unit, robot_name, robots):
     n = robots[robot_name].n
     q_start, q_end = np.linspace(-0.4, 0.3, n), np.linspace(0.9, -1.1, n)
@@ -56,16 +56,16 @@ def test_the_trajectory_is_equation_57_and_at_its_ends_does_not_depend_on_roundi
         for begin, end in pairs:
             unit.start(begin, q_start=0.0, q_end=1.0, T=T, t_start=t_start)
             assert (unit.get("q_d_dddot") > 0.0).all()
-            unit.fmu.reset()
+            unit.do("Reset")
             unit.start(end, q_start=0.0, q_end=1.0, T=T, t_start=t_start)
             for name in Desired._fields[1:]:
                 assert not unit.get(name).any()
-            unit.fmu.reset()
+            unit.do("Reset")
 
 
 @pytest.mark.parametrize("velocity", [0, 1, 2])
 @pytest.mark.parametrize("tau_max", [1e12, 0.5])
-@BOTH
+@EACH
 def test_the_controller_is_equation_58(open_unit, robot_name, robots, velocity, tau_max):
     n = robots[robot_name].n
     rng = np.random.default_rng(5)
@@ -87,7 +87,7 @@ def test_the_controller_is_equation_58(open_unit, robot_name, robots, velocity, 
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-@BOTH
+@EACH
 def test_the_feedforward_is_that_of_its_mode(open_unit, robot_name, robots, mode):
     """Mode 0: the exact inverse of the plant. Mode 1: virtual decomposition, Eq. (12)-(27), (48)-(53)."""
     rng = np.random.default_rng(6)
@@ -113,6 +113,7 @@ def test_the_feedforward_is_that_of_its_mode(open_unit, robot_name, robots, mode
         same(unit.get("kappa_dot_d"), expected.kappa_dot_d)
 
 
+@EACH
 def test_the_estimator_is_that_of_equations_2_and_3(open_unit, robot_name, robots):
     """Also far out, where both estimates are the limit."""
     rng = np.random.default_rng(10)
@@ -144,7 +145,7 @@ def same_outputs(unit: Any, robot: Robot) -> None:
         same(unit.get(group), np.ravel(value), scale=10.0)
 
 
-@BOTH
+@EACH
 def test_the_plant_starts_in_equilibrium_or_from_given_values(open_unit, robot_name, robots):
     rng = np.random.default_rng(7)
     robot = another(robots[robot_name], rng)
@@ -167,7 +168,7 @@ def test_the_plant_starts_in_equilibrium_or_from_given_values(open_unit, robot_n
     same_outputs(unit, robots[robot_name])
 
 
-@BOTH
+@EACH
 def test_the_plant_moves_by_its_differential_equation(open_unit, robot_name, robots):
     """Against scipy on the numpy equations, with torque and wrench held over each of three steps."""
     rng = np.random.default_rng(9)
@@ -191,7 +192,7 @@ def test_the_plant_moves_by_its_differential_equation(open_unit, robot_name, rob
     assert moved.max() > 1e-3  # far above the tolerance
 
 
-@BOTH
+@EACH
 def test_one_step_or_many_is_the_same_motion_wherever_time_starts(open_unit):
     """The communication step does not change the solution, only where it is shown; errors as above."""
     once = open_unit("plant").start(tolerance=1e-10, q_0=[0.4, -0.3]).step(0.02)
@@ -202,7 +203,7 @@ def test_one_step_or_many_is_the_same_motion_wherever_time_starts(open_unit):
     np.testing.assert_allclose(often.outputs(), once.outputs(), rtol=1e-8, atol=1e-8)
     # The plant does not depend on time: started at 1e4 s it moves to the same bits.
     early, late = open_unit("plant").start(0.0, q_0=0.3), open_unit("plant").start(1e4, q_0=0.3)
-    for k in range(10):
-        early.fmu.doStep(k * 2.0**-10, 2.0**-10)  # a step that is exact in binary
-        late.fmu.doStep(1e4 + k * 2.0**-10, 2.0**-10)
+    for _ in range(10):
+        early.step(2.0**-10)  # exact in binary
+        late.step(2.0**-10)
     assert np.array_equal(early.outputs(), late.outputs())

@@ -8,6 +8,7 @@ from typing import Any
 import fmpy
 import pytest
 
+from tests.compiler.native.binding import Instance, Model
 from vdfmu import __version__
 from vdfmu.arm.fmus import build_fmus
 
@@ -115,9 +116,8 @@ def test_a_python_without_the_packages_says_what_to_install(folders, run_python,
     assert said.count("raised: Failed to instantiate model") == 3
 
 
-def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar, tmp_path, open_unit):
+def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar, tmp_path):
     """Nothing of an FMU is remembered by its folder."""
-    unit = type(open_unit("plant"))
     weights = []
     for mass in (2.0, 3.0):
         built = build_fmus(
@@ -125,8 +125,8 @@ def test_a_rebuilt_fmu_in_the_same_folder_is_read_anew(planar, tmp_path, open_un
         )
         shutil.rmtree(tmp_path / "unpacked", ignore_errors=True)
         fmpy.extract(built["plant"], tmp_path / "unpacked")
-        plant = unit(tmp_path / "unpacked")
-        weights.append(plant.start().get("tau_s")[0])
-        plant.fmu.freeInstance()
+        plant = Instance(Model(tmp_path / "unpacked")).start()
+        weights.append(plant.get("tau_s")[0])
+        plant.free()
     # static equilibrium, g a1 per kilogram of link 1; the weights are rounded to 1e-15
     assert weights[1] - weights[0] == pytest.approx(9.81 * 0.25, rel=1e-14)

@@ -7,7 +7,6 @@ import pytest
 
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.units import shipped_units
-from vdfmu.base.measure import measure
 from vdfmu.compiler.unit.interface import Interface
 
 
@@ -24,25 +23,6 @@ def first_joint(robot: Robot) -> Robot:
 
 def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
     return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
-
-
-def test_the_memory_is_the_table_then_derivatives_in_their_units_then_time(interface, unit_name):
-    N, n = len(interface), interface.robot.n
-    n_x = 4 * n if unit_name == "plant" else 0
-    assert interface.memory[:N] == interface.variables
-    assert interface.size == N + n_x + 1 == len(interface.memory)
-    assert interface.derivatives == slice(N, N + n_x)
-    assert interface.time == N + n_x
-    assert interface.memory[interface.time].name == "time"
-    states, derivatives = interface.memory[interface.states], interface.memory[interface.derivatives]
-    assert [f"der({v.name})" for v in states] == [v.name for v in derivatives]
-    assert {v.group for v in states} == ({"q", "q_dot", "kappa_dot", "tau_s"} if n_x else set())
-    for state, rate in zip(interface.memory[interface.states], interface.memory[interface.derivatives], strict=True):
-        of_state, of_rate = measure(state.unit or "").exponents, measure(rate.unit or "").exponents
-        expected = of_state | {"s": of_state.get("s", 0) - 1}
-        assert of_rate == expected, rate.name
-        assert (rate.causality, rate.variability, rate.start) == ("local", "continuous", None)
-        assert rate.description.startswith(f"Joint {rate.index[0] + 1}: derivative of the ")
 
 
 def test_arrays_fill_the_memory_row_by_row(interface):
@@ -91,35 +71,6 @@ def test_what_is_whole_and_of_one_unit_is_an_array(planar, general, robots):
     shape_by_name = shapes("plant", one_joint)
     assert shape_by_name["q"] == shape_by_name["der(q)"] == shape_by_name["mass"] == (1,)
     assert shapes("controller", one_joint)["K_p"] == (1,)
-
-
-def test_the_description_of_an_array_names_no_element(interface):
-    for array in interface.arrays:
-        text = interface.array_description(array)
-        if array.shape:
-            assert "Joint" not in text and "axis 1" not in text and "row" not in text.split("(")[0]
-            assert text[0].isupper()
-        else:
-            assert text == interface.memory[array.first].description
-
-
-def test_dependencies_name_what_is_known_and_only_the_trajectory_time(interface, unit_name):
-    states, end = range(interface.states.start, interface.states.stop), interface.time
-    for position, variable in enumerate(interface.memory):
-        step, start = interface.step_dependencies(position), interface.start_dependencies(position)
-        if variable.causality in ("output", "local"):
-            for i in step:
-                assert interface.memory[i].causality == "input" or i in states or i == end, (
-                    variable.name,
-                    interface.memory[i].name,
-                )
-            assert {interface.memory[i].causality for i in start} <= {"input", "parameter", "independent"}
-            assert (step, start) == (sorted(step), sorted(start))
-        else:
-            assert step == start == []
-    calculated = [i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")]
-    for dependencies in (interface.step_dependencies, interface.start_dependencies):
-        assert {interface.time in dependencies(i) for i in calculated} == {unit_name == "trajectory"}
 
 
 def test_states_and_derivatives_depend_on_what_their_equations_hold(robots):

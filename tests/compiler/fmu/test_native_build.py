@@ -4,9 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +13,7 @@ import pytest
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
 from vdfmu.base import compile, platforms
-from vdfmu.base.compile import Compilation, _Workshop, compile_library
+from vdfmu.base.compile import Compilation, compile_library
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.platforms import PLATFORMS, native_available, this_platform
 from vdfmu.compiler.fmu.content import Content
@@ -142,22 +140,6 @@ def test_a_second_build_compiles_nothing(planar, tmp_path, monkeypatch):
         assert second[unit].read_bytes() == path.read_bytes()
 
 
-def test_other_start_values_compile_the_tables_alone(planar, tmp_path, monkeypatch):
-    """The traced equations are the same for all values of parameters and for both versions of FMI."""
-    build_fmus(planar, tmp_path, units=FAST, backend="native", folded=True)
-    compiled: list[str] = []
-    run = compile._Workshop._object
-
-    def record(self: object, job: Compilation, place: Path, name: str, key: str) -> None:
-        compiled.append(name)
-        run(self, job, place, name, key)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(compile._Workshop, "_object", record)
-    values = {"controller": {"K_p[1]": 123.0 + os.getpid()}}
-    build_fmus(planar, tmp_path, units=["controller"], parameters=values, backend="native", folded=True)
-    assert compiled == ["together.c"]
-
-
 @pytest.mark.parametrize("platform", [name for name, each in PLATFORMS.items() if each.libraries])
 def test_a_library_may_have_memory_of_each_thread(platform, cold):
     """Functions of long arms have, which calls the system's loader on some platforms."""
@@ -187,57 +169,6 @@ def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, mon
         for each in kept:
             each.cache_clear()
     assert not (tmp_path / "out").exists()
-
-
-def test_a_unit_is_compiled_while_the_next_is_traced(monkeypatch, cold):
-    begun = threading.Event()
-    first, here = compile._Workshop._object, this_platform()
-
-    def object_of(*arguments: object) -> None:
-        begun.set()
-        first(*arguments)
-
-    def jobs() -> Iterator[Compilation]:
-        yield Compilation("Small", SMALL, here)
-        assert begun.wait(60.0)  # s; far more than a process takes to start
-        yield Compilation("Other", {"other.c": b"double other(double x) { return x; }\n"}, here)
-        yield Compilation("Small", SMALL, here)
-
-    monkeypatch.setattr(compile._Workshop, "_object", object_of)
-    small, other, again = compile.compile_libraries(jobs())
-    assert small == again != other
-
-
-def test_what_runs_rarely_is_not_optimised_and_nothing_has_debug_information(cold):
-    """Derivatives, and the step where it has a copy for AVX2, which other processors than x86-64 never run."""
-    names = (
-        "kernel_a_step.c", "kernel_a_step_avx2.c", "kernel_a_outputs.c", "kernel_a_outputs_forward_reverse.c", "rare.c"
-    )  # fmt: skip
-    for platform, expected in (
-        ("x86_64-linux", [True, False, False, True, True]),
-        ("aarch64-linux", [False, False, False, True, True]),
-    ):
-        job = Compilation("a", dict.fromkeys(names, b""), platform)
-        assert ["-O0" in job.flags_of(name) for name in names] == expected
-    compile_library(SMALL, "x86_64-linux", name="Small")
-    stored = [file.read_bytes() for file in (cold / "native").iterdir()]
-    assert stored
-    assert not [code for code in stored if b".debug_info" in code]
-
-
-def test_short_files_are_one_object_and_rare_code_is_another():
-    """Each start of a compiler costs as much as a short function. A solver's step keeps its own flags."""
-    long = b" " * 10_001
-    short = {name: b"" for name in ("kernel_a.c", "kernel_a_step.c", "kernel_a_step_avx2.c", "operations.c", "unit.h")}
-    sources = short | {name: long for name in ("kernel_b.c", "kernel_b_forward_reverse.c", "unit.c")}
-    files = Compilation("a", sources, "x86_64-linux").files
-    assert files == {
-        "kernel_a_step_avx2.c": b"", "kernel_b.c": long, "operations.c": b"",
-        "together.c": b'#include "kernel_a.c"\n#include "unit.c"\n',
-        "rare.c": b'#include "kernel_a_step.c"\n#include "kernel_b_forward_reverse.c"\n',
-    }  # fmt: skip
-    on_arm = Compilation("a", sources, "aarch64-linux").files
-    assert on_arm["kernel_a_step.c"] == b"" and on_arm["together.c"] == files["together.c"]
 
 
 def test_an_object_of_several_files_depends_on_each():
@@ -295,18 +226,6 @@ def test_a_full_disk_is_told(monkeypatch, cold):
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(FmuError, match=r"cannot be compiled: .*No space left.*TMPDIR and VDFMU_CACHE_DIR"):
         compile_library(SMALL, this_platform(), name="Small")
-
-
-def test_each_link_says_why_the_libraries_to_link_with_are_not_there(tmp_path, monkeypatch):
-    def refuse(*_: object) -> None:
-        raise FmuError("no room")
-
-    monkeypatch.setattr(_Workshop, "_run", refuse)
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    workshop = _Workshop(str(tmp_path))
-    for _ in range(2):  # links run side by side, and any of them may be the first whose error is told
-        with pytest.raises(FmuError, match="no room"):
-            workshop._system_libraries(Compilation("Small", SMALL, "x86_64-linux"))
 
 
 @pytest.mark.heavy

@@ -7,10 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import pytest
 
-from tests.compiler.native.binding import Instance, Model
+from tests.compiler.native.binding import Model
 from tests.compiler.native.fmi_types import HEADERS
 
 HERE = Path(__file__).parent
@@ -21,36 +20,6 @@ VERSIONS = ("2.0", "3.0")
 def native_fmu(built):
     """Return the FMU of a unit: ``native_fmu(unit, version, robot)``."""
     return lambda unit, version="2.0", robot="planar_2dof": built("native", robot, version)[unit]
-
-
-@pytest.fixture(scope="session")
-def model(native_fmu, tmp_path_factory):
-    @cache
-    def unpack(unit: str, version: str = "2.0", robot: str = "planar_2dof") -> Model:
-        folder = tmp_path_factory.mktemp(f"{unit}_{version[0]}")
-        return Model(Path(fmpy.extract(native_fmu(unit, version, robot), folder)))
-
-    return unpack
-
-
-@pytest.fixture
-def native(model):
-    """Instantiate ``native(unit, version, robot, **options of Instance)``; freed at the end of the test."""
-    opened: list[Instance] = []
-
-    def instantiate(unit: str = "plant", version: str = "2.0", robot: str = "planar_2dof", **options: Any) -> Instance:
-        opened.append(Instance(model(unit, version, robot), **options))
-        assert opened[-1].pointer, opened[-1].messages
-        return opened[-1]
-
-    yield instantiate
-    for instance in opened:
-        instance.free()
-
-
-@pytest.fixture(params=VERSIONS)
-def version(request):
-    return request.param
 
 
 def program(name: str, package: str, *places: str) -> str:

@@ -215,20 +215,7 @@ def per_element(unit: Instance, positions: Sequence[str]) -> dict[str, set[str]]
     return sources
 
 
-def nonzero(jacobian: np.ndarray, rows: Sequence[str], columns: Sequence[str]) -> set[tuple[str, str]]:
-    return {(rows[i], columns[j]) for i, j in zip(*np.nonzero(jacobian), strict=True)}
-
-
-def pairs(listed: dict[str, set[str]]) -> set[tuple[str, str]]:
-    return {(unknown, source) for unknown, knowns in listed.items() for source in knowns}
-
-
-def without_choices(unit: Instance, dependencies: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Dependencies on reals: a derivative in an integer is none."""
-    return {(a, b) for a, b in dependencies if unit.model.references[b][0].type == "Real"}
-
-
-def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(native, unit_name, robot_name):
+def test_dependencies_of_elements_are_those_of_the_model_structure(native, unit_name, robot_name):
     """Those of FMI 3 also name the time, and what it moves is what depends on it: the trajectory."""
     two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
     positions = [*elements(two.model.variables), "time"]
@@ -241,48 +228,6 @@ def test_dependencies_of_elements_and_arrays_are_those_of_the_model_structure(na
         timed = {name for name, knowns in sources.items() if "time" in knowns}
         assert timed == (set(sources) if unit_name == "trajectory" else set())
         assert {name: knowns - {"time"} for name, knowns in sources.items()} == structure(two, tag), phase
-    # The ModelStructure of FMI 3 names whole arrays.
-    two, three = native(unit_name, "2.0", robot_name), native(unit_name, "3.0", robot_name)
-    positions = [*elements(two.model.variables), "time"]
-    owner = {positions[v.reference + i]: v.reference for v in three.model.variables for i in range(len(v.names))}
-    three.setup().enter().do("ExitInitializationMode")
-    listed = per_element(three, positions)
-    for tag in ("Output", "ContinuousStateDerivative"):
-        for unknown in three.model.root.findall(f"ModelStructure/{tag}"):
-            reference = int(unknown.attrib["valueReference"])
-            members = [name for name in listed if owner[name] == reference]
-            expected = {owner[source] for name in members for source in listed[name]}
-            assert {int(word) for word in unknown.attrib["dependencies"].split()} == expected
-
-
-def test_nothing_depends_on_what_is_not_declared_and_declared_dependencies_are_seen(native, unit_name):
-    """Planar arm. Slopes that are not zero at some point, against what is declared, in both phases."""
-    initial: set[tuple[str, str]] = set()
-    later: set[tuple[str, str]] = set()
-    for choices in POINTS[unit_name]:
-        unit = native(unit_name)
-        knowns, unknowns, *_ = initial_case(unit, choices)
-        initial |= nonzero(directional(unit, unknowns, knowns), elements(unknowns), elements(knowns))
-        kind = "ModelExchange" if unit_name == "plant" else "CoSimulation"
-        unit = native(unit_name, kind=kind)
-        case = exchange_case if unit_name == "plant" else stepping_case
-        knowns, unknowns, *_ = case(unit, choices)
-        if knowns:
-            later |= nonzero(directional(unit, unknowns, knowns), elements(unknowns), elements(knowns))
-    unit = native(unit_name)
-    for observed, tag in ((initial, "InitialUnknowns"), (later, "Outputs")):
-        declared = without_choices(unit, pairs(structure(unit, tag)))
-        assert sorted(observed - declared) == []
-        unseen = sorted(declared - observed)
-        assert all(hidden(*pair) for pair in unseen), unseen
-
-
-def hidden(unknown: str, source: str) -> bool:
-    """Whether the equations have a dependency and the start has not."""
-    # In equilibrium the rotors move with their links: der(tau_s) is the stiffness times zero, and what changes the
-    # stiffness, the torque that holds the arm, has no effect.
-    holds = ("F_e", "centroid", "gravity", "mass", "offset", "q_0", "tool_offset")
-    return unknown.startswith("der(tau_s") and source.split("[")[0] in holds
 
 
 @pytest.mark.parametrize("name", ["GetDirectionalDerivative", "GetAdjointDerivative"])

@@ -6,18 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from tests.compiler.native.binding import Instance, doubles, references, same_bits
-from vdfmu.arm.equations.plant import plant_derivative
 
 Native = Callable[..., Instance]
 H = 1e-3
-STATES = ("q", "q_dot", "kappa_dot", "tau_s")
-
-
-def state(instance: Instance) -> np.ndarray:
-    return np.concatenate([instance.get(group) for group in STATES])
 
 
 def rate_arguments(instance: Instance, rates: dict[str, Any], order: int = 1) -> tuple[Any, ...]:
@@ -28,24 +21,6 @@ def rate_arguments(instance: Instance, rates: dict[str, Any], order: int = 1) ->
 
 def set_rates(instance: Instance, **rates: Any) -> Instance:
     return instance.do("SetRealInputDerivatives", *rate_arguments(instance, rates))
-
-
-def test_a_torque_with_a_rate_is_a_ramp(native, planar):
-    """Against scipy on the numpy equations; both err by some 1e-11 a step, of states up to 20 N.m."""
-    unit = native().start(tolerance=1e-11, q_0=[0.4, -0.3])
-    x = state(unit)
-    tau, F_e = np.array([0.1, -0.05]), np.array([1.0, -2.0, 0.5, 0.1, 0.2, -0.3])
-    tau_dot, F_e_dot = np.array([80.0, -60.0]), np.array([500.0, 800.0, 0.0, 30.0, 0.0, -40.0])
-    for k in range(3):
-        set_rates(unit.set(tau=tau, F_e=F_e), tau=tau_dot, F_e=F_e_dot).step(H)
-        solution = solve_ivp(
-            lambda t, x, tau=tau, F_e=F_e: plant_derivative(planar, x, tau + t * tau_dot, F_e + t * F_e_dot),
-            (0.0, H), x, method="DOP853", rtol=1e-12, atol=1e-12,
-        )  # fmt: skip
-        x = solution.y[:, -1]
-        np.testing.assert_allclose(state(unit), x, rtol=1e-9, atol=1e-9, err_msg=str(k))
-        tau, F_e = tau + H * tau_dot, F_e + H * F_e_dot
-        np.testing.assert_allclose(unit.get("tau"), tau, rtol=1e-15, atol=0.0)  # inputs are left at their end
 
 
 def test_rates_are_of_second_order_and_held_inputs_of_first(native):

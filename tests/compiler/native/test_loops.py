@@ -78,17 +78,6 @@ def test_slopes_are_those_of_the_operation(operation, tmp_path):
         np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-14)
 
 
-def test_a_recursion_whose_end_alone_is_a_result_is_one_loop(tmp_path):
-    x = ca.SX.sym("x", N)
-    product, total = ca.SX(1.0), ca.SX(0.0)
-    for i in range(N):
-        product = product * ca.cos(x[i]) - ca.sin(x[i])
-        total = total + product**2
-    chain = ca.Function("end", [x], [total, product], ["x"], ["y", "z"])
-    text = check_bits(chain, find_loops(chain, N), tmp_path)
-    assert text.count("for (int i") == 1
-
-
 def test_arguments_may_be_called_as_what_loops_count_with(tmp_path):
     i, r = ca.SX.sym("i", N), ca.SX.sym("r", N)
     function = ca.Function("counted", [i, r], [ca.sin(i) * r + ca.cos(r * i)], ["i", "r"], ["z"])

@@ -1,7 +1,7 @@
 """Wrong arguments are refused with words, change nothing, and the instance goes on to the bit.
 
-tests/compiler/fmu/test_misuse.py has the words of Python and native units; test_every_call.py has every function in
-every phase.
+test_misuse_values.py has values that are refused, test_every_call.py every function in every phase, and
+tests/compiler/fmu/test_python_unit.py what Python units say alone.
 """
 
 import ctypes as ct
@@ -9,6 +9,7 @@ import ctypes as ct
 import numpy as np
 import pytest
 
+from tests.compiler.conftest import EACH
 from tests.compiler.native.binding import DISCARD, ERROR, OK, Instance, doubles, references, same_bits
 from tests.compiler.native.fmi_types import LOG_2, Callbacks
 from tests.compiler.native.phases import PHASES, bring
@@ -56,6 +57,7 @@ def test_discard_where_the_standard_says_so(native, version):
     *((point, H, r"the communication point t = 0.001 s, .*, got t = \S+ s\.")
       for point in (0.0, 2 * H, H + 2e-9, -H, NAN, INF, 1e308)),
 ])  # fmt: skip
+@EACH
 def test_a_step_of_no_length_or_from_elsewhere_is_refused(native, version, unit_name, point, size, words):
     unit, twin = (native(unit_name, version).start().step() for _ in range(2))
     refused_step(unit, f"unit: doStep at t = 0.001 s failed: expected {words}", point, size)
@@ -113,6 +115,7 @@ def test_a_step_beyond_the_stop_time_is_refused(native, version, unit_name):
     ("plant", "f_s", [0.1, 0.05], r"f_s\[1\]: .*f_s\[2\]: "),  # all at once
 ])  # fmt: skip
 @pytest.mark.parametrize("late", [False, True])
+@EACH
 def test_parameters_that_do_not_fit_together_are_refused_when_the_unit_starts(
     native, version, name, variable, value, words, late
 ):
@@ -123,6 +126,10 @@ def test_parameters_that_do_not_fit_together_are_refused_when_the_unit_starts(
         unit.enter()
     put(variable, value)
     before = unit.complete()
+    if late:  # nor is there a value of an output
+        with unit.refuses(f"failed: .*{words}") as no:
+            output = unit.model.of("output")[0]
+            no(f"Get{unit._type('Real')}", *unit._values([output], unit._room("Real", len(output.names))))
     call = "ExitInitializationMode" if late else "EnterInitializationMode"
     with unit.refuses(rf"^unit: e{call[1:]} failed: .*{words}") as no:
         no(call, *(() if late else entering(unit)))
@@ -133,18 +140,21 @@ def test_parameters_that_do_not_fit_together_are_refused_when_the_unit_starts(
     unit.do("ExitInitializationMode").step()
 
 
+@EACH
 def test_outputs_have_no_value_before_the_initialization(native, version, unit_name):
     unit = native(unit_name, version)
     assert len(unit.read(unit.model.of("input", "parameter")))
     for v in unit.model.of("output", "local"):
         with unit.refuses(r"it has no value before enterInitializationMode\.") as no:
             no(f"Get{unit._type('Real')}", *unit._values([v], unit._room("Real", len(v.names))))
+    assert np.all(np.isfinite(unit.start().outputs()))
 
 
 END = r"Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance\.$"
 
 
 @pytest.mark.parametrize("torque", [1e12, 1e300, 1.7e308])
+@EACH
 def test_a_step_that_the_solver_cannot_make_is_told_with_time_and_state(native, version, torque):
     unit, twin = (native("plant", version).start(q_0=[0.3, 0.1]).step() for _ in range(2))
     words = (

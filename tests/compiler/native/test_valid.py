@@ -1,6 +1,5 @@
 """The FMUs are valid: fmpy's validator, the schemas, sources that compile anywhere, and nothing but FMI exported."""
 
-import ctypes
 import zipfile
 from pathlib import Path
 
@@ -40,14 +39,6 @@ def test_the_validator_of_fmpy_has_nothing_to_say_and_an_fmu_holds_what_the_stan
 def test_only_the_functions_of_fmi_are_exported(model, unit_name, version):
     names = elf_exports(Path(model(unit_name, version).library._name).read_bytes())
     assert names == {f"fmi{version[0]}{name}" for name in signatures(version)}
-
-
-def test_the_library_says_its_version(model, unit_name, version):
-    fmu = model(unit_name, version)
-    said = fmu.function("GetVersion")
-    assert ctypes.string_at(said()).decode() == version
-    if version == "2.0":
-        assert ctypes.string_at(fmu.function("GetTypesPlatform")()) == b"default"
 
 
 @pytest.mark.heavy

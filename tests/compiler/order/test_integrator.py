@@ -10,7 +10,7 @@ from vdfmu.base.errors import KernelError
 from vdfmu.compiler.unit import solver as module
 from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.solver import MAXIMUM_STEPS, MINIMUM_STEP, Integrator
+from vdfmu.compiler.unit.solver import MAXIMUM_STEPS, Integrator
 
 
 def start_of(robot):
@@ -149,16 +149,6 @@ def test_state_that_is_not_finite_is_named_with_its_time(planar):
     assert 2.0 < float(str(error.value).split("at t = ")[1].split()[0]) < 102.0
     np.testing.assert_array_equal(integrator.x, x)
     assert integrator.h == h
-
-
-@pytest.mark.parametrize("k", range(8))
-def test_the_state_that_fails_is_named_as_in_the_interface(planar, k):
-    names = [f"{kind}[{i}]" for kind in ("q", "q_dot", "kappa_dot", "tau_s") for i in (1, 2)]
-    integrator = integrator_of(planar)
-    assert [v.name for v in integrator.unit.interface.memory[integrator.unit.interface.states]] == names
-    integrator._x_new[k] = np.nan
-    assert integrator._problem(np.nan) == f"state {names[k]} is not finite"
-    assert MINIMUM_STEP == 1e-12
 
 
 def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(planar, monkeypatch):

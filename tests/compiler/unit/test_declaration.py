@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from vdfmu.arm.robot import load_robot
-from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.base.measure import derivative_of, measure, unit_of
-from vdfmu.compiler.unit.base import unit_name
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.interface import Interface, general_description
 from vdfmu.unit import (
@@ -228,12 +226,6 @@ ONE_EACH = "expected parameters with one number for each"
 def test_declarations_that_do_not_fit_the_robot_are_refused(declared, words):
     with pytest.raises(UnitError, match=words):
         Interface(type("Bad", (Unit,), declared), SLIDER)
-
-
-def test_names_of_units_are_words():
-    for name, expected in {"PDController": "pd_controller", "Wall": "wall", "Encoder2Bit": "encoder2_bit"}.items():
-        assert unit_name(type(name, (Unit,), {})) == expected
-    assert [unit_name(unit) for unit in shipped_units().values()] == list(shipped_units())
 
 
 @pytest.mark.parametrize(("name", "exponents"), [

@@ -195,13 +195,3 @@ def test_tables_of_shapes_that_do_not_fit_are_refused(value, words):
 
     with pytest.raises(UnitError, match=rf"line \d+: outputs\(\) of Misshapen fails: {words}"):
         Traced(Interface(Misshapen, None))
-
-
-def test_functions_on_floats_are_those_of_numpy():
-    assert (lookup(1.5, [0.0, 1.0, 2.0], [[1.0, 2.0], [3.0, 4.0]]) + 1.0).tolist() == [4.0, 5.0]
-    for row in VALUES:
-        np.testing.assert_array_equal(where(row > 0.0, row, 2.0), np.where(row > 0.0, row, 2.0))
-        np.testing.assert_array_equal(clip(row, -1.0, 1.0), np.clip(row, -1.0, 1.0))
-        np.testing.assert_array_equal(minimum(row, 0.5), np.minimum(row, 0.5))
-        np.testing.assert_array_equal(maximum(row, row[::-1]), np.maximum(row, row[::-1]))
-        np.testing.assert_array_equal(sgn(row), np.copysign(1.0, row))

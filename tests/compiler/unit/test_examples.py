@@ -1,14 +1,12 @@
 """Units of a user's own: those of examples/units, built, run and compared as a user would."""
 
 import json
-import platform
 
 import fmpy
 import numpy as np
 import pytest
 
 import vdfmu
-from benchmarks.importers import ask_rows, missing
 from tests.compiler.unit.conftest import EXAMPLES, command
 from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.fmus import build_fmus
@@ -173,29 +171,3 @@ def test_an_fmu_in_place_of_the_unit_that_it_was_built_of(examples, planar):
     same = vdfmu.run("planar_tracking", stop=0.2, out="again", reference=False, units={"controller": built})
     for name in ("plant.q", "controller.tau"):
         assert (same[name] == usual[name]).all()  # the same code: the same bits
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("importer", ["ecos", "libcosim"])
-def test_other_importers_give_the_same(system, importer):
-    here = (platform.system(), platform.machine())
-    if here not in {("Linux", "x86_64"), ("Windows", "AMD64")}:
-        pytest.skip(f"{importer} has no binaries for {' '.join(here)}")
-    assert not missing(importer), f"{missing(importer)}: `pip install .[test]` brings what these tests need"
-    step, stop = system.scenario.step, 0.5
-    results = simulate(system.package, stop=stop, step=step, algorithm="jacobi")
-    signals = [
-        f"{name}[{i}]"
-        for name in ("plant.q", "trajectory.q_d", "encoder.q_measured", "controller.tau", "wall.F_e")
-        for i in (1, 2)
-    ]
-    rows = ask_rows({
-        "run": "rows", "importer": importer, "path": str(system.package), "step": step, "steps": round(stop / step),
-        "signals": signals,
-    })  # fmt: skip
-    ours = np.column_stack([results[name] for name in signals])
-    first = 1 if importer == "libcosim" else 0  # it has no values before its first step
-    differences = np.abs(rows - ours)[first:].reshape(-1, 5, 2).max(axis=(0, 2))
-    # Rounding of the tools' time, 1e-16 s of speeds of 1 rad/s, in a loop that forgets; the wall's 2e4 N/m, and c of
-    # 100 N.s/m on velocities that carry 1e-12, make forces of it. An encoder that gave another step would show 2e-5.
-    assert (differences <= [1e-12, 1e-12, 1e-12, 1e-10, 1e-8]).all(), differences

@@ -278,33 +278,6 @@ def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, algorit
     assert not any("constant" in note for note in linear.notes)
 
 
-@pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_the_matrix_is_that_of_differences_of_a_whole_step(scenario, run, tmp_path, version):
-    """All start values moved, one by one, through one step of the run of FMUs; the loop is linear."""
-    run(scenario("chain"), stop=STEP, fmi_version=version)
-    package = tmp_path / "results" / "system.ssp"
-    system = vdfmu.linearize(package, at=0.0, sampled=True)
-    names = [name for name in system.states if not name.startswith("at ")]
-    assert sorted(names) == ["cart.v", "cart.x", "control.held", "control.old", "encoder.y"]
-    size = 0.5
-    with Simulator(package, isolate=False, tolerance=1e-12) as simulator:
-
-        def after(values: dict[str, float]) -> np.ndarray:
-            results = simulator.run(stop=STEP, parameters={f"{name}_0": x for name, x in values.items()})
-            return np.array([results[name][-1] for name in names])
-
-        start = dict.fromkeys(names, 0.0)
-        columns = [(after(start | {n: size}) - after(start | {n: -size})) / (2 * size) for n in names]
-    places = [system.states.index(name) for name in names]
-    # what waits at inputs is, at the start, what the outputs are: a column of theirs adds to that of the state
-    waits = {"cart.x": "at encoder.x", "encoder.y": "at control.x"}
-    A = system.A[places]
-    mine = [A[:, system.states.index(n)] + (A[:, system.states.index(waits[n])] if n in waits else 0) for n in names]
-    # the solver's tolerance, times gains of 430
-    np.testing.assert_allclose(np.array(columns), mine, atol=1e-9)
-
-
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_margins_are_those_of_the_sampled_loop(scenario, n):
     """By the transfer function of cart and controller, on a grid of its own; samples come at every n-th point."""

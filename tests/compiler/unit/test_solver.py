@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -294,24 +293,6 @@ def test_a_long_chain_moves_as_scipy_moves_it():
     # Steps of a tolerance of 1e-10 against LSODA at 1e-12: 100 of them give 1e-8, the stiffest states ten times that.
     # At 1e-9 a step that the error control nearly refuses, which one rounding decides, gives 2.5e-6.
     np.testing.assert_allclose(solver.unit.x, other.x, rtol=1e-7, atol=1e-7)
-
-
-def callees(step):
-    calls = [k for k in range(step.n_instructions()) if step.instruction_id(k) == ca.OP_CALL]
-    return [step.instruction_MX(k).which_function() for k in calls]
-
-
-@pytest.mark.heavy
-def test_the_stages_of_a_step_solve_for_no_acceleration_and_grow_linearly_along_the_chain():
-    names = [function.name() for function in callees(step_of(Plant, load_robot("manipulator_6dof")))]
-    # The first of the six stages is at the start, where the matrix of the step gives the accelerations.
-    assert names.count("plant_step_balance") == 5
-    assert "plant_derivatives" not in names
-    steps = [callees(step_of(Plant, repeated_link(n))) for n in (9, 12, 15)]
-    counts = [sum(function.n_instructions() for function in step) for step in steps]
-    # Every joint adds the same operations; the first links and CasADi's choice of temporaries make up for 1 %.
-    assert counts[2] - counts[1] == pytest.approx(counts[1] - counts[0], rel=0.01)
-    assert counts[1] > counts[0]
 
 
 class Delay(Unit):

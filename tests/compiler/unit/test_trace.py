@@ -3,18 +3,15 @@
 import math
 import re
 
-import fmpy
 import numpy as np
 import pytest
 
 from tests.compiler.unit.pair import both
-from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.c.generate import generated_sources
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.compiler.unit.solver import ScipySolver
 from vdfmu.unit import (
     JOINTS,
     Choice,
@@ -229,17 +226,3 @@ def test_a_field_of_the_robot_is_a_parameter_and_dependencies_are_those_of_the_t
     assert interface.step_dependencies(len(interface)) == [at["u[1]"], at["x"]]
     assert interface.start_dependencies(at["x"]) == [at["x_0"]]
     assert {at["mode"], at["doubled"], at["k"], at["u[2]"]} == set(interface.start_dependencies(at["y[2]"]))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_native_fmu_takes_such_names_too(tmp_path, version):
-    (path,) = build_fmus(None, tmp_path, units=[Clashing], backend="native", fmi_version=version).values()
-    rows = fmpy.simulate_fmu(str(path), stop_time=0.25, output_interval=0.05)
-    plain = Plain(Interface(Clashing, None))
-    plain.start()
-    ScipySolver(plain).move(0.0, 0.25)
-    plain.outputs()
-    for name in ("x", "v", "sin", "double", "norm"):
-        # the solver's tolerance is 1e-7, and double takes 10 v
-        assert rows[name][-1] == pytest.approx(plain.group(name)[0], abs=1e-5)

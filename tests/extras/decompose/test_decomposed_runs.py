@@ -13,7 +13,6 @@ from fmpy.validation import validate_fmu
 
 import vdfmu
 from tests.engine.files import check_file
-from tests.extras.decompose.torso import torso
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
@@ -23,7 +22,6 @@ from vdfmu.engine.run import simulate
 from vdfmu.extras.decompose.decomposition import decomposed
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.system_file import Part
 
 pytestmark = pytest.mark.heavy  # the FMUs are compiled
 
@@ -81,30 +79,6 @@ def test_other_arms_run_as_in_one_piece(tmp_path, robot, settings):
     exact = {**moved, "plant.tolerance": 1e-11}
     whole = vdfmu.run(scenario, stop=0.05, parameters=exact, reference=False, out=False)
     compare(pieces, whole, scenario.arm.n, 1e-9)
-
-
-def test_a_body_with_two_arms_runs(tmp_path):
-    """Both arms fall and turn their torso; the energy that the joints give and take is that of the whole."""
-    robot = replace(load_robot("planar_2dof"), rotor_coupling=False)
-    units, connections, values = torso(robot)
-    tracking = load_scenario("planar_tracking")
-    parts = {name: Part(unit) for name, unit in units.items()}
-    system = replace(tracking.system, parts=parts, connections=connections, shared={})
-    values = {name: values.get(name, {}) for name in parts}
-    values["torso_joint"] = {"q_0": 0.3}
-    scenario = replace(tracking, system=system, sections={}, robot=None)
-    path = write_ssp(scenario, build_parts(scenario, tmp_path), tmp_path / "torso.ssp", values)
-    run = simulate(path, stop=0.1, tolerance=1e-10)
-    arms = [f"{side}_joint_{i}" for side in "CD" for i in (1, 2)]
-    assert set(run.summary["order"][:10]) == {*units} - {"base"}
-    assert np.abs(run["C_joint_1.q"][-1] - run["C_joint_1.q"][0]) > 1e-3  # it moves
-    np.testing.assert_allclose(run["C_joint_2.q"], run["D_joint_2.q"], rtol=0, atol=1e-12)  # both arms are alike
-    # what enters the torso is its net force's power, and what both arms take; m and I are the unit's start values
-    V, V_dot = (np.stack([run[f"torso.{name}[{k}]"] for k in range(1, 7)], axis=1) for name in ("V_C", "V_C_dot"))
-    g = np.stack([run[f"torso.g_C[{k}]"] for k in range(1, 4)], axis=1)
-    taken = 1.0 * np.sum(V[:, :3] * (V_dot[:, :3] + g), axis=1) + 0.1 * np.sum(V[:, 3:] * V_dot[:, 3:], axis=1)
-    flows = run["torso_joint.P_B"] - run[f"{arms[0]}.P_A"] - run[f"{arms[2]}.P_A"] - taken
-    assert np.abs(flows).max() < 1e-12 * max(1.0, np.abs(run["torso_joint.F_B[6]"]).max())  # rounding
 
 
 def as_co_simulation(path: Path) -> Path:

@@ -15,9 +15,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 from tests.extras.efmi.conftest import SHIPPED
 from tests.extras.efmi.efmu import Efmu
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit.interface import interface_of
 from vdfmu.unit import Input, Output, Unit
 
 
@@ -115,17 +113,6 @@ def test_production_code_has_each_variable_and_method_and_the_interface_of_the_f
         for name, value in element.attrib.items():
             if name.endswith("RefId") and name not in ("manifestRefId", "foreignRefId"):
                 assert value in identifiers, (element.tag, name, value)
-    whole, interface = Efmu(efmu("controller")), interface_of(find_unit("controller"), planar)
-    for kind in ("input", "output"):
-        groups = list(interface.groups_of(kind))
-        assert whole.names(kind) == groups
-        assert [whole.size(name) for name in groups] == [planar.n] * len(groups)
-    assert whole.names("tunableParameter") == ["K_p", "K_v", "tau_max"]
-    assert whole.names("constant") == ["ell", "period"]  # and no choice
-    start = {v.attrib["name"]: v.attrib["start"] for v in whole.variables.values()}
-    assert start["K_p"] == "1000.0"
-    assert start["ell"] == " ".join(map(repr, planar.ell.tolist())) or len(set(planar.ell)) == 1
-    assert "velocity = kappa_dot" in whole.content.attrib["description"]
 
 
 def test_efmu_is_an_fmu_of_the_same_bits_each_time(efmu, planar, tmp_path):

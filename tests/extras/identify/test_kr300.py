@@ -72,22 +72,6 @@ def guess(robot):
     return robot.with_parameters(mass=1.1 * robot.mass, f_v=0.8 * robot.f_v)
 
 
-def test_without_the_toolbox_it_says_so_and_compares_the_rest(robot, guess, monkeypatch):
-    monkeypatch.setattr(kr300, "toolbox", lambda: None)
-    said = []
-    fits = kr300.study(guess, rigid_log(robot, 1), rigid_log(robot, 2), said.append, 1)
-    assert said == ["without MuJoCo's toolbox, which is not installed (pip install 'mujoco[sysid]>=4')"]
-    elastic, rigid, five = fits[:2], fits[2:5], fits[5]
-    # of rigid regressions the differences of second order remain, (2 pi 0.5 H)^2 / 6 of an acceleration: 1.6e-4
-    assert np.max([fit.left for fit in rigid]) < 2e-4
-    # the springs of an elastic arm give way by torque / K_f0, 1e-3 rad, of motions of 1 rad
-    assert np.max([fit.left for fit in elastic]) < 2e-3
-    # of joint 2 five terms have no acceleration of joint 1
-    assert five.left[0][1] > 0.1
-    # 6 base parameters of links, of which rotor 1 is part, rotor 2, and a constant and two frictions of each joint
-    assert {fit.parameters for fit in rigid} == {13}
-
-
 @pytest.mark.heavy
 def test_the_toolbox_finds_the_arm(robot, guess, monkeypatch):
     """With stand-ins for two packages with which the toolbox prints, which the tests do not install."""

@@ -1,11 +1,7 @@
 """Logs in the files of other tools, joints with and without an encoder behind the gear, and the faults of logs."""
 
-import os
 import re
-import subprocess
-import sys
 
-import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
@@ -85,31 +81,18 @@ def test_joints_that_a_tool_counts_from_0(robot, data, tmp_path):
     assert log.notes[1] == "q: joint 1 is q_0: counted from 0" and len(log.notes) == 3
 
 
-def write_hdf5(path, columns):
-    """Write a MATLAB file of version 7.3."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, values in columns.items():
-            file[name] = values
-        file.create_dataset("name", data=np.array([[120]], np.uint16)).attrs["MATLAB_class"] = b"char"
-    with open(path, "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
-
-
-def test_matlab_files_of_both_versions(robot, data, tmp_path):
-    """Version 5 by scipy, with a row for each joint in a struct; version 7.3 by h5py, as MATLAB writes it."""
+def test_a_matlab_file(robot, data, tmp_path):
+    """With a row for each joint in a struct."""
     kappa, q, tau = data
     rec = {"t": T, "pos_deg": np.rad2deg(kappa.T), "se": q.T, "torque": tau.T, "name": "x", "n": 2.0}
-    scipy.io.savemat(tmp_path / "5.mat", {"rec": rec})
-    # HDF5 has MATLAB's arrays transposed: here (m, 2)
-    write_hdf5(tmp_path / "7.mat", {"rec/t": T[None]} | {f"rec/{n}": rec[n] for n in ("pos_deg", "se", "torque")})
-    for name in ("5.mat", "7.mat"):
-        columns = {"kappa": "rec.pos_deg[{}] [deg]", "q": "rec.se[{}]", "tau": "rec.torque[{}]"}
-        log = read_log(tmp_path / name, robot, columns)
-        same(log, data)
-        assert log.notes == ("times are those of rec.t, in s",)
-    (tmp_path / "5.mat").write_bytes((tmp_path / "5.mat").read_bytes()[:400])
+    scipy.io.savemat(tmp_path / "log.mat", {"rec": rec})
+    columns = {"kappa": "rec.pos_deg[{}] [deg]", "q": "rec.se[{}]", "tau": "rec.torque[{}]"}
+    log = read_log(tmp_path / "log.mat", robot, columns)
+    same(log, data)
+    assert log.notes == ("times are those of rec.t, in s",)
+    (tmp_path / "log.mat").write_bytes((tmp_path / "log.mat").read_bytes()[:400])
     with pytest.raises(UsageError, match="expected a MATLAB file, got unreadable content"):
-        read_log(tmp_path / "5.mat", robot)
+        read_log(tmp_path / "log.mat", robot)
 
 
 def test_a_parquet_file_of_another_tool(robot, data, tmp_path):
@@ -325,17 +308,3 @@ def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
     scipy.io.savemat(path, {"rec": rec, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}})
     with pytest.raises(UsageError, match="expected a start at 0, -90, .* over the ratios, got 0, -80, 90"):
         read_log(path, robot)
-
-
-@pytest.mark.heavy
-def test_without_h5py_a_file_of_version_7_3_is_not_read_and_the_way_is_said(tmp_path):
-    write_hdf5(tmp_path / "7.mat", {"t": T[None]})
-    (tmp_path / "h5py.py").write_text("raise ImportError('h5py')")  # in the process that reads the file too
-    words = ["identify", str(tmp_path / "7.mat"), "--robot", "planar_2dof"]
-    done = subprocess.run(
-        [sys.executable, "-m", "vdfmu.cli", *words], check=False, capture_output=True, text=True, timeout=120,
-        env=os.environ | {"PYTHONPATH": str(tmp_path)},
-    )  # fmt: skip
-    said = " ".join(done.stderr.split())
-    assert done.returncode == 2 and "a MATLAB file of version 7.3 needs the package h5py" in said
-    assert "'pip install vdfmu[matlab]'" in said

@@ -22,42 +22,6 @@ def fmus(tmp_path_factory):
     return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0", folded=True)
 
 
-@pytest.mark.parametrize("unit", ["trajectory", "feedforward", "controller", "plant"])
-def test_units_of_fmi_3_agree_with_their_results(fmus, unit):
-    report = inspect_file(fmus[unit])
-    assert (report.standard, report.ran) == ("FMI 3.0", True)
-    assert (report.problems, report.compared) == ([], [f"{fmus[unit].stem}_out.csv"])
-
-
-@pytest.mark.heavy
-def test_units_of_a_package_agree_with_the_results_that_they_carry(arm_package):
-    units = ("Trajectory", "Feedforward", "PDController", "Plant")
-    report = inspect_file(arm_package())
-    assert report.compared == [f"resources/{unit}.fmu: {unit}_out.csv" for unit in units]
-    assert report.problems == []
-
-
-def test_a_unit_that_may_have_one_instance_gets_one(fmus, tmp_path):
-    content = members(fmus["controller"])
-    plain, once = (b'canBeInstantiatedOnlyOncePerProcess="%s"' % word for word in (b"false", b"true"))
-    content["modelDescription.xml"] = content["modelDescription.xml"].replace(plain, once)
-    assert once in content["modelDescription.xml"]
-    pack_zip(tmp_path / "once.fmu", content)
-    report = inspect_file(tmp_path / "once.fmu")
-    assert (report.problems, report.compared) == ([], [])
-    assert "reference results not compared: the unit can be instantiated only once per process" in report.notes
-
-
-def test_a_table_that_the_manifest_names_and_is_missing_is_a_note(fmus, tmp_path):
-    name = f"{FOLDER}Plant_out.csv"
-    pack_zip(tmp_path / "less.fmu", {n: data for n, data in members(fmus["plant"]).items() if n != name})
-    report = inspect_file(tmp_path / "less.fmu")
-    assert (report.problems, report.compared) == ([], [])
-    assert report.notes == [
-        f"Plant_out.csv: not compared: {FOLDER}fmi-ls-manifest.xml names it, and the FMU does not have it"
-    ]
-
-
 def tampered(fmus, path, suffix, change):
     content = members(fmus["plant"])
     name = f"{FOLDER}Plant_{suffix}.csv"
@@ -119,22 +83,6 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
     assert report.compared == ["Plant_out.csv"]
 
 
-def test_types_that_a_table_does_not_hold_are_a_note(fmus, tmp_path):
-    content = members(fmus["plant"])
-    description = content["modelDescription.xml"].decode()
-    reference = description.count("valueReference") + 1000
-    extra = f'<String name="word" valueReference="{reference}" causality="local" variability="fixed"/>'
-    content["modelDescription.xml"] = description.replace("</ModelVariables>", extra + "</ModelVariables>").encode()
-    content[f"{FOLDER}Plant_out.csv"] = b"time,word\n0,Set me!\n0.1,Set me!\n"
-    pack_zip(tmp_path / "word.fmu", content)
-    report = compare(tmp_path / "word.fmu")
-    assert (report.problems, report.compared) == ([], [])
-    assert report.notes == [
-        "Plant_out.csv: word: not compared: type String does not fit into a table of numbers",
-        "Plant_out.csv: not compared: it lacks comparable columns",
-    ]
-
-
 def test_results_that_only_the_manifest_names_are_compared_with_quotes_arrays_and_truth_values(fmus, tmp_path):
     content = members(fmus["trajectory"])
     table = content.pop(f"{FOLDER}Trajectory_out.csv")
@@ -174,21 +122,6 @@ def test_rows_that_are_too_close_for_the_even_steps_that_a_unit_takes_are_a_note
     findings = compare(tmp_path / "close.fmu")
     assert (findings.problems, findings.compared) == ([], [])
     assert any("two rows are 1e-12 s apart" in note for note in findings.notes)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_units_for_model_exchange_alone_are_checked(tmp_path_factory, tmp_path, version):
-    robot = load_scenario("planar_tracking").robot
-    folder = tmp_path_factory.mktemp("exchange")
-    plant = build_fmus(robot, folder, backend="native", fmi_version=version, folded=True)["plant"]
-    content = members(plant)
-    pattern = rb"<CoSimulation[^>]*/>|<CoSimulation.*</CoSimulation>"
-    text = re.sub(pattern, b"", content["modelDescription.xml"], flags=re.DOTALL)
-    assert text != content["modelDescription.xml"]
-    pack_zip(tmp_path / "exchange.fmu", content | {"modelDescription.xml": text})
-    report = inspect_file(tmp_path / "exchange.fmu")
-    assert (report.problems, report.compared) == ([], ["Plant_out.csv"])
 
 
 class Length(Unit):

@@ -51,7 +51,7 @@ def test_random_numbers_are_exact(seed):
     assert [*numbers, *again] == list(islice(of_seed(seed), 2000))
 
 
-def test_neighbouring_seeds_give_independent_numbers_and_noise_has_its_statistics(planar):
+def test_neighbouring_seeds_give_independent_numbers_and_noise_is_the_sum_of_twelve(planar):
     n = 4000
     drawn = np.array([uniform(seeded(float(seed)), n)[0] for seed in range(8)]) - 0.5
     matrix = 12.0 * drawn @ drawn.T / n
@@ -64,14 +64,6 @@ def test_neighbouring_seeds_give_independent_numbers_and_noise_has_its_statistic
     numbers = np.array(list(islice(of_seed(1), 24 * n))).reshape(n, 2, 12).sum(axis=2) - 6.0
     # rounded to 1e-9, over 0.1
     np.testing.assert_allclose(noise, numbers, rtol=0, atol=0.51e-9 / 0.1)
-    # standard deviations of a mean 1 / sqrt(n), of a variance sqrt((kurtosis - 1) / n) with 2.9, of products
-    # 1 / sqrt(n); 5 of each
-    assert np.abs(noise.mean(axis=0)).max() < 5.0 / np.sqrt(n)
-    assert np.abs(noise.var(axis=0) - 1.0).max() < 5.0 * np.sqrt(1.9 / n)
-    assert abs(np.mean(noise[:, 0] * noise[:, 1])) < 5.0 / np.sqrt(n)
-    assert np.abs(np.mean(noise[1:] * noise[:-1], axis=0)).max() < 5.0 / np.sqrt(n)
-    share = np.mean(np.abs(noise) < 1.0)
-    assert share == pytest.approx(0.6826, abs=0.007 + 5.0 * np.sqrt(0.22 / (2 * n)))  # the sum of 12 has 0.676
 
 
 @pytest.mark.parametrize("form", ["native 2.0", "native 3.0", "python 2.0"])

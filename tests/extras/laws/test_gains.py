@@ -5,34 +5,11 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.units.one_joint import one_joint
 from tests.conftest import make_optional
 from vdfmu.base.errors import UsageError
-from vdfmu.base.state_space import Linear, held
 from vdfmu.extras.laws import state_gains
 
 STEP = 1e-3
-
-
-def test_poles_of_one_joint_are_those_of_the_symmetric_root_locus():
-    """The optimal loop's poles are the stable roots of 1 + sum of w_i G_i(1/z) G_i(z), whose G_i come from poly()."""
-    robot = one_joint()
-    K = 1.0 / (1.0 / robot.K_f0[0] + 1.0 / (robot.ell[0] ** 2 * robot.K_w0[0]))
-    M, J = vdfmu.dynamics.mass_matrix(robot, np.zeros(1))[0, 0], (robot.ell * robot.I_m)[0]
-    A = np.array([[0, 1, 0, 0], [-K / M, 0, K / M, 0], [0, 0, 0, 1], [K / J, 0, -K / J, 0]])
-    F, G = held(Linear(A, np.array([[0.0], [0.0], [0.0], [1.0 / J]])), STEP)  # of ell tau
-    error, rate, torque = 2e-3, 0.05, 0.02 * robot.ell[0]
-    gains = state_gains(robot, [0.0], error=error, rate=rate, torque=0.02, step=STEP)
-    poles = np.linalg.eigvals(F - G @ np.hstack(gains))
-    a = np.poly(F)
-    locus = np.polymul(a, a[::-1])  # z^4 a(z) a(1/z)
-    for i, weight in ((0, error), (3, rate)):
-        b = np.poly(F - G @ np.eye(4)[i : i + 1]) - a  # numerator of state i
-        locus = np.polyadd(locus, (torque / weight) ** 2 * np.polymul(b, b[::-1]))
-    # each pole makes locus 0, of terms that cancel: the roundings of poly(), 1e-16 times some 1e6 / (z - 1)^2
-    size = np.polyval(np.abs(locus), np.abs(poles))
-    assert (np.abs(np.polyval(locus, poles)) <= 1e-9 * size).all()
-    assert (np.abs(poles) < 1.0).all() and np.unique(np.round(poles, 6)).size == 4
 
 
 @pytest.mark.parametrize("name", ["planar_2dof", "slider_3dof", "manipulator_6dof"])

@@ -11,8 +11,7 @@ import vdfmu
 from tests.arm.dynamics.conftest import build_pinocchio_model
 from tests.arm.units.one_joint import one_joint
 from vdfmu.arm.robot import Robot, load_robot
-from vdfmu.arm.units import find_unit, package_units, shipped_units
-from vdfmu.compiler.unit.base import unit_name
+from vdfmu.arm.units import find_unit
 
 LAWS = ("computed_torque", "joint_torque", "pd_gravity", "state_feedback")
 SAMPLED = ("disturbance_observer", "iterative_learning", "virtual_decomposition")
@@ -37,15 +36,6 @@ def rotors_too(robot: Robot) -> pin.Model:
         inertia = np.diag([0.0, 0.0, robot.I_m[i] / robot.ell[i]])
         model.appendBodyToJoint(rotor, pin.Inertia(0.0, np.zeros(3), inertia), pin.SE3.Identity())
     return model
-
-
-@pytest.mark.parametrize("law", LAWS + SAMPLED)
-def test_laws_are_found_by_name_and_not_built_with_the_units_of_an_arm(law):
-    unit = find_unit(law)
-    assert unit_name(unit) == law and package_units()[law] is unit and law not in shipped_units()
-    assert unit.declared["tau_max"].variability == "tunable"
-    assert ("period" in unit.declared) == (law in SAMPLED)
-    assert {name for t in unit.terminals for name in t.groups} >= {"q_d", "kappa_dot", "tau"}
 
 
 @pytest.mark.parametrize("law", LAWS + SAMPLED)

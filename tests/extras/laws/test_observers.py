@@ -127,52 +127,6 @@ def test_the_wall_is_felt_within_two_percent_50_ms_after_the_touch(tmp_path, pla
     assert np.linalg.norm(residual[-1] - true[-1]) < 2e-3 * np.linalg.norm(true[-1])  # at rest all but the creep
 
 
-PRESSED = """name = "pressed"
-system = "observed.toml"
-robot = "manipulator_6dof"
-stop = 4.5
-step = 0.001
-tolerance = 1e-7
-[trajectory]
-q_start = {start}
-q_end = {end}
-T = 4.0
-[controller]
-K_p = [2000.0, 2000.0, 2000.0, 1000.0, 1000.0, 500.0]
-K_v = [50.0, 50.0, 40.0, 30.0, 25.0, 20.0]
-[wall]
-normal = {normal}
-distance = {distance}
-"""
-
-
-@pytest.mark.heavy
-def test_the_force_of_the_wall_on_an_arm_of_six_joints_is_known_within_two_percent_after_50_ms(tmp_path, arm):
-    """The wrench at the tool itself, not its torques; the wall lies across the way, 20 mm before its end."""
-    end = np.array([0.3, 0.5, -0.9, 0.4, 1.1, -0.3])
-    start = end - [0.1, 0.25, -0.1, 0.1, 0.1, 0.0]
-    before, place = (vdfmu.dynamics.forward_kinematics(arm, q)[0] for q in (start, end))
-    normal = (place - before) / np.linalg.norm(place - before)
-    (tmp_path / "observed.toml").write_text(SYSTEM)
-    (tmp_path / "pressed.toml").write_text(
-        PRESSED.format(
-            start=start.tolist(), end=end.tolist(), normal=normal.tolist(), distance=normal @ place - 0.02
-        )  # fmt: skip
-    )
-    results = vdfmu.run(tmp_path / "pressed.toml", parameters={"observer.K_o": 1000.0}, reference=False, out=False)
-    true, estimated = results["wall.F_e"], results["observer.F_e_hat"]
-    touch = int(np.argmax(results["wall.N"] > 0.0))
-    assert 2000 < touch < 4000
-    late, largest = slice(touch + 50, None), np.linalg.norm(true, axis=1).max()
-    assert largest > 20.0
-    # the lag of 1 ms, and at most a sample more, of a force that still swings by up to 0.2 N in 1 ms: 2 % are 0.4 N
-    assert np.linalg.norm(np.diff(true[late, :3], axis=0), axis=1).max() < 0.2
-    assert np.linalg.norm((estimated - true)[late, :3], axis=1).max() < 0.02 * largest
-    # its moment about the tool is 0: a lever of 1 mm, beside an arm of 1 m
-    assert np.linalg.norm(estimated[late, 3:], axis=1).max() < 1e-3 * largest
-    assert np.linalg.norm(estimated[-1] - true[-1]) < 1e-4 * largest
-
-
 def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_sampling_frequency(one_joint, tmp_path):
     h, f, zeta_n, zeta_d = 1e-3, 35.0, 0.05, 0.7
     w = 2.0 * np.pi * f

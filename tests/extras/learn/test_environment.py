@@ -312,15 +312,3 @@ def test_a_scenario_is_opened_at_the_actions_of_an_environment():
     env.reset()
     assert env.task.length == 100 and not env.step(np.zeros(2))[2]
     env.close()
-
-
-@pytest.mark.parametrize(("actions", "seen", "options", "message"), [
-    ({"load.w": 1.0}, ["load.q"], {}, "'load.w': action must be a free input, but a connection feeds it"),
-    ({"motor.u": 1.0}, ["load.p"], {}, "'load.p': expected a group of outputs"),
-    ({"motor.u": (1.0, -1.0)}, ["load.q"], {}, "limit: expected finite bounds, the lower first"),
-    ({"motor.u": 1.0}, ["load.q"], {"vary": {"motor.R": (1, 2)}}, "vary: motor.R: must be one parameter"),
-    ({"motor.u": 1.0}, ["load.q"], {"hold": 7}, "whole multiple, got 7"),
-])  # fmt: skip
-def test_wrong_environments_are_refused(drive, actions, seen, options, message):
-    with pytest.raises(UsageError, match=message):
-        Environment(drive, actions, seen, reward_of, **options)

@@ -13,7 +13,6 @@ import tomllib
 from types import SimpleNamespace
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 
 from tests.compiler.unit.motor import write_motor
@@ -22,12 +21,10 @@ from tests.study.sweeps.conftest import table
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.run import simulate
-from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
+from vdfmu.extras.tune.problem import Score, SpentError, make_problem
 from vdfmu.extras.tune.search import search, tune
 from vdfmu.study.analysis.loops import run_along
-from vdfmu.study.sweeps.job import Job, WiredSystem
 from vdfmu.study.sweeps.sweep import Sweep
-from vdfmu.study.sweeps.worker import KILLED
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
 
@@ -113,47 +110,6 @@ tune("planar_tracking", eval(sys.argv[1]), sys.argv[2], **eval(sys.argv[3]))
 """
 
 
-def test_points_of_a_search_have_the_numbers_of_an_undisturbed_one():
-    """Rows of a ledger may have gaps, as chunks end in any order: what was lost gets its own number again."""
-
-    class Kept:
-        def __init__(self, rows):
-            self.rows = rows
-
-        def reopen(self):
-            return self.rows
-
-        def add(self, rows):
-            self.rows = self.rows + rows
-
-    class Workers:
-        def run(self, chunks, tell, advance):
-            while (chunk := chunks.take(1)) is not None:
-                tell([{"point": n, "failed": None, "failed_at": None, "wall_s": 0.0, "cost": parameters["x"]}
-                      for n, _, parameters in chunk])  # fmt: skip
-
-    spread, empty = {"m": np.array([1.0, 2.0])}, np.zeros(0)
-    problem = SimpleNamespace(
-        names=["x"], robots=2, spread=spread, margin=empty, rate=0.0, over="mean", limits={},
-        loops=lambda values: None,
-        plan=SimpleNamespace(job=Job((WiredSystem(b"", {}, {}, (), False, {}),), (), (), ()), facts={"measures": {}}),
-    )  # fmt: skip
-
-    def searched(rows):
-        ledger = Kept(rows)
-        search = Evaluations(problem, ledger, {"workers": 1, "time_limit": None, "evaluations": 9}, lambda done: None)
-        search._workers = Workers()
-        for values in ([3.0], [1.0, 4.0], [4.0, 2.0]):
-            search.scores_of([np.array([x]) for x in values])
-        return {row["point"]: (row["x"], row["m"], row["robot"], row["cost"]) for row in ledger.rows}, ledger.rows
-
-    whole, rows = searched([])
-    assert list(whole) == list(range(8)) and whole[5] == (4.0, 2.0, 1.0, 4.0)
-    for kept in ([0], [1, 2, 3], [0, 1, 5], [2, 4, 6, 7]):
-        again, _ = searched([row for row in rows if row["point"] in kept])
-        assert again == whole
-
-
 @pytest.mark.heavy
 def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
     """By SIGKILL, four times: no run is lost or doubled, and table and result are those of an undisturbed search."""
@@ -174,31 +130,6 @@ def test_a_search_that_is_killed_goes_on_to_the_same_result(tuned, tmp_path):
     np.testing.assert_array_equal(search.after.values, tuned.after.values)
     for name in ("tuned.toml", "tune.json"):
         assert (folder / name).read_bytes() == (tuned.folder / name).read_bytes()
-
-
-@pytest.mark.heavy
-def test_a_table_that_is_not_whole_is_set_aside_and_killed_runs_run_again(tmp_path):
-    def search():
-        return tune(
-            "planar_tracking", {"controller.K_p[1]": "*log(0.5, 2)"}, ERRORS, method="local", evaluations=3, stop=0.05,
-            workers=1, out=tmp_path / "s",
-        )  # fmt: skip
-
-    search()
-    path, before = tmp_path / "s" / "sweep.parquet", table(Sweep(tmp_path / "s"))
-    rows = pyarrow.parquet.read_table(path)
-    killed = pyarrow.array([f"{KILLED} 3 times", *[None] * (rows.num_rows - 1)], pyarrow.string())
-    place = rows.schema.get_field_index("failed")
-    pyarrow.parquet.write_table(
-        rows.set_column(place, "failed", killed).replace_schema_metadata(rows.schema.metadata), path
-    )
-    assert search().failed == 0
-    assert {
-        name: sorted(map(str, column)) for name, column in table(Sweep(tmp_path / "s")).items() if name != "point"
-    } == {name: sorted(map(str, column)) for name, column in before.items() if name != "point"}
-    path.write_bytes(path.read_bytes()[:100])
-    assert "is not whole" in search().notes[0]
-    assert (tmp_path / "s" / "sweep.parquet.broken").stat().st_size == 100
 
 
 @pytest.mark.heavy

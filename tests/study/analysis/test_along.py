@@ -9,11 +9,10 @@ import pytest
 import vdfmu
 from tests.conftest import ran
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.linear.growth import Growth
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
-from vdfmu.study.analysis.loops import Judged, grown, judged, margins_along, run_along
+from vdfmu.study.analysis.loops import grown, judged, margins_along, run_along
 from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.report.simulation import knobs, values_of
 from vdfmu.study.report.tracks import tracks
@@ -115,14 +114,6 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     before, after = (apart[a : a + 95].max() for a in (640, 950))  # a period, of the begin and the end of the growth
     # the first window has what grows until 0.73 s, 1.2, and links that swing
     assert 0.5 * factor < after / before <= factor
-    growth = Growth(np.log(1.25), 0.5, 1.25, 0.3, "plant.tau_s[2]", False)
-    with run_along(dataclasses.replace(prepare("planar_tracking"), stop=0.01)) as (poses, _, _):
-        loops = poses.loops
-    loops.growth = lambda *_: growth  # type: ignore[method-assign]
-    sentences = loop_sentences(Judged(loops, growth._replace(exponent=-1.0)).figures)[1]
-    assert sentences == ["joint 2 is unstable from 0.5 s to 1.25 s (grows 25 %, limit 10 %)"]
-    loops.growth = lambda *_: growth._replace(exponent=0.001)  # type: ignore[method-assign]
-    assert loop_sentences(Judged(loops, growth._replace(exponent=-1.0)).figures)[1] == []
 
 
 @pytest.mark.heavy

@@ -2,7 +2,6 @@
 
 import dataclasses
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,31 +9,14 @@ from scipy.linalg import eigh
 
 import vdfmu
 from tests.conftest import ran, refused
-from tests.study.analysis.lift import MASS, ONE_JOINT, POSES, roots
+from tests.study.analysis.lift import ONE_JOINT, POSES, roots
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.plant import plant_outputs
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.study.analysis.modes import MOTORS, modes_along, natural_modes, ranges
-from vdfmu.system.scenario import load_scenario
-
-
-def test_one_joint_without_friction_is_two_masses_on_a_spring(lift):
-    lift = lift.with_parameters(f_v=0.0)
-    _, K, J = roots(lift, 0.0)
-    free, held = (natural_modes(lift, [0.1], motors=motors) for motors in MOTORS)
-    # rounding of eigenvalues: 1e-16 of the norm of A, K = 1e5, over the eigenvalue, 300 rad/s
-    assert free.frequency == pytest.approx(np.sqrt(K * (1 / MASS + 1 / J)) / (2 * np.pi), rel=1e-10)
-    assert held.frequency == pytest.approx(np.sqrt(K / MASS) / (2 * np.pi), rel=1e-10)
-    assert abs(free.damping[0]) < 1e-10 and abs(held.damping[0]) < 1e-10
-    # the centre of mass rests
-    assert free.links[0, 0] / free.rotors[0, 0] == pytest.approx(-J / MASS, rel=1e-9)
-    assert max(abs(free.links[0, 0]), abs(free.rotors[0, 0])) == pytest.approx(1.0, rel=1e-12)
-    assert held.links[0, 0] == pytest.approx(1.0) and held.rotors[0, 0] == 0.0
-    # a double eigenvalue 0 splits by the root of the rounding: 1e-16 of 1e5, squared scale 1e5
-    assert free.rates.shape == (2,) and np.abs(free.rates).max() < 1e-3 and not held.rates.size
+from vdfmu.study.analysis.modes import natural_modes, ranges
 
 
 @pytest.mark.parametrize("dry", [False, True])
@@ -130,19 +112,6 @@ def plain_plant(robot, dry):
     return plain
 
 
-@pytest.mark.heavy
-def test_frequencies_of_the_papers_arm_along_its_motion():
-    """Those of docs/internals.md, which the plant's Jacobian gives, and the fastest one in the wrist."""
-    times, along = modes_along(load_scenario("tracking"))
-    assert len(times) == 101 and times[-1] == 10.0
-    spans = {motors: ranges(along[motors], 6) for motors in MOTORS}
-    ends = {motors: (round(pairs[0][0]), round(pairs[-1][1])) for motors, pairs in spans.items()}
-    assert ends == {"free": (52, 302), "held": (14, 300)}
-    for motors in MOTORS:
-        assert {int(modes.joint[-1]) for modes in along[motors]} <= {3, 4, 5}
-        assert all(len(modes.frequency) >= 6 for modes in along[motors])
-
-
 def test_a_mode_that_nowhere_oscillates_has_no_range(lift):
     modes = natural_modes(lift, [0.1])
     assert ranges([modes], 2) == [None, (modes.frequency[0],) * 2]
@@ -153,21 +122,13 @@ def test_the_linear_system_goes_to_other_tools(monkeypatch):
     assert system.states[:2] == ("q[1]", "q[2]") and system.state_units[:2] == ("rad", "m")
     assert system.inputs[2:4] == ("tau[3]", "F_e[1]") and system.input_units[2:4] == ("N.m", "N")
     assert system.outputs[-1] == "p_O[3]" and system.output_units[-4:] == ("rad", "m", "m", "m")
-    for matrix, rows, columns in (
-        (system.A, system.states, system.states), (system.B, system.states, system.inputs),
-        (system.C, system.outputs, system.states), (system.D, system.outputs, system.inputs),
-    ):  # fmt: skip
-        assert matrix.shape == (len(rows), len(columns))
-    scipy = system.to_scipy()
-    np.testing.assert_array_equal(scipy.A, system.A)
-    np.testing.assert_array_equal(scipy.D, system.D)
-    monkeypatch.setitem(sys.modules, "control", SimpleNamespace(ss=lambda *args, **names: (args, names)))
-    args, names = system.to_control()
-    assert args == (system.A, system.B, system.C, system.D)
-    assert names == {"states": [*system.states], "inputs": [*system.inputs], "outputs": [*system.outputs]}
+    dotted = dataclasses.replace(system, inputs=("plant.tau[1]", *system.inputs[1:]))
+    for other in (system.to_scipy(), dotted.to_control()):
+        for name in "ABCD":
+            np.testing.assert_array_equal(getattr(other, name), getattr(system, name))
     # python-control refuses names with a dot
-    _, names = dataclasses.replace(system, inputs=("plant.tau[1]", *system.inputs[1:])).to_control()
-    assert names["inputs"] == ["plant_tau[1]", *system.inputs[1:]]
+    assert other.input_labels == ["plant_tau[1]", *system.inputs[1:]] and other.state_labels == [*system.states]
+    assert other.output_labels == [*system.outputs]
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(UsageError, match="pip install control"):
         system.to_control()

@@ -164,26 +164,6 @@ def test_some_points_are_compared_with_the_fmus_and_the_page_says_so(tmp_path):
     np.testing.assert_allclose(study["end[1]"], by_fmus["end[1]"], rtol=0.0, atol=POSITION)
 
 
-@pytest.mark.heavy
-def test_a_point_that_ends_the_process_costs_its_own_row(tmp_path):
-    def deadly(results):
-        import os
-
-        end = results["plant.q[1]"][-1]
-        if abs(end - target) < 1e-12:
-            os._exit(7)
-        return end
-
-    over = {"trajectory.q_end[1]": np.linspace(0.2, 0.6, 18)}
-    well = vdfmu.sweep("planar_tracking", over, stop=0.05, measure=["end=final(plant.q[1])"], out=tmp_path / "well")
-    target = float(well["end"][11])
-    swept = vdfmu.sweep("planar_tracking", over, stop=0.05, measure={"end": deadly}, out=tmp_path / "deadly")
-    assert list(swept.failed) == [11]
-    assert "exit code 7" in swept.failed[11]
-    rest = np.arange(18) != 11
-    np.testing.assert_allclose(swept["end"][rest], well["end"][rest], rtol=0.0, atol=POSITION)
-
-
 @pytest.mark.parametrize(("over", "options", "words"), [
     ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
     ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),

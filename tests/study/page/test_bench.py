@@ -152,21 +152,6 @@ def test_the_arm_is_saved_as_a_picture(run, browser):
     assert kind == "image/png" and size > 10_000
 
 
-def test_landmarks_captions_and_what_is_read_aloud(run, browser):
-    show(browser, run / "report.html")
-    assert browser.run("[document.querySelectorAll('main').length, document.querySelector('.skip').hash]") == [
-        1,
-        "#figures",
-    ]
-    assert browser.run("[...document.querySelectorAll('main > .card table')].every(e => e.caption?.textContent)")
-    assert browser.run("document.title").startswith("tracking: tool ")
-    x, y = centre(browser, "#figures .chart .u-over")
-    browser.mouse("mouseMoved", x, y)
-    assert browser.run("document.querySelector('#figures .tip').getAttribute('role')") == "presentation"
-    live = "[...document.querySelectorAll('#arm output')].every(e => e.getAttribute('aria-live') === 'off')"
-    assert browser.run(live)
-
-
 def test_print_has_the_legend_and_says_what_is_hidden(run, browser):
     show(browser, run / "report.html", 703, 1000)
     browser.run("document.querySelectorAll('#figures .chip')[1].click()")

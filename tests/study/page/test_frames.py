@@ -26,12 +26,10 @@ def frames_of(results: Results) -> tuple[np.ndarray, np.ndarray]:
     return t, numbers(frames["q"]).reshape(2, len(t))
 
 
-@pytest.mark.parametrize("block", [20_000, 7_000])
-def test_an_arm_that_moves_for_2_of_300_s_is_drawn_where_it_is(monkeypatch, block):
-    monkeypatch.setattr(content, "BLOCK", block)
+def test_an_arm_that_moves_for_2_of_300_s_is_drawn_where_it_is():
     results = still_and_quick(30_001, 300.0)
     t, q = frames_of(results)
-    blocks = -(-30_001 // block)
+    blocks = -(-30_001 // content.BLOCK)
     assert len(t) <= FRAMES + 1 + 500 + 2 * blocks
     shown = np.array([np.interp(results.time, t, row) for row in q])
     # The motion has 200 rows, fewer than the 500 that are kept between the even ones, 0.3 s apart. What is left is the

@@ -133,10 +133,3 @@ def test_a_file_of_others_is_not_replaced(results):
     assert (results / "index.html").read_text() == "<p>mine</p>" and (results / "keep.csv").read_text() == "mine"
     for words in (["--overwrite"], []):  # the second time it is ours
         ran("report", results, *words)
-
-
-def test_the_page_of_several_is_opened(results, monkeypatch):
-    opened = []
-    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
-    done = ran("report", results, "--open")
-    assert opened == [(results / "index.html").as_uri()] and f"Open {results / 'index.html'}" in done.output

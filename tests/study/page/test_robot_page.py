@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import vdfmu
 from tests.conftest import ran, refused
@@ -111,14 +112,7 @@ def test_a_slider_moves_the_arm_and_the_end_effector_is_where_the_equations_have
     shown = browser.run("report.scene.toolPose()")
     # seven products of matrices with entries of at most 1 m, in double precision
     np.testing.assert_allclose(shown["position"], position, atol=1e-14)
-    r, p, y = shown["angles"]
-    turn = np.array([
-        [np.cos(y) * np.cos(p), np.cos(y) * np.sin(p) * np.sin(r) - np.sin(y) * np.cos(r),
-         np.cos(y) * np.sin(p) * np.cos(r) + np.sin(y) * np.sin(r)],
-        [np.sin(y) * np.cos(p), np.sin(y) * np.sin(p) * np.sin(r) + np.cos(y) * np.cos(r),
-         np.sin(y) * np.sin(p) * np.cos(r) - np.cos(y) * np.sin(r)],
-        [-np.sin(p), np.cos(p) * np.sin(r), np.cos(p) * np.cos(r)],
-    ])  # fmt: skip
+    turn = Rotation.from_euler("xyz", shown["angles"]).as_matrix()  # roll, pitch and yaw about fixed axes
     np.testing.assert_allclose(turn, rotation, atol=1e-14)
     x = browser.run("document.querySelector('.tool output').textContent")
     assert x == f"{1e3 * position[0]:.1f} mm".replace("-", "−")

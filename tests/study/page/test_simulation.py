@@ -3,7 +3,6 @@
 import base64
 import gzip
 import json
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -122,16 +121,6 @@ def test_a_run_without_references_says_why_its_loop_may_differ(planar):
     assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
 
 
-def test_a_page_stays_below_its_size(planar, monkeypatch):
-    run, binaries = read_run(planar), dict[str, str]()
-    assert "units" in simulation_of(run, binaries)
-    monkeypatch.setattr(simulation, "MOST_MODULES", sum(map(len, binaries.values())))
-    assert "units" in simulation_of(run, binaries)  # it adds nothing
-    binaries["another"] = "module"
-    described = simulation_of(run, binaries)
-    assert re.search(r"larger than 1 MB; make a page of this run alone\.$", described["reason"])
-
-
 @pytest.mark.parametrize(("changed", "words"), [
     ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
     ({"package": Path(__file__)}, "this cache has no simulation of it"),
@@ -150,16 +139,6 @@ def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
 def test_a_system_without_a_program_is_not_simulated(tmp_path, options, words):
     vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, **options)
     assert words in found_in(tmp_path)[0]["reason"]
-
-
-def test_a_long_run_and_one_of_a_package_are_not_simulated_and_a_page_says_how_to_get_it(planar, monkeypatch):
-    run = read_run(planar)
-    summary = {name: value for name, value in run.summary.items() if name != "scenario"}
-    assert "only runs of scenarios" in simulation_of(run._replace(summary=summary), {})["reason"]
-    monkeypatch.setattr(simulation, "MOST_VALUES", 1000)
-    assert re.search("it has 200 steps of .* signals, too much for a page", found_in(planar)[0]["reason"])
-    text = (planar / "report.html").read_text()
-    assert simulation.NOT_MADE in text and 'id="worker"' not in text
 
 
 TOLERANCES = {"rad": 1e-9, "m": 1e-9, "1": 1e-9, "rad/s": 1e-7, "N.m": 1e-5, "J": 1e-7}
@@ -253,16 +232,3 @@ def test_what_a_unit_refuses_is_said_and_a_run_can_be_stopped(planar, browser, t
         "plant has no parameter weight.", "Error", "The run was stopped.", "AbortError", 201,
     ]  # fmt: skip
     assert browser.problems == []
-
-
-def test_a_page_keeps_its_sliders_if_the_cache_stores_nothing_and_a_page_without_says_so(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(simulation, "store", lambda place, content: None)
-    monkeypatch.setattr(simulation, "load", lambda place, read: None)
-    vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, simulate=True)
-    assert '"units"' in (tmp_path / "report.html").read_text()
-    assert not caplog.messages
-    write_report([read_run(tmp_path)], tmp_path / "report.html", simulate=True)
-    said = "this cache has no simulation of it, and a look at a run does not run its code. 'vdfmu run' makes one."
-    assert caplog.messages == [f"the page has no sliders. This run is not simulated here: {said}"]
-    text = (tmp_path / "report.html").read_text()
-    assert said in text and '"units"' not in text

@@ -18,7 +18,6 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
 from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.report import content as module
 from vdfmu.study.report.content import TOOL, run_figures, tool_error, write_pictures
 from vdfmu.study.run.scene import arm_of
 
@@ -63,23 +62,6 @@ def test_the_unit_of_every_quantity_is_shown_with_its_factor(joint_type):
         assert factor * worth == pytest.approx(1.0, rel=1e-15)  # one rounding of the quotient
 
 
-def test_a_new_figure_has_the_unit_of_its_quantity(made, monkeypatch):
-    """A figure is a row with its quantity and a row with its sum. A speed is in deg/s, never in deg."""
-    row = ("speed", "velocity", "Joint speeds", "Speed", {"speed": ""})
-    monkeypatch.setattr(module, "_FIGURES", (*module._FIGURES, row))
-    monkeypatch.setattr(module, "SUMS", {**module.SUMS, "speed": [(1.0, "plant.q_dot")]})
-    results, robot = made.results(3), made.scenario(MIXED).robot
-    results = results.renamed(lambda name: name.replace("plant.kappa", "plant.q_dot"))
-    shown = {each.key: each for each in run_figures(results, {"arm": arm_of(robot, {})})}
-    for kind, unit, joint in (("revolute", "deg/s", 1), ("prismatic", "mm/s", 2)):
-        figure = shown[f"speed.{kind}"]
-        assert figure.quantity.unit == unit
-        axes = draw([figure], {"": results}).axes[0]
-        assert axes.get_ylabel() == f"Joint speeds [{unit}]"
-        factor = 180.0 / np.pi if kind == "revolute" else 1e3
-        np.testing.assert_array_equal(axes.lines[0].get_ydata(), factor * results[f"plant.q_dot[{joint}]"])
-
-
 def test_torques_are_link_side_the_feedforward_dashed_on_top_and_errors_have_one_figure_a_unit(made, types):
     results, robot, figures = figures_of(made, types)
     for kind in set(types):
@@ -93,17 +75,6 @@ def test_torques_are_link_side_the_feedforward_dashed_on_top_and_errors_have_one
             assert feedforward.is_dashed() and not control.is_dashed()
             assert feedforward.get_linewidth() < control.get_linewidth()
         assert axes.get_ylabel() == ("Control forces [N]" if kind == "prismatic" else "Control torques [N m]")
-    error = results["trajectory.q_d"] - results["plant.q"]
-    compensation = robot.ell * (results["controller.tau"] - results["feedforward.tau_m"])
-    for kind in set(types):
-        joints = [i for i, each in enumerate(types) if each == kind]
-        factor, unit = (1e3, "mm") if kind == "prismatic" else (180.0 / np.pi, "deg")
-        for key, expected, atol in (("tracking", factor * error, 1e-15), ("compensation", compensation, 1e-13)):
-            axes = draw([figures[f"{key}.{kind}"]], {"": results}).axes[0]
-            lines = [line.get_ydata() for line in axes.lines]
-            # one product of two doubles more or less: 2 units in the last place of values up to 0.1 and 10
-            np.testing.assert_allclose(lines, expected[:, joints].T, rtol=0, atol=atol)
-        assert figures[f"tracking.{kind}"].quantity.unit == unit
     assert figures.keys() == {f"{key}.{kind}" for key in KEYS for kind in types}
 
 

@@ -20,7 +20,7 @@ from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.limits import LIMITS, read_limits
 from vdfmu.study.report.page import report_page, run_command
 from vdfmu.study.report.parts import MOST_TILES, page_title, tiles_of
-from vdfmu.study.report.sheets import facts, verdict_table, verdict_text
+from vdfmu.study.report.sheets import facts, verdict_text
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.prepare import prepare
 from vdfmu.study.run.summary import run_facts
@@ -237,11 +237,6 @@ def test_the_line_in_the_terminal_has_a_colour_and_key_figures_are_those_of_the_
     yellow = 33
     assert f"\x1b[{yellow}m! \x1b[0m" in shown.get()
     assert shown.get().endswith("  1 of 2 checks pass, 1 doubtful\n") and "Doubtful: at a limit" in shown.get()
-    written = io.StringIO()
-    for limits in (False, True):
-        Console(file=written, width=200).print(verdict_table({"verdict": verdict_of(checks)}, limits))
-    table = written.getvalue()
-    assert table.count("limit 0.1: us") == 1 and "✓ good" in table and "! doubtful" in table
     (tile,) = tiles_of({"key_figures": {"torque": FIGURES["torque"] | {"limit": 71.0}}})
     assert tile[1:3] == ("35.5 N.m", "50 % of its limit, joint 2 at 0.941 s")
     results, _ = planar

@@ -1,9 +1,6 @@
 """The margins along the sliders of a page, and the causes that it takes away."""
 
-import dataclasses
 import json
-import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,20 +8,13 @@ import pytest
 
 import vdfmu
 from vdfmu.engine.linear.growth import Along, Poses
-from vdfmu.engine.linear.linearise import Linearisation, with_part
-from vdfmu.engine.linear.loops import margins_of, rates_of
-from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
-from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.report import simulation
-from vdfmu.study.report.simulation import LESS, causes, keep_program, knobs, values_of
+from vdfmu.study.report.simulation import LESS, causes, knobs, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
-from vdfmu.system import program
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
@@ -107,17 +97,6 @@ def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
     assert tracks_of(planar, chosen) == list(of.values())  # from the cache
 
 
-def test_margins_of_many_loops_are_those_of_each(planar):
-    loops = [pose.loop for pose in loops_of(planar).rows]
-    rates, modulus, delay = margins_of(loops)
-    for loop, *each in zip(loops, rates, modulus, delay, strict=True):
-        margins = loop.margins()
-        assert each[0] == margins.rate and rates_of([loop]) == pytest.approx([margins.rate], abs=1e-6)
-        # more frequencies around the poles of others divide the rest of a crossing further, where it is 1e-5 at most
-        np.testing.assert_allclose(each[1], margins.modulus, rtol=1e-6)
-        np.testing.assert_allclose(each[2], margins.delay, rtol=1e-5)
-
-
 def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):
     knob = {"least": 0.1, "most": 10.0}
     assert [factor(knob, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, pytest.approx(10**0.5, rel=1e-15), 10.0]
@@ -126,34 +105,6 @@ def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(descri
     assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= values["plant"].keys()
     assert least_dry_friction(values["plant"]) == {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s") for i in (1, 2)}
     assert least_dry_friction(values["controller"]) == {}
-
-
-class Look(Tap):
-    """Linearises the arm at a row, as it is and as another instance of it."""
-
-    def begin(self, grid: Grid, names: Sequence[str]) -> None:
-        """Choose the row in the middle."""
-        self.row = grid.n // 2
-
-    def due(self, k: int) -> float:
-        """Return the row."""
-        return self.row if k <= self.row else math.inf
-
-    def take(self, k: int, time: float, components: Components) -> None:
-        """Linearise all components, then the arm by itself with its own and with another mass."""
-        self.system = Linearisation(components, STEP).at(time)
-        ((_, self.same),) = with_part(components, "plant", {}, [(time, self.system)])
-        ((_, self.other),) = with_part(components, "plant", {"mass[2]": 20.0}, [(time, self.system)])
-
-
-def test_another_instance_has_the_same_derivatives_at_the_same_place(planar):
-    look = Look()
-    with Simulator(planar.system, isolate=False, algorithm="gauss-seidel") as simulator:
-        simulator.run(start=0.0, stop=STOP, step=STEP, record=(), taps=[look])
-    for name in "ABCD":
-        ours, same = getattr(look.system.parts, name), getattr(look.same.parts, name)
-        np.testing.assert_array_equal(ours, same)
-    assert np.abs(look.other.parts.A - look.system.parts.A).max() > 1.0
 
 
 def test_causes_are_those_that_the_system_has(described):
@@ -168,19 +119,3 @@ def test_causes_are_those_that_the_system_has(described):
         "No delay of signals", "Encoders of 48 bits", "Masses and inertias known to the feedforward",
     ]  # fmt: skip
     assert more[-1]["changes"] == [{"unit": "feedforward", "name": "mass[2]", "value": 9.0}]
-
-
-def test_the_program_of_a_package_is_made_once_and_without_inputs_from_files(tmp_path, monkeypatch):
-    made: list[bool] = []
-    page_program = program.page_program
-    monkeypatch.setattr(simulation, "cache_folder", lambda: tmp_path / "cache")
-    monkeypatch.setattr(program, "page_program", lambda *about: made.append(True) or page_program(*about))
-    scenario = load_scenario("planar_tracking")
-    fed = dataclasses.replace(scenario, inputs={"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])})
-    (package := tmp_path / "system.ssp").write_bytes(b"a package has no inputs in it")
-    kept: list[bool] = []
-    for each in (scenario, scenario, fed, scenario):
-        keep_program(SystemDescription(each), package)
-        (entry,) = (tmp_path / "cache" / "programs").iterdir()
-        kept.append(b'"module"' in entry.read_bytes())
-    assert kept == [True, True, False, True] and len(made) == 3

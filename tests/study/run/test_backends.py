@@ -9,7 +9,6 @@ from fmpy.validation import validate_fmu
 
 import vdfmu
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.fmu import build
 from vdfmu.engine.container import write_container
 
 STOP = 0.2
@@ -95,17 +94,6 @@ def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
         with pytest.raises(UsageError, match="step: expected a positive finite time"):
             write_container(folder / "system.ssp", tmp_path / "x.fmu", step=step)
     assert not (tmp_path / "x.fmu").exists()
-
-
-@pytest.mark.heavy
-def test_native_is_the_default_where_the_compiler_is(monkeypatch, runs):
-    _, results = runs()
-    assert results.summary["backend"] == "native"
-    assert build.choose_backend(None) == "native"
-    monkeypatch.setattr(build, "native_available", lambda: False)
-    assert build.choose_backend(None) == "python"
-    with pytest.raises(UsageError, match="no backend 'c'"):
-        build.choose_backend("c")
 
 
 def test_the_package_of_a_run_holds_what_was_asked_for(runs):

@@ -5,7 +5,6 @@ import pytest
 from tests.engine import texts
 from tests.engine.files import check_file, zipped
 from tests.engine.texts import connections, connector_list, parameter, values
-from vdfmu.engine.inspect.inspection import inspect_file
 
 DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="1">\
 <CoSimulation modelIdentifier="m"/>{before}<ModelVariables>
@@ -66,22 +65,6 @@ def test_faults_of_all_layers_come_at_once(package):
     assert last.startswith("resources/text.fmu: text.fmu is not a readable FMU: cannot be read as")
 
 
-@pytest.mark.parametrize(("limits", "fault"), [
-    (' min="1" max="1"', ""),
-    (' max="0.5"', "expected at most 0.5, got 1"),
-    (' min="1.5"', "expected at least 1.5, got 1"),
-    (' min="0" max="50" unit="cm"', "expected at most 50 cm, got 100 cm"),
-])  # fmt: skip
-def test_values_lie_within_the_limits_of_the_fmu(package, limits, fault):
-    """The last in its unit: 1 m is 100 cm."""
-    base = '<{0}Unit name="{1}"><{0}BaseUnit m="1" factor="{2}"/></{0}Unit>'
-    inside = f"<UnitDefinitions>{base.format('', 'cm', 0.01)}</UnitDefinitions>"
-    units = f"</ssd:System><ssd:Units>{base.format('ssc:', 'm', 1)}</ssd:Units>"
-    text = ssd(component("c", inner=values(parameter("k", unit="m" if "cm" in limits else ""))))
-    path = package(text.replace("</ssd:System>", units), {"resources/m.fmu": fmu(limits=limits, before=inside)})
-    assert [p.partition("): ")[2] for p in problems(path) if p[:3] == "c: "] == ([fault] if fault else [])
-
-
 def test_fmus_are_checked_where_the_system_cannot_be_read_and_units_are_defined_where_named(package):
     faults = check_file(package("<ssd:System>", {"resources/m.fmu": fmu("abc")}), run=False)
     assert faults[0].startswith("x.ssp: SystemStructure.ssd: is not well-formed XML")
@@ -94,26 +77,3 @@ def test_fmus_are_checked_where_the_system_cannot_be_read_and_units_are_defined_
     base = '"><ssc:BaseUnit m="1"/></ssc:Unit>'
     units = f'<ssd:Units><ssc:Unit name="rad{base}<ssc:Unit name="furlong{base}</ssd:Units>'
     assert problems(package(text.replace("</ssd:System>", "</ssd:System>" + units))) == []
-
-
-def test_names_that_occur_twice_and_rules_of_the_package_and_of_its_files(package):
-    mapping = "".join(f'<ssm:MappingEntry source="{source}" target="k"/>' for source in "ab")
-    text = ssd(component("c", "u:input u:input", inner=values("a=1", "b=1", mapping=mapping)))
-    path = package(text, {"B.ssd": ssd(component("c"))})
-    assert problems(path) == [
-        "x.ssp: parameter binding of c: the mapping has several entries for target 'k', from 'a', 'b'; keep one",
-        "x.ssp: SystemStructure.ssd, line 3: two connectors are named c.u; names of connectors of one element must "
-        "differ",
-    ]
-    same = "SystemStructure.ssd and B.ssd: have the same name, 'n'; tools let users choose by it"
-    assert same in inspect_file(path, run=False).notes
-    inner = zipped({"SystemStructure.ssd": ssd(component("c", "u:input:Real:rad")), "resources/m.fmu": fmu()})
-    text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + ssd(
-        component("p", source="resources/i.ssp", attributes='type="application/x-ssp-package"'), name="\xe9"
-    )
-    members = {"resources/i.ssp": inner, "documentation/read.html": ""}
-    assert problems(package(text.encode("latin1"), members)) == [
-        "x.ssp: has documentation/ without documentation/index.html, where readers start",
-        "x.ssp: SystemStructure.ssd: is encoded in ISO-8859-1; SSP has UTF-8 only",
-        "x.ssp: resources/i.ssp: SystemStructure.ssd: unit 'rad' of c.u is not defined; define it in ssd:Units",
-    ]

@@ -5,12 +5,11 @@ from functools import partial
 import pytest
 
 from tests.engine import texts
-from tests.engine.texts import binding, connection, connections, elements, ssd
+from tests.engine.texts import connection, connections, elements, ssd
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package import parse
-from vdfmu.engine.package.read import load_ssp
 from vdfmu.system.scenario import load_scenario
 
 
@@ -60,17 +59,6 @@ def package(fmus, tmp_path):
     return write
 
 
-@pytest.mark.heavy
-def test_a_system_of_arrays_has_no_problems_and_its_units_are_run(package):
-    report = inspect_file(package(GOOD))
-    assert report.problems == []
-    assert report.standard == "SSP 2.0"
-    assert report.ran
-    system = load_ssp(package(GOOD))
-    assert system.version == "2.0"
-    assert [str(connection) for connection in system.connections][0] == "Trajectory.q_d -> PDController.q_d"
-
-
 def test_all_faults_of_connectors_and_connections_come_at_once(package):
     text = system(
         component("Trajectory", connector("q_d", "output", 3), connector("q_d_dot", "input"), connector("x", "output")),
@@ -94,45 +82,6 @@ def test_all_faults_of_connectors_and_connections_come_at_once(package):
         "Connect signals of one quantity, or put a component between them",
         "connection Plant.E_kin -> PDController.q_d: dimension mismatch, a scalar to an array of 2",
     ]
-
-
-def test_resources_and_parameters_are_checked(package):
-    mapping = '<ssm:MappingEntry source="time" target="T_end"/><ssm:MappingEntry source="no" target="T"/>'
-    text = system(
-        component("Plant", inner=binding("none.ssv")),
-        component("Trajectory", inner=values(parameter("time"), mapping=mapping)),
-        component("PDController", inner=values(parameter("K_q"))),
-        '<ssd:Component name="gone" source="resources/gone.fmu"/>',
-    )
-    report = inspect_file(package(text), run=False)
-    problems = {problem.partition("; correct the name, or have it ignored")[0] for problem in report.problems}
-    assert problems == {  # a value that reaches nothing is a wrong number
-        "x.ssp: component 'gone': the package has no 'resources/gone.fmu'",
-        "x.ssp: the package has no 'none.ssv'",
-        "x.ssp: parameter binding of Trajectory: the mapping's source 'no' is not in the parameter set",
-        "Trajectory: parameter 'T_end' (p: time): resources/Trajectory.fmu has no such variable; did you mean q_end?",
-        "PDController: parameter 'K_q' (p: K_q): resources/PDController.fmu has no such variable; did you mean K_v, "
-        "K_p?",
-    }
-
-
-def test_values_are_held_against_the_variables_that_their_names_lead_to(package):
-    inner = values(parameter("velocity", "zero", kind="String"))
-    over = values(
-        parameter("PDController.velocity", "1", kind="Int32"), parameter("PDController.velocity", "0", kind="Int32"),
-        *map(parameter, ("Plant.nonsense", "nope.q", "Plant.E_kin")),
-    )  # fmt: skip
-    text = system(component("Plant"), component("PDController", inner=inner), before=over)
-    report = inspect_file(package(text), run=False)
-    problems = {problem.partition("; correct the name, or have it ignored")[0] for problem in report.problems}
-    assert problems == {
-        "x.ssp: p: PDController.velocity: occurs twice in the parameter set",
-        "Plant: parameter 'E_kin' (p: Plant.E_kin): is not settable: causality output, variability continuous, "
-        "initial calculated",
-        "PDController: parameter 'velocity' (p: velocity): expected kappa_dot or q_dot or mixed, got 'zero'",
-        "the system: parameter 'nope.q' (p: nope.q) matches no element or connector",
-        "Plant: parameter 'nonsense' (p: Plant.nonsense): resources/Plant.fmu has no such variable",
-    }
 
 
 @pytest.mark.parametrize(("name", "value", "unit", "fault"), [
@@ -160,18 +109,6 @@ def test_kinds_of_connectors_that_only_ssp_2_has_can_be_connected(package):
         links=connections("Plant.q PDController.ell", "Plant.q PDController.q"),
     )
     assert not any("direction error" in p for p in inspect_file(package(text), run=False).problems)
-
-
-def test_faults_of_the_schema_have_their_line_and_without_schemas_a_note_says_so(package, monkeypatch):
-    text = GOOD.replace("<ssd:Connections>", '\n<ssd:Connections odd="1">')
-    (problem,) = inspect_file(package(text), run=False).problems
-    assert problem.startswith("x.ssp: SystemStructure.ssd, line 2: ") and "'odd'" in problem
-    _, fmu = inspect_file(package(text, {"resources/other.fmu": b"x"}), run=False).problems  # not hidden by it
-    assert fmu.startswith("resources/other.fmu: other.fmu is not a readable FMU")
-    monkeypatch.setattr(parse, "schema_of", lambda *_: None)
-    report = inspect_file(package(text), run=False)
-    assert report.problems == []
-    assert any(n.startswith("the schemas of SSP 2.0 were not applied: pip install") for n in report.notes)
 
 
 def test_every_variant_of_a_package_is_checked(package):

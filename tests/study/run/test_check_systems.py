@@ -6,9 +6,7 @@ import json
 import pytest
 
 from tests.engine.files import check_file
-from tests.engine.texts import component, connections, connector_list, elements, ssd
 from tests.study.run.conftest import members
-from tests.system.package.problems import write
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError
@@ -67,15 +65,6 @@ def test_a_system_is_checked_as_package_and_as_folder(package, tmp_path):
 
 
 @pytest.mark.heavy
-def test_a_system_whose_unit_fails_in_the_run_is_told(scenario, fmus, tmp_path):
-    values = system_values(scenario, {"controller.K_p": "1e12"})
-    path = write_ssp(scenario, fmus, tmp_path / "wild.ssp", values)
-    (problem,) = check_file(path)
-    assert problem.startswith("10 steps of 0.001 s failed: plant failed at t")
-    assert check_file(path, run=False) == []
-
-
-@pytest.mark.heavy
 def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_path):
     def run(path):
         return command("check", path, "--json")
@@ -95,19 +84,6 @@ def test_the_command_prints_json_and_ends_with_code_1_for_problems(package, tmp_
     assert len(json.loads(bad.stdout)["problems"]) == 1
 
 
-@pytest.mark.heavy
-def test_the_ending_in_capitals_a_missing_icon_and_an_odd_version(package, tmp_path):
-    content = members(package)
-    ssd = content["SystemStructure.ssd"].replace(b'version="1.0" name=', b'version="1.5" name=', 1)
-    icons = [name for name in content if name.startswith("resources/icons/plant")]
-    kept = {name: data for name, data in content.items() if name not in icons}
-    pack_zip(tmp_path / "X.SSP", kept | {"SystemStructure.ssd": ssd})
-    report = inspect_file(tmp_path / "X.SSP")
-    assert (report.problems, report.ran) == ([], True)
-    assert "the SSD states version '1.5'; it was checked as SSP 1.0" in report.notes
-    assert f"plant: icon: the package has no {icons[0]!r}" in report.notes
-
-
 def test_an_fmu_of_a_long_name_is_stored_under_another(package, tmp_path):
     content, name = members(package), f"resources/{'P' * 300}.fmu"
     content[name] = content.pop("resources/Plant.fmu")
@@ -120,16 +96,3 @@ def test_a_temporary_folder_that_cannot_be_written_is_told(package, tmp_path, mo
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
     with pytest.raises(StorageError, match="was not checked: .*TMPDIR"):
         check_file(package)
-
-
-@pytest.mark.heavy
-def test_an_algebraic_loop_is_a_note(fmus, tmp_path):
-    """The standard allows it, and a master can step it: the controller adds its own torque of the step before."""
-    controller = component("c", "resources/PDController.fmu", connector_list("tau[1]:output tau_m[1]:input"))
-    members = {"resources/PDController.fmu": fmus["controller"].read_bytes()}
-    path = write(tmp_path / "loop.ssp", ssd(elements(controller) + connections("c.tau[1] c.tau_m[1]")), members)
-    report = inspect_file(path)
-    assert report.problems == []
-    assert [note for note in report.notes if "loop" in note] == [
-        "algebraic loop during initialization, solved: c.tau[1] -> c.tau_m[1] -> c.tau[1]"
-    ]

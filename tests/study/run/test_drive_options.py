@@ -5,7 +5,6 @@ import dataclasses
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMU2Slave
 
 import vdfmu
 from vdfmu.arm.fmus import build_fmus
@@ -94,35 +93,3 @@ def test_the_plant_with_all_options_is_the_same_in_model_exchange(plant):
         atol = 1e-6 if name.startswith("q") else 1e-2 * np.abs(by_itself[name]).max()
         np.testing.assert_allclose(exchanged[name], by_itself[name], rtol=0, atol=atol)
         assert np.ptp(by_itself[name]) > 0.0
-
-
-def test_a_saved_state_has_the_states_of_options(plant, tmp_path):
-    description = fmpy.read_model_description(str(plant))
-    references = {v.name: v.valueReference for v in description.modelVariables}
-    fmu = FMU2Slave(
-        guid=description.guid, unzipDirectory=fmpy.extract(str(plant), unzipdir=str(tmp_path)), instanceName="plant",
-        modelIdentifier=description.coSimulation.modelIdentifier,
-    )  # fmt: skip
-    fmu.instantiate()
-    fmu.setupExperiment(startTime=0.0)
-    fmu.enterInitializationMode()
-    fmu.exitInitializationMode()
-    fmu.setReal([references["tau[1]"]], [0.2])
-    states = [references[f"{state}[1]"] for state in ("q", *MORE.values())]
-
-    def moved(begin):
-        for k in range(5):
-            fmu.doStep(begin + 1e-3 * k, 1e-3)
-        return fmu.getReal(states)
-
-    moved(0.0)
-    saved = fmu.getFMUstate()
-    content = fmu.serializeFMUstate(saved)
-    at = fmu.getReal(states)
-    ahead = moved(5e-3)
-    assert all(a != b for a, b in zip(ahead, at, strict=True))
-    fmu.setFMUstate(fmu.deSerializeFMUstate(content))
-    assert fmu.getReal(states) == at
-    assert moved(5e-3) == ahead
-    fmu.terminate()
-    fmu.freeInstance()

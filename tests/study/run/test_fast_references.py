@@ -1,19 +1,15 @@
 """References in seconds: compiled functions, and solutions that are kept by what decides them."""
 
 import dataclasses
-import signal
 
 import numpy as np
 import pytest
-import scipy.integrate
 
-from vdfmu.base.arrays import scipy_part
 from vdfmu.base.errors import VdfmuError
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as compiled
 from vdfmu.system.reference import solution
 from vdfmu.system.reference.reference import reference, reference_blocks
-from vdfmu.system.reference.solution import ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import AtNewTime, Evaluate, WiredUnits
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -32,34 +28,14 @@ def use(folder, monkeypatch):
     return folder
 
 
+def kept(folder):
+    """Return how many solutions a cache has."""
+    return len([*(folder / "references").iterdir()])
+
+
 def described(name="planar_tracking", parameters=None):
     scenario = load_scenario(name)
     return SystemDescription(scenario, system_values(scenario, parameters))
-
-
-@pytest.fixture
-def solved(monkeypatch):
-    names = []
-    for kind in (SampledReference, ContinuousReference):
-
-        def solve(self, t, run, kind=kind, plain=kind.solve):
-            names.append(kind.__name__)
-            return plain(self, t, run)
-
-        monkeypatch.setattr(kind, "solve", solve)
-    return names
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_solvers_are_those_that_scipy_shows(name, monkeypatch, tmp_path):
-    """Its packages are not imported whole; a scipy whose modules have other names gives the same bits."""
-    use(tmp_path / "one", monkeypatch)
-    usual = reference(name, described(), step=0.001, stop=0.1)
-    use(tmp_path / "other", monkeypatch)
-    monkeypatch.setattr(solution, "scipy_part", lambda name: scipy_part(f"{name}_of_another_version"))
-    other = reference(name, described(), step=0.001, stop=0.1)
-    assert all(np.array_equal(usual[group], other[group]) for group in usual.signals)
-    assert scipy_part("scipy.integrate._ode").ode is scipy.integrate.ode
 
 
 def of_time(system):
@@ -106,60 +82,32 @@ def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenari
     assert np.abs(usual - tight).max() < 1e-11
 
 
-def test_texts_of_functions_come_from_the_cache(own_cache, monkeypatch):
-    def text():
-        system = WiredUnits(described())
-        return compiled.sources(system, ContinuousReference(system).lists)
-
-    first = text()
-    monkeypatch.setattr("vdfmu.compiler.c.functions.kernel_source", None)
-    assert text() == first
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_reference_of_the_same_values_is_neither_solved_nor_wired_again(own_cache, solved, monkeypatch, name):
-    first = reference(name, described(), step=1e-3, stop=0.05)
-    monkeypatch.setattr(compiled, "WiredUnits", None)
-    again = reference(name, described(), step=1e-3, stop=0.05)
-    assert len(solved) == 1
-    for group, values in first.signals.items():
-        np.testing.assert_array_equal(again[group], values)
-
-
 @pytest.mark.parametrize("change", ["a value", "a signal from outside"])
-def test_what_changes_a_reference_has_it_solved(own_cache, solved, change):
+def test_what_changes_a_reference_has_it_solved(own_cache, change):
     first, other = described(), described(parameters={"controller.K_p[1]": 1999.0})
     if change != "a value":
         inputs = {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}
         other = SystemDescription(dataclasses.replace(first.scenario, inputs=inputs), first.values)
     q = [reference("continuous", each, step=1e-3, stop=0.05)["plant.q"] for each in (first, other)]
-    assert len(solved) == 2 and np.any(q[0] != q[1])
+    assert kept(own_cache) == 2 and np.any(q[0] != q[1])
 
 
 @pytest.mark.parametrize("options", [{"step": 5e-4}, {"stop": 0.06}, {"groups": ["plant.q"]}])
-def test_other_rows_are_solved(own_cache, solved, options):
+def test_other_rows_are_solved(own_cache, options):
     plain = {"step": 1e-3, "stop": 0.05}
     for chosen in (plain, plain | options):
         list(reference_blocks("sampled", described(), **chosen))
-    assert len(solved) == 2
+    assert kept(own_cache) == 2
 
 
-def test_a_damaged_solution_is_solved_again(own_cache, solved):
+def test_a_damaged_solution_is_solved_again(own_cache):
     first = reference("sampled", described(), step=1e-3, stop=0.05)
-    (kept,) = (own_cache / "references").iterdir()
-    content = bytearray(kept.read_bytes())
+    (file,) = (own_cache / "references").iterdir()
+    content = bytearray(file.read_bytes())
     content[-1] ^= 1
-    kept.write_bytes(content)
+    file.write_bytes(content)
     again = reference("sampled", described(), step=1e-3, stop=0.05)
-    assert len(solved) == 2
     np.testing.assert_array_equal(again["plant.q"], first["plant.q"])
-
-
-def test_half_a_solution_and_a_long_one_are_not_kept(own_cache, monkeypatch):
-    next(reference_blocks("sampled", described(), step=1e-3, stop=1.5))
-    monkeypatch.setattr("vdfmu.system.reference.reference._KEPT", 8 * 51 * 2 - 1)
-    list(reference_blocks("sampled", described(), step=1e-3, stop=0.05, groups=["plant.q"]))
-    assert not (own_cache / "references").exists()
 
 
 @pytest.mark.parametrize("name", ["sampled", "sampled-delayed"])
@@ -167,48 +115,3 @@ def test_a_solution_that_runs_away_says_where(own_cache, name):
     """A derivative gain at which each sample throws the rotors back 1e3 times as fast."""
     with pytest.raises(VdfmuError, match=r"plant has no finite state after t = 0[.\d]* s"):
         reference(name, described(parameters={"controller.K_v": 1e6}), step=1e-3, stop=0.5)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_ctrl_c_within_a_step_of_scipy_ends_the_solution(own_cache, monkeypatch, name):
-    """A signal acts where Python code next begins: the right-hand side, out of which not every solver lets it."""
-    plain, calls = solution._RightHandSide.__call__, []
-
-    class Rate(solution._RightHandSide):
-        def __call__(self, t, x):
-            calls.append(t)
-            if len(calls) == 100:
-                signal.raise_signal(signal.SIGINT)
-            return plain(self, t, x)
-
-    monkeypatch.setattr(compiled, "native_available", lambda: False)
-    monkeypatch.setattr(solution, "_RightHandSide", Rate)
-    with pytest.raises(KeyboardInterrupt):
-        reference(name, described(), step=1e-3, stop=0.5)
-    assert len(calls) < 1000  # some hundred a step
-    assert not (own_cache / "references").exists()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_ctrl_c_between_the_rows_ends_the_solution(own_cache, monkeypatch, name):
-    """In the compiled functions of the outputs, which scipy does not call."""
-    plain, calls = compiled.runs, []
-
-    def interrupted(run):
-        def called(t):
-            calls.append(t)
-            if len(calls) == 20:
-                signal.raise_signal(signal.SIGINT)
-            run(t)
-
-        return called
-
-    def runs(*system):
-        made = plain(*system)
-        return {name: run if name.startswith("rate") else interrupted(run) for name, run in made.items()}
-
-    monkeypatch.setattr("vdfmu.system.reference.reference.runs", runs)
-    with pytest.raises(KeyboardInterrupt):
-        reference(name, described(), step=1e-3, stop=0.5)
-    assert len(calls) == 20
-    assert not (own_cache / "references").exists()

@@ -33,15 +33,6 @@ def signals(run):
     return example.simulate(run / "system.ssp", STOP, STEP)
 
 
-def test_it_has_at_most_100_lines_of_fmpy_and_numpy_of_which_40_are_the_master_and_its_page_shows_it():
-    text = EXAMPLE.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 100
-    assert "vdfmu" not in [line.split()[1].partition(".")[0] for line in text.splitlines() if "import " in line]
-    assert text in (ROOT / "docs" / "tutorials" / "fmpy-master.md").read_text(encoding="utf-8")
-    loop = text[text.index("    def pass_on") : text.index("\n\nif __name__")]
-    assert len(loop.splitlines()) <= 40
-
-
 def test_its_outputs_have_the_bits_of_gauss_seidel_with_steps_in_c_and_by_fmpy(run, signals):
     ours = vdfmu.Results.read(run / "results.csv")
     assert len(signals) > 40

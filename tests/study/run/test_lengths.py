@@ -15,18 +15,15 @@ from tests.conftest import ran
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import CosimError
 from vdfmu.base.text import error_text
-from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorded import Recorded
-from vdfmu.engine.results.recorder import Blocks
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content
 from vdfmu.study.report.parts import tiles_of
 from vdfmu.study.run import accuracy
 from vdfmu.study.run import key_figures as key_figures_of_run
 from vdfmu.study.run import summary as numbers
-from vdfmu.study.run.accuracy import PowerBond, accuracy_notes
+from vdfmu.study.run.accuracy import accuracy_notes
 from vdfmu.study.run.key_figures import cut_figures, key_figures
-from vdfmu.study.run.scene import arm_of, scene_of
 from vdfmu.study.run.summary import ArmLimits
 from vdfmu.study.sweeps.measures import REDUCTIONS, measured, read_measures
 from vdfmu.system.package.description import SystemDescription
@@ -104,24 +101,7 @@ def facts_of(results, system):
     facts["figures"] = key_figures(results, robot, limits, robot), cut_figures(results)
     facts["notes"] = list(accuracy_notes(results, system)), list(numbers.start_notes(results, system.scenario))
     facts["measures"] = measured(read_measures(MEASURES), results)
-    tap = PowerBond(robot)
-    facts["energies"] = energies_of(tap, results)
     return facts
-
-
-def energies_of(tap, results):
-    """Return what a tap says of a run whose rows come as a run brings them."""
-    signals = {"plant.tau": "controller.tau", "controller.kappa_dot": "plant.q"}  # any two others
-    columns = [results[f"{signals.get(name[:-3], name[:-3])}{name[-3:]}"] for name in tap.wanted]
-    end = results.time[-1]
-    grid, memory = Grid(0.0, end, STEP, len(results) - 1), np.zeros(len(columns))
-    tap.begin(grid, list(tap.wanted))
-    blocks = Blocks(tap, grid, list(tap.wanted), memory, range(len(columns)))
-    for k, row in enumerate(np.column_stack(columns)):
-        memory[:] = row
-        blocks.keep(k)
-    blocks.flush(len(results))
-    return tap.summary()
 
 
 def assert_same(part, whole, place=""):
@@ -150,40 +130,10 @@ def test_the_size_of_the_blocks_changes_no_number(system, monkeypatch, size):
             whole = facts_of(results_of(rows), system)
         with monkeypatch.context() as patch:
             in_blocks(patch, size)
-            patch.setattr(PowerBond, "size", size)
             assert_same(facts_of(results_of(rows), system), whole)
     assert len(whole["notes"][0]) == 2 and len(whole["notes"][1]) == 1
     assert all(any(shares) for shares in whole["limits"]["limits"]["plant"].values())
     assert "saturated" in whole["limits"]["key_figures"]
-
-
-AROUND = [*range(1, 9), *range(BLOCK - 8, BLOCK + 9), *range(2 * BLOCK - 8, 2 * BLOCK + 9)]
-
-
-@pytest.mark.parametrize("rows", [rows for rows in AROUND if rows < 9 or rows % BLOCK in (0, 1, 2, 3, 4, 6, 7, 1020)])
-def test_a_run_of_any_length_has_the_numbers_of_one_block(system, monkeypatch, rows):
-    results = results_of(rows)
-    facts = facts_of(results, system)
-    in_blocks(monkeypatch, ONE)
-    monkeypatch.setattr(PowerBond, "size", ONE)
-    assert_same(facts, facts_of(results, system))
-
-
-@pytest.mark.parametrize("rows", [1, 2, 3, 4, 7, 8, BLOCK - 1, BLOCK, BLOCK + 1, BLOCK + 4, 2 * BLOCK + 5])
-def test_the_page_of_any_length_has_the_first_the_last_and_the_largest_values(system, tmp_path, rows):
-    results, robot = results_of(rows), system.scenario.robot
-    facts = {"joints": 2, "arm": arm_of(robot, system.values["plant"]), "scene": scene_of(system)}
-    made = content.content_of(results, facts)
-    times = made["frames"]["time"]
-    assert times[0] == 0.0 and times[-1] == results.time[-1] and (np.diff(times) > 0.0).all()
-    figures = {figure["key"]: figure for figure in made["signals"]}
-    assert figures.keys() == {*GROUPS}
-    for group, figure in figures.items():
-        for ours, values in zip(figure["values"].reshape(2, -1), results[group].T.astype("<f4"), strict=True):
-            assert (ours[0], ours[-1], ours.min(), ours.max()) == (values[0], values[-1], values.min(), values.max())
-    for suffix in ("csv", "parquet", "mat"):
-        results.write(tmp_path / f"results.{suffix}")
-        assert Results.read(tmp_path / f"results.{suffix}")["plant.q"].shape == (rows, 2)
 
 
 def test_a_motor_without_torque_has_no_share_of_its_limit(system):

@@ -51,26 +51,6 @@ def test_a_payload_is_that_of_the_plant_and_a_known_one_of_the_feedforward(scena
     assert not load_robot("planar_2dof").payload
 
 
-def test_a_payload_that_no_body_has_is_refused(scenario_file):
-    with pytest.raises(ModelError, match=r"payload\.mass: expected .* >= 0 in kg, got -1") as raised:
-        load_scenario(scenario_file("[payload]\nmass = -1\nknow = true\n"))
-    assert "payload.know: expected a known key" in str(raised.value)
-
-
-@pytest.mark.heavy
-def test_a_known_payload_tracks_as_none(scenario_file):
-    errors = []
-    for scenario in (load_scenario("planar_tracking"), load_scenario(scenario_file(PAYLOAD))):
-        t = 1e-3 * np.arange(101)[:, None]
-        s = t / 2.0
-        course = s - np.sin(2 * np.pi * s) / (2 * np.pi)
-        start, end = (np.array(scenario.sections["trajectory"][key]) for key in ("q_start", "q_end"))
-        errors.append(np.abs(solved(scenario, 0.1) - start - (end - start) * course).max())
-    # Exact inverse: what is left is sampling, the change of the torque within a step, here of the weight: joint 2
-    # holds 1 kg at 0.2 m, and 0.6 kg at 0.5 m with the load, 2.5 times as much. Unknown, it is 100 times.
-    assert errors[1] < 2.5 * errors[0] < 2e-5
-
-
 @pytest.mark.heavy
 def test_an_unknown_payload_costs_what_statics_say(scenario_file):
     """At rest the feedback carries what the feedforward does not: K_p e = G(q) - G_known(q_d), in closed form."""

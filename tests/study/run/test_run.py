@@ -1,10 +1,7 @@
 """What a run writes, and what becomes of it when something fails."""
 
-import dataclasses
-import importlib
 import json
 import math
-import pkgutil
 from importlib import import_module
 
 import numpy as np
@@ -13,14 +10,11 @@ import pytest
 import vdfmu
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, ModelError, UsageError
-from vdfmu.base.platforms import native_available
-from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results, simulate
 from vdfmu.study.report.sheets import reference_sheet, sheets
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import BLOCK, Reference
-from vdfmu.system.scenario import load_scenario
 
 
 def test_a_run_writes_results_summary_package_and_every_connected_output_with_its_unit(planar_run):
@@ -71,35 +65,6 @@ def test_settings_and_a_wrench_change_the_run_and_its_reference_alike():
     assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
     # as without a wrench
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-
-
-@pytest.mark.heavy
-def test_a_shipped_run_has_no_notes(tmp_path):
-    said = []
-    vdfmu.run("planar_tracking", stop=0.01, out=tmp_path, reference=False, log=said.append)
-    assert [str(message) for message in said if message.status == "note"] == []
-
-
-@pytest.mark.heavy
-def test_lists_set_element_by_element_in_runs_and_simulations(tmp_path):
-    K_p = [300.0, 900.0]
-    results = vdfmu.run("planar_tracking", stop=0.05, out=False, reference=False, parameters={"controller.K_p": K_p})
-    assert results.summary["parameters"] == {"controller.K_p": "[300.0, 900.0]"}
-    write_ssp(
-        load_scenario("planar_tracking"),
-        build_fmus(vdfmu.load_robot("planar_2dof"), tmp_path, folded=True),
-        tmp_path / "plain.ssp",
-    )
-    for value in (K_p, np.array(K_p)):
-        again = simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": value})
-        np.testing.assert_array_equal(again["plant.q[2]"], results["plant.q[2]"])
-    for wrong, words in (
-        ([1.0, 2.0, 3.0], r"'controller\.K_p': expected one value, or 2 for K_p\[1\] to K_p\[2\], got 3"),
-        ([1.0, None], r"'controller\.K_p': expected a number in N\.m/rad, got None"),
-        ({}, r"'controller\.K_p': expected a number in N\.m/rad, got {}"),
-    ):
-        with pytest.raises(UsageError, match=words):
-            simulate(tmp_path / "plain.ssp", stop=0.05, parameters={"controller.K_p": wrong})
 
 
 @pytest.mark.heavy
@@ -186,17 +151,6 @@ def test_files_that_no_run_wrote_are_replaced_when_asked(tmp_path):
     assert len(Results.read(tmp_path / "results.csv")) == 11
 
 
-def test_a_run_that_fails_before_its_first_row_leaves_nothing(tmp_path, monkeypatch):
-    def fail(*_):
-        raise CosimError("plant", "setReal", 0.0, "no")
-
-    monkeypatch.setattr(Exchange, "initialize", fail)
-    with pytest.raises(CosimError) as caught:
-        vdfmu.run("planar_tracking", out=tmp_path / "new", stop=0.01, reference=False)
-    assert not hasattr(caught.value, "__notes__")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.heavy
 def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(tmp_path):
     options = {"out": tmp_path, "stop": 0.05, "reference": False}
@@ -213,15 +167,6 @@ def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(
     assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == ["partial"]
 
 
-@pytest.mark.heavy
-def test_a_cache_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch):
-    cache = tmp_path / "cache"
-    cache.write_text("in the way")
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(cache))
-    results = vdfmu.run("planar_tracking", out=tmp_path / "out", stop=0.01, reference=False, backend="python")
-    assert len(results.time) == 11
-
-
 @pytest.mark.parametrize(("options", "words"), [
     ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),
     ({"step": math.nan}, "step: expected a positive finite time, got nan s"),
@@ -236,56 +181,10 @@ def test_a_wrong_option_is_refused_before_anything_is_built(tmp_path, options, w
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.heavy
-def test_another_value_of_a_robot_adds_its_fmus_to_the_cache_and_nothing_else(planar, tmp_path, monkeypatch):
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-
-    def kept():
-        return {p.relative_to(tmp_path / "cache") for p in (tmp_path / "cache").rglob("*") if p.is_file()}
-
-    def plant(robot):
-        scenario = dataclasses.replace(load_scenario("planar_tracking"), robot=robot)
-        return cached_fmus(scenario, tmp_path / "fmus", "python")["plant"].read_bytes()
-
-    (tmp_path / "fmus").mkdir()
-    first = plant(planar)
-    before = kept()
-    second = plant(planar.with_parameters(mass=2.5))
-    assert second != first
-    assert {path.parent.name for path in kept() - before} == {"fmus", "built"}  # and a record of each
-    assert plant(planar) == first
-    assert len(kept()) == len(before) + 2 * 4
-
-
-def test_no_name_of_a_package_hides_a_module():
-    names = [module.name for module in pkgutil.walk_packages(vdfmu.__path__, "vdfmu.")]
-    assert "vdfmu.study.run.prepare" in names
-    for name in names:
-        if name != "vdfmu.cli.__main__":  # runs the command line
-            parent, _, last = name.rpartition(".")
-            module = importlib.import_module(name)
-            assert getattr(importlib.import_module(parent), last) is module, name
-
-
 def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"cannot hold the results.*--out"):
         vdfmu.run("planar_tracking", out=tmp_path / "file" / "results")
-
-
-@pytest.mark.heavy
-def test_a_damaged_fmu_in_the_cache_is_built_again(tmp_path, monkeypatch):
-    monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))
-    options = {"out": tmp_path / "out", "stop": 0.01, "reference": False, "backend": "python"}  # no compiler here
-    vdfmu.run("planar_tracking", **options)
-    kept = list((tmp_path / "cache" / "fmus").iterdir())
-    assert len(kept) == (8 if native_available() else 4)  # the loops are those of native ones
-    for fmu in kept:
-        data = bytearray(fmu.read_bytes())
-        data[len(data) // 2] ^= 0xFF
-        fmu.write_bytes(bytes(data))
-    results = vdfmu.run("planar_tracking", **options)
-    assert len(results.time) == 11
 
 
 def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path):

@@ -11,7 +11,6 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from distributed import Client
 
 import vdfmu
 from tests.study.sweeps.conftest import table
@@ -105,43 +104,8 @@ def end(thread, outcome) -> Sweep:
 
 
 @pytest.mark.heavy
-def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, dask, local, monkeypatch):
-    """The scheduler, which others may share, is asked for its workers twice a second, once before the first chunk."""
-    asked, ask = [], Client.nthreads
-    monkeypatch.setattr(Client, "nthreads", lambda client: (asked.append(time.monotonic()), ask(client))[1])
+def test_the_workers_of_a_scheduler_find_what_this_machine_does(wild, tmp_path, dask, local):
     assert table(end(*begin(wild, tmp_path / "study", dask))) == local
-    assert len(asked) <= 1 + (asked[-1] - asked[0]) / 0.5
-
-
-@pytest.mark.heavy
-def test_a_search_finds_there_what_it_finds_here(tmp_path, dask):
-    tune = pytest.importorskip("vdfmu.extras.tune").tune
-    searches = {
-        name: tune(
-            "planar_tracking", ["controller.K_p[1]"], "rms(trajectory.q_d - plant.q)", method="global", evaluations=9,
-            stop=0.05, out=tmp_path / name, **where,
-        )
-        for name, where in (("here", {"workers": 1}), ("there", {"scheduler": dask.address}))
-    }  # fmt: skip
-    assert table(Sweep(searches["there"].folder)) == table(Sweep(searches["here"].folder))
-    assert (searches["there"].after.values == searches["here"].after.values).all()
-
-
-@pytest.mark.heavy
-def test_a_fault_of_our_own_is_no_lost_scheduler(wild, tmp_path, dask, monkeypatch):
-    """Not even while the connection ends: it would be waited for, and the points run again."""
-
-    def fail(chunks, seconds):
-        dask.scheduler.kill()
-        dask.scheduler.wait()
-        time.sleep(1.0)  # the client sees it
-        raise AttributeError("note")
-
-    monkeypatch.setattr("vdfmu.study.sweeps.worker.Chunks.note", fail)
-    monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
-    thread, outcome = begin(wild, tmp_path / "study", dask)
-    thread.join(60)
-    assert str(outcome[0]) == "note"
 
 
 @pytest.mark.heavy

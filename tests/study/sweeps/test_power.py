@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tests.power import Power
-from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.ledger import Ledger, table_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the names of open files from /proc")
@@ -54,21 +53,3 @@ def lasting(tmp_path, monkeypatch):
 def test_a_study_that_loses_power_keeps_its_points_and_goes_on(tmp_path, monkeypatch):
     # seven files and folders are made and some removed, each in some steps
     assert lasting(tmp_path, monkeypatch) > 15
-
-
-@pytest.mark.parametrize("kind", ["files", "folders"])
-def test_without_fsync_points_would_be_lost(tmp_path, monkeypatch, kind):
-    """What the test above finds: fsync of files alone, or of folders alone, is not enough."""
-    fsync = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda handle: None)
-    real = Power._synced
-
-    def synced(self, handle):
-        if os.path.isdir(os.readlink(f"/proc/self/fd/{handle}")) == (kind == "files"):
-            fsync(handle)
-        else:
-            real(self, handle)
-
-    monkeypatch.setattr(Power, "_synced", synced)
-    with pytest.raises((AssertionError, UsageError)):  # a point is lost, or the study is not known again
-        lasting(tmp_path, monkeypatch)

@@ -84,32 +84,6 @@ def test_plant_factors_reach_the_plant_alone_and_a_setting_without_an_index_all_
     assert override(scenario, {"plant.equilibrium": "false"}) == {"plant": {"equilibrium": False}}
 
 
-@pytest.mark.parametrize(("key", "value", "words"), [
-    ("motor.K_p", "1", r"motor\.K_p: expected component\.parameter, a component of trajectory, feedforward"),
-    ("controller.K_q", "1", r"controller\.K_q: controller has no K_q\. Did you mean .* There are: .*K_p"),
-    ("controller.K_p[3]", "1", r"controller has no K_p\[3\]\. .*There are: K_p\[1\], K_p\[2\]"),
-    ("plant.q", "1", r"plant\.q: q\[1\] is an output of plant; only parameters and free inputs can be set"),
-    ("controller.K_p", "high", r"controller\.K_p: expected a number in N\.m/rad, got 'high'"),
-    ("controller.K_p", "nan", r"controller\.K_p: expected a finite number, got nan"),
-    ("controller.K_p", "-1", r"controller\.K_p: expected at least 0 N\.m/rad, got -1"),
-    ("feedforward.mode", "fast", r"feedforward\.mode: expected inverse or vdc, got 'fast'"),
-    ("feedforward.mode", "0.5", r"feedforward\.mode: expected 0 \(inverse\) or 1 \(vdc\), got 0\.5"),
-    ("plant.equilibrium", "maybe", r"plant\.equilibrium: expected true or false, got 'maybe'"),
-])  # fmt: skip
-def test_a_wrong_setting_says_what_is_expected(scenario, key, value, words):
-    with pytest.raises(UsageError, match=words):
-        override(scenario, {key: value})
-
-
-def test_a_list_has_a_value_for_each_element(scenario):
-    assert override(scenario, {"plant.K_f0": [1e4, 2e4]}) == {"plant": {"K_f0[1]": 1e4, "K_f0[2]": 2e4}}
-    assert override(scenario, {"controller.K_p": np.array([300, 400])})["controller"]["K_p[2]"] == 400.0
-    with pytest.raises(UsageError, match=r"plant\.K_f0: expected one value, or 2 for K_f0\[1\] to K_f0\[2\], got 3"):
-        override(scenario, {"plant.K_f0": [1e4, 2e4, 3e4]})
-    with pytest.raises(UsageError, match=r"plant\.K_f0\[2\]: expected a number in N\.m/rad, got None"):
-        override(scenario, {"plant.K_f0": [1e4, None]})
-
-
 def test_an_input_that_nothing_feeds_is_set_as_a_parameter(scenario, fmus, tmp_path):
     values = system_values(scenario, {"plant.F_e[3]": 30.0})
     assert [values["plant"][f"F_e[{k}]"] for k in range(1, 7)] == [0.0, 0.0, 30.0, 0.0, 0.0, 0.0]

@@ -94,23 +94,13 @@ def test_both_versions_connect_the_same_elements_arrays_whole_and_mixed_units_by
     assert {link.start[1].name for link in mixed if link.start[1].group == "q"} == {"q[1]", "q[2]", "q[3]"}
 
 
-def test_elements_of_arrays_and_scalars_are_connected_by_index():
+def test_elements_of_arrays_are_connected_by_index():
     scenario = load_scenario("planar_tracking")
     crossed = {"trajectory.q_d[1]": ["controller.q_d[2]"], "plant.q": ["controller.q"]}
     scenario = dataclasses.replace(scenario, system=dataclasses.replace(scenario.system, connections=crossed))
     element, whole = SystemDescription(scenario, version="2.0").links
     assert (element.start[1].shape, element.start_index, element.end_index) == ((2,), (1,), (2,))
     assert (whole.start_index, whole.end_index) == ((), ())
-    description = SystemDescription(load_scenario("planar_tracking"), version="2.0")
-    array = next(s for s in description.signals("controller", "input") if s.name == "q")
-    scalars = tuple(dataclasses.replace(array, name=v.name, variables=(v,), shape=()) for v in array.variables)
-    rest = tuple(s for s in description._signals["controller"] if s is not array)
-    description._signals["controller"] = (*rest, *scalars)
-    links = [link for link in description.links if link.end[0] == "controller" and link.end[1].group == "q"]
-    assert [(x.start_index, x.end_index, x.end[1].name) for x in links] == [((1,), (), "q[1]"), ((2,), (), "q[2]")]
-    root = structure_file(description)
-    indices = [c.get("startIndices") for c in root.iter(f"{{{NAMESPACES['ssd']}}}Connection")]
-    assert [i for i in indices if i] == ["1", "2"]
 
 
 def test_boxes_and_connectors_of_the_diagram_lie_apart_on_the_canvas(description):

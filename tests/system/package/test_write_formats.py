@@ -14,7 +14,7 @@ from pyssp_standard.ssv import SSV
 
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import PAGE_MARK, read_member
+from vdfmu.base.files import PAGE_MARK
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.package.writing import to_bytes
 from vdfmu.system.package.description import SystemDescription
@@ -85,16 +85,6 @@ def test_the_wrong_fmus_are_refused(scenario, fmus, fmus_3, tmp_path):
     with pytest.raises(StorageError, match=r"plant: .*none.fmu is missing or no FMU"):
         write_ssp(scenario, {**fmus, "plant": tmp_path / "none.fmu"}, tmp_path / "x.ssp")
     assert not list(tmp_path.iterdir())
-
-
-def test_the_page_says_which_version_of_fmi_is_in_it(scenario, fmus, fmus_3, tmp_path):
-    for listed, words in (
-        (fmus, "FMI 2.0."),
-        (fmus_3, "FMI 3.0."),
-        ({**fmus_3, "plant": fmus["plant"]}, "FMI 2.0 and 3.0."),
-    ):
-        package = write_ssp(scenario, listed, tmp_path / "x.ssp", mixed=True)
-        assert f"SSP 1.0, {words}" in read_member(package, "documentation/index.html").decode()
 
 
 def test_impossible_formats_say_what_to_do(monkeypatch):

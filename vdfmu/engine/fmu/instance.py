@@ -225,11 +225,14 @@ class Instance(Library):
 
         return calculate
 
-    def get(self, variable: FmuVariable) -> Value:
-        """Get one variable."""
-        (values, _, calls), *_ = self._accesses("Get", (variable,))
-        self.run(calls)
-        return shown(variable.kind, values[0])
+    def get_all(self, variables: Sequence[FmuVariable]) -> list[Value]:
+        """Get many variables with one call a type."""
+        values: list[Value] = [0] * len(variables)
+        for numbers, places, calls in self._accesses("Get", tuple(variables)):
+            self.run(calls)
+            for number, place in zip(numbers, places, strict=True):
+                values[place] = shown(variables[place].kind, number)
+        return values
 
     def set_all(self, values: Starts) -> None:
         """Set many variables with one call a type."""

@@ -135,12 +135,12 @@ class ModelExchangeIntegrator:
         instance, n = self.instance, self._x.size
         instance.leave_event()
         self.instance.transfer("GetContinuousStates", self._x)
-        center = np.array([*self._x, *(instance.get(v) for v in inputs)], np.float64)
+        center = np.array([*self._x, *instance.get_all(inputs)], np.float64)
 
         def both(at: Floats) -> Floats:
             instance.set_all(list(zip(inputs, at[n:].tolist(), strict=True)))
             rates = self._derivatives(time, at[:n])
-            return np.array([*rates, *(instance.get(v) for v in outputs)], np.float64)
+            return np.array([*rates, *instance.get_all(outputs)], np.float64)
 
         sizes = np.maximum(np.abs(center), [*self._nominals, *(v.size for v in inputs)])
         steps = np.diag(_DIFFERENCE * sizes)

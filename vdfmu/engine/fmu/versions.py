@@ -139,10 +139,10 @@ class Instance1(Instance2):
     def enter_initialization(self) -> None:
         """See `Instance.enter_initialization`."""
 
-    def get(self, variable: FmuVariable) -> Value:
-        """See `Instance.get`."""
+    def get_all(self, variables: Sequence[FmuVariable]) -> list[Value]:
+        """See `Instance.get_all`."""
         self.exit_initialization()
-        return super().get(variable)
+        return super().get_all(variables)
 
     def exit_initialization(self, stepped: bool = True) -> None:
         """Initialize the instance, once."""

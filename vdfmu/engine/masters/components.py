@@ -163,7 +163,7 @@ class Components:
 
     def value(self, name: str, variable: str) -> Value:
         """Get a variable of a component."""
-        return self.instances[name].get(self.checked.descriptions[name].variables[variable])
+        return self.instances[name].get_all([self.checked.descriptions[name].variables[variable]])[0]
 
     def between_events(self, name: str, variable: str) -> bool:
         """Whether a variable of a component is set between events."""

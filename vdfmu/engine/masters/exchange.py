@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import c_double, c_int
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -214,14 +214,15 @@ class Exchange:
             return
         texts = [link for link in initial.torn if link.sink.type in TEXTS]
         torn = [link for link in initial.torn if link.sink.type not in TEXTS]
-        values = np.array([self._value(link) for link in torn], np.float64)
+        values = np.array(self._values(torn), np.float64)
         least = np.array([1.0 if link.discrete else link.sink.size for link in torn])
 
         def repeat(guess: Floats) -> Floats:
-            for link, value in zip(torn, guess.tolist(), strict=True):
-                self._carry(link, value if link.sink.kind == "Real" else round(value))
+            new = iter(guess.tolist())
+            for links in _arrays(torn):
+                self._carry(links, [next(new) if link.sink.kind == "Real" else round(next(new)) for link in links])
             self._pass(initial.links, texts)
-            values[:] = [self._value(link) for link in torn]
+            values[:] = self._values(torn)
             return values
 
         def size(residual: Floats) -> Floats:
@@ -240,25 +241,30 @@ class Exchange:
             )  # fmt: skip
 
     def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
-        """Carry values over connections, first over `torn` ones."""
-        for link in (*torn, *links):
-            self._carry(link, self._value(link))
+        """Carry values over connections, first over `torn` ones, whole arrays at once."""
+        for array in (*_arrays(torn), *_arrays(links)):
+            self._carry(array, self._values(array))
 
-    def _value(self, link: Link) -> Any:
-        if link.start[0] == SOURCE:
-            bank = self._bank(link.source.kind)
-            value: Any = bank.memory[bank.position[link.start]].item()
-        else:
-            value = self.instances[link.start[0]].get(link.source)
-        if link.conversion.table is not None:
-            return link.conversion.table.get(int(value), int(value))
-        return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
+    def _values(self, links: Sequence[Link]) -> list[Any]:
+        """Return the values that connections bring to their inputs."""
+        values: list[Any] = []
+        for array in _arrays(links):
+            start, sources = array[0].start[0], [link.source for link in array]
+            if start == SOURCE:
+                bank = self._bank(sources[0].kind)
+                values += (bank.memory[bank.position[link.start]].item() for link in array)
+            else:
+                values += self.instances[start].get_all(sources)
+        return [_converted(link, value) for link, value in zip(links, values, strict=True)]
 
-    def _carry(self, link: Link, value: Value) -> None:
-        self.instances[link.end[0]].set_all([(link.sink, value)])
-        if link.stepped:
-            bank = self._bank(link.sink.kind)
-            bank.memory[bank.position[link.end]] = held(bank.kind, value)
+    def _carry(self, links: Sequence[Link], values: Sequence[Value]) -> None:
+        """Set the inputs at the ends of connections to one unit."""
+        pairs = list(zip(links, values, strict=True))
+        self.instances[links[0].end[0]].set_all([(link.sink, value) for link, value in pairs])
+        for link, value in pairs:
+            if link.stepped:
+                bank = self._bank(link.sink.kind)
+                bank.memory[bank.position[link.end]] = held(bank.kind, value)
 
     def read_outputs(self) -> None:
         """Get all outputs."""
@@ -357,6 +363,22 @@ class Exchange:
             f"{variable.name} is {bank.outputs[first]} at t = {time:.9g} s, expected a finite number{also}{way}",
             kind=FailureKind.NOT_FINITE,
         )  # fmt: skip
+
+
+def _arrays(links: Iterable[Link]) -> list[list[Link]]:
+    """Return connections in groups: neighbours from one array of FMI 3.0 to another."""
+
+    def ends(link: Link) -> tuple[str, int, str, int]:
+        return link.start[0], link.source.reference, link.end[0], link.sink.reference
+
+    return [list(group) for _, group in groupby(links, ends)]
+
+
+def _converted(link: Link, value: Any) -> Any:
+    """Return the value of a connection's output as its input takes it."""
+    if link.conversion.table is not None:
+        return link.conversion.table.get(int(value), int(value))
+    return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
 
 
 def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:

@@ -183,8 +183,8 @@ class Together:
     def _planned(self, descriptions: Mapping[str, Description], links: Sequence[Link]) -> list[Callable[[], None]]:
         """Return the functions that pass values on, stage by stage: outputs of one rank, then inputs that they feed."""
         ports, edges = variable_graph(descriptions, links, initial=False)
-        ends = {link.end for link in links}
-        rank = ranks(ports, edges, lambda _, port: port not in ends)
+        starts = {link.start for link in links}
+        rank = ranks(ports, edges, lambda _, port: port in starts)
         stages: list[Callable[[], None]] = []
         for _, group in groupby(sorted(links, key=lambda k: rank[k.end]), lambda k: rank[k.end]):
             stage = list(group)

@@ -13,6 +13,7 @@ from typing import IO, Any
 from urllib.parse import unquote, urlsplit
 
 from vdfmu.base.errors import SspError, UsageError, disk_error
+from vdfmu.base.files import storing
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.package import limits
 from vdfmu.engine.rules import Finding, breach, finding
@@ -189,7 +190,8 @@ class Archive:
         with InterruptGuard():  # the first search for the temporary folder creates a file in it
             file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
-            self.copy(name, file)
+            with storing(Path(tempfile.gettempdir())):
+                self.copy(name, file)
         except BaseException:
             file.close()
             raise

@@ -202,7 +202,7 @@ def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: 
         box = add(element, "ssd:Connectors") if variables else None
         for variable in variables:
             connector = add(box, "ssd:Connector", name=variable.name, kind=variable.causality)
-            kind, unit = type_of(variable.native), variable.unit
+            kind, unit = type_of(variable.declared), variable.unit
             if kind in _TYPES:
                 defined = kind == "Real" and unit is not None and unit == units.get(unit.name)
                 add(connector, f"ssc:{kind}", unit=unit.name if unit is not None and defined else None)

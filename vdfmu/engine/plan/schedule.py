@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -10,6 +10,9 @@ from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.graph import cycles, topological
+
+_BETWEEN = "\0"
+"""First character of a port between inputs and outputs, see `variable_graph`; no name of a variable has it."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +120,9 @@ def make_schedule(
                 f"delay of a step, {choice(repeats=True)} solves it"
             )
 
-    connected = {link.end for link in links if link.stepped}
+    needs = _Needs(descriptions, (link for link in links if link.stepped), False)
     read = {
-        (unit, output): _dependencies(description, output, False, connected, unit)
+        (unit, output): needs.of(unit, output)
         for unit, description in descriptions.items()
         for output in [v.name for v in description.named("output")]
     }
@@ -188,12 +191,12 @@ def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset
     Outputs without a reader must not decide how other outputs are computed.
     """
     coupled = {unit for unit, _ in starts}
-    return frozenset(
-        (unit, name)
+    shared = {
+        (unit, id(names)): names
         for (unit, output), names in read.items()
         if unit not in coupled or (unit, output) in starts
-        for name in names
-    )
+    }
+    return frozenset((unit, name) for (unit, _), names in shared.items() for name in names)
 
 
 def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
@@ -229,28 +232,54 @@ def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> t
     return tuple(blocks)
 
 
-def _dependencies(description: Description, output: str, initial: bool, connected: set[Port], unit: str) -> list[str]:
-    """Return the connected inputs (initially also parameters) of a unit that an output depends on."""
-    inputs, variable = [name for owner, name in connected if owner == unit], description.variables[output]
-    declared = description.step_dependencies.get(output)
-    if initial and output in description.initial_dependencies:
-        declared = description.initial_dependencies[output]
-    elif variable.initial == "exact" if initial else variable.causality != "output":
-        declared = frozenset()
-    return inputs if declared is None else [name for name in inputs if name in declared]
+class _Needs:
+    """The connected inputs (initially also parameters) on which variables depend. Elements of an array share them."""
+
+    def __init__(self, descriptions: Mapping[str, Description], links: Iterable[Link], initial: bool) -> None:
+        self._descriptions, self._initial = descriptions, initial
+        self._connected: dict[str, list[str]] = {name: [] for name in descriptions}
+        for unit, name in dict.fromkeys(link.end for link in links):
+            self._connected[unit].append(name)
+        self._shared: dict[tuple[str, frozenset[str] | None], tuple[str, ...]] = {}
+
+    def of(self, unit: str, output: str) -> tuple[str, ...]:
+        """Return the inputs of a unit for one of its outputs."""
+        description = self._descriptions[unit]
+        variable, declared = description.variables[output], description.step_dependencies.get(output)
+        if self._initial and output in description.initial_dependencies:
+            declared = description.initial_dependencies[output]
+        elif variable.initial == "exact" if self._initial else variable.causality != "output":
+            declared = frozenset()
+        if (unit, declared) not in self._shared:
+            inputs = self._connected[unit]
+            self._shared[unit, declared] = tuple(name for name in inputs if declared is None or name in declared)
+        return self._shared[unit, declared]
 
 
 def variable_graph(
     descriptions: Mapping[str, Description], links: Sequence[Link], *, initial: bool
 ) -> tuple[list[Port], set[tuple[Port, Port]]]:
-    """Return the connected variables, and the pairs whose second variable depends on the first directly."""
+    """Return the connected variables, and the pairs whose second variable depends on the first directly.
+
+    Where several outputs depend on the same inputs, a port that is no variable stands between them: else an array would
+    have the square of its length of pairs.
+    """
     used = [link for link in links if initial or link.stepped]
-    connected = {link.end for link in used}
     ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))
     edges = {(link.start, link.end) for link in used}
-    for unit, output in {link.start for link in used}:
-        for name in _dependencies(descriptions[unit], output, initial, connected, unit):
-            edges.add(((unit, name), (unit, output)))
+    needs = _Needs(descriptions, used, initial)
+    alike: dict[tuple[str, int], tuple[tuple[str, ...], list[Port]]] = {}
+    for unit, output in dict.fromkeys(link.start for link in used):
+        if unit in descriptions and (names := needs.of(unit, output)):
+            alike.setdefault((unit, id(names)), (names, []))[1].append((unit, output))
+    for k, ((unit, _), (names, outputs)) in enumerate(alike.items()):
+        inputs = [(unit, name) for name in names]
+        if len(inputs) > 1 and len(outputs) > 1:
+            between = (unit, f"{_BETWEEN}{k}")
+            ports.append(between)
+            edges |= {(port, between) for port in inputs}
+            inputs = [between]
+        edges |= {(port, output) for port in inputs for output in outputs}
     return ports, edges
 
 
@@ -283,7 +312,7 @@ def _loop_message(cycle: Sequence[Port], descriptions: Mapping[str, Description]
     silent = sorted(
         {unit for unit, name in cycle if descriptions[unit].step_dependencies.get(name, frozenset()) is None}
     )
-    text = " -> ".join(".".join(port) for port in cycle)
+    text = " -> ".join(".".join(port) for port in cycle if not port[1].startswith(_BETWEEN))
     if silent:
         text += f". Note: no dependencies are declared by {', '.join(silent)}, so all inputs count"
     return text
