@@ -217,14 +217,3 @@ def test_log_categories_and_experiment(interface, version):
     tolerances = [str(v.start) for v in interface if v.name == "tolerance"]
     assert set(experiment.attrib) == {"startTime", "stopTime", "stepSize", *(["tolerance"] if tolerances else [])}
     assert [experiment.get("tolerance")] == (tolerances or [None])
-
-
-def test_fmpy_compiles_what_is_listed(interfaces):
-    interface = interfaces["planar_2dof", "plant"]
-    for version in VERSIONS:
-        (configuration,) = read(root_of(interface, version)).buildConfigurations
-        assert configuration.modelIdentifier == "Plant"
-        (sources,) = configuration.sourceFileSets
-        assert sources.sourceFiles == list(SOURCES)
-    assert sources.language == "C11"
-    assert [(d.name, d.value) for d in sources.preprocessorDefinitions] == [("DISABLE_PREFIX", "1")]
