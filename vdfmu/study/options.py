@@ -193,7 +193,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, total=False):
     engine: Annotated[str | None, Option(
         "batch runs several points at once.", choices=ENGINES,
         more="Engine of the points: the FMUs, or one program of all units, by default if there are points enough, "
-        "see :mod:`vdfmu.study.batch`.")]
+        "see :mod:`vdfmu.extras.batch`.")]
 
 
 class SweepOptions(PlanOptions, WorkerOptions, total=False):

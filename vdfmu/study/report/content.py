@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats, bends, distinct, extremes
-from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
+from vdfmu.base.measure import JOINT_TYPES, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
 from vdfmu.engine.results.folder import DRAWN
 from vdfmu.engine.results.results import Recorded, Results, Signal
@@ -143,11 +143,11 @@ def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure
 
 def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
     """Yield figures of an arm by type of joint. `before` and `of` are prefixes of keys and titles."""
-    for kind, unit in JOINT_UNITS.items():
+    for kind, joint_type in JOINT_TYPES.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
         for key, quantity, title, peak, drawn in _FIGURES:
-            noun = unit.noun.capitalize() if title.startswith("{}") else unit.noun
+            noun = joint_type.noun.capitalize() if title.startswith("{}") else joint_type.noun
             curves = [
                 Curve(", ".join(filter(None, (f"joint {i + 1}", label))), i + 1, sums[name][i], dashed=place > 0)
                 for place, (name, label) in enumerate(drawn.items())
@@ -283,7 +283,7 @@ class ArmFrames:
         self._stride = max(1, -(-(m - 1) // FRAMES))
         if arm:
             self._travel, reach = np.zeros(len(arm["types"])), Chain(arm).reach
-            scale = [1.0 if kind == "revolute" else 1.0 / reach for kind in arm["types"]]
+            scale = [1.0 / reach if JOINT_TYPES[kind].slides else 1.0 for kind in arm["types"]]
             self._scale = np.array([*scale, *([1.0 / reach] * 3 + [1.0] * 9 if "base" in motion else [])])[:, None]
 
     def add(self, part: Results, first: int) -> None:
