@@ -87,16 +87,6 @@ def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: P
     assert done.stderr.endswith(f"-m pip install {module}\n")  # and nothing after it
 
 
-@pytest.mark.heavy
-def test_a_missing_package_is_named_though_the_fmus_that_need_it_are_built(tmp_path: Path) -> None:
-    command = ("run", "planar_tracking", "--stop", "0.001", "--backend", "python", "--no-reference")
-    out = ("--out", str(tmp_path / "out"))
-    assert vdfmu(*command, *out).returncode == 0  # and they are in the cache
-    done = vdfmu(*command, *out, PYTHONPATH=without("pythonfmu", tmp_path))
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: the Python package pythonfmu is not installed. ")
-
-
 @pytest.mark.parametrize("package", [name for name in NEEDED if name not in ("click", "rich")])
 def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
     done = vdfmu("run", "--help", PYTHONPATH=without(package, tmp_path))

@@ -1,10 +1,8 @@
 """`judge`: against closed forms, sampled laws, and systems that it must not decide."""
 
 import re
-import sys
 from dataclasses import replace
 from html import unescape
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +14,6 @@ from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
-from vdfmu.engine.masters.components import Coupling
-from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.study.coupling_error import KINDS, OPEN, RIGHT, WRONG, differences, error_of, kind_of, verdict_of
@@ -255,33 +250,14 @@ def test_declared_units_stay_sampled_where_the_others_are_taken_as_continuous():
     assert len(texts) == 1 and texts.pop().startswith("Right to ")
 
 
-class Midpoint(SampledStepper):
-    """Holds each continuous input at the value that a line through its last two has in the middle of the step."""
-
-    def __init__(self, exchange: Exchange) -> None:
-        super().__init__(exchange)
-        self._inputs, self._last = exchange.banks[0].inputs, exchange.banks[0].inputs.copy()
-        self.opening.append(self._extrapolate)
-
-    def _extrapolate(self) -> None:
-        now = self._inputs.copy()
-        self._inputs += 0.5 * (now - self._last)
-        self._last = now
-
-
-def midpoint(coupling: Coupling) -> Midpoint:
-    return Midpoint(coupling.exchange)
-
-
 def test_an_algorithm_of_a_plugin_is_judged_by_the_order_that_it_declares(lags, monkeypatch):
-    row = Algorithm(f"{__name__}:midpoint")
-    monkeypatch.setitem(sys.modules, __name__, SimpleNamespace(midpoint=midpoint))
-    monkeypatch.setitem(ALGORITHMS, "midpoint", row)
-    judged = lags.judge(0.01, step=0.02, algorithm="midpoint")
+    row = Algorithm(ALGORITHMS["jacobi"].stepper)
+    monkeypatch.setitem(ALGORITHMS, "of a plugin", row)
+    judged = lags.judge(0.01, step=0.02, algorithm="of a plugin")
     assert judged.kind == "order" and "declares no order. Declare declared_order" in judged.text
-    monkeypatch.setitem(ALGORITHMS, "midpoint", replace(row, declared_order=2))
-    require_estimates(lags, 0.02, "midpoint")
-    assert lags.judge(0.01, step=0.005, algorithm="midpoint").right
+    monkeypatch.setitem(ALGORITHMS, "of a plugin", replace(row, declared_order=1))
+    require_estimates(lags, 0.02, "of a plugin")
+    assert lags.judge(0.1, step=0.02, algorithm="of a plugin").right
 
 
 def test_the_rule():

@@ -57,14 +57,23 @@ def test_pose_of_no_position_is_empty(planar):
     assert p_O.shape == (0, 3) and R_O.shape == (0, 3, 3)
 
 
-@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
-def test_wrong_arguments_are_named(planar, function):
-    with pytest.raises(KernelError, match=r"q: expected shape \(2,\) or \(m, 2\), got \(3,\)"):
-        function(planar, np.zeros(3))
-    with pytest.raises(KernelError, match=r"q\[1\]: expected a finite number, got nan"):
-        function(planar, [0.0, np.nan])
-    with pytest.raises(UsageError, match="expected a Robot, got .*planar_2dof.. Load it with vdfmu.load_robot"):
-        function("planar_2dof", [0.0, 0.0])
+@pytest.mark.parametrize(("q", "message"), [
+    ([0.0], r"q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
+    (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
+    (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
+    ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
+    ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
+    (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+    ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
+])  # fmt: skip
+def test_wrong_arguments_are_named(planar, q, message):
+    for function in FUNCTIONS:
+        with pytest.raises(KernelError, match=message):
+            function(planar, q)
+        with pytest.raises(UsageError, match="expected a Robot, got .*planar_2dof.. Load it with vdfmu.load_robot"):
+            function("planar_2dof", [0.0, 0.0])
+    with pytest.raises(KernelError, match=r"batches of different lengths \[2, 3\]: expected one length"):
+        dynamics.inverse_dynamics(planar, np.zeros((2, 2)), np.zeros((3, 2)), np.zeros(2))
 
 
 def test_a_result_that_is_not_finite_is_an_error(planar):

@@ -168,64 +168,18 @@ def test_processes_share_a_cache_that_each_of_them_empties(tmp_path):
     assert sum((tmp_path / name).stat().st_size for name in files) <= 20_000 + 3 * 1_065
 
 
-def test_call_checks_name_count_and_sizes_and_each_function_has_buffers_of_its_own(planar, kernel_of):
-    with pytest.raises(KernelError, match=r"must be one of inverse_dynamics, .*mass_matrix.*, got 'inverse'"):
-        Kernel(planar, None).function("inverse")
-    function = kernel_of(planar).function("inverse_dynamics")
-    p, rest = kernel_of(planar).p, np.zeros(2)
-    with pytest.raises(
-        KernelError, match=r"inverse_dynamics: expected 5 arguments \(q, q_dot, q_ddot, F_e, p\), got 1"
-    ):
-        function([0.0, 0.0])
-    with pytest.raises(KernelError, match=r"inverse_dynamics: q: expected 2 numbers, got 3"):
-        function([0.0, 0.0, 0.0], rest, rest, np.zeros(6), p)
-    tau = function([0.0, 0.0], rest, rest, np.zeros(6), p)
-    # At q = 0 the arm is horizontal: (2 kg * 0.25 m + 1 kg * (0.5 m + 0.2 m)) g and 1 kg * 0.2 m * g; a few
-    # roundings.
-    np.testing.assert_allclose(tau, [1.2 * 9.81, 0.2 * 9.81], rtol=1e-15 * 4)
+def test_a_function_has_buffers_of_its_own_or_those_that_are_given(planar, kernel_of):
     a, b = (kernel_of(planar).function("inverse_dynamics") for _ in range(2))
+    p, rest, F_e = kernel_of(planar).p, np.zeros(2), np.zeros(6)
+    with pytest.raises(KernelError, match=r"inverse_dynamics: q: expected 2 numbers, got 3"):
+        a([0.0, 0.0, 0.0], rest, rest, F_e, p)
     a.args["q"][:] = 1.0
     assert not b.args["q"].any()
-    p = kernel_of(planar).p
-    rest, F_e = np.zeros(2), np.zeros(6)
     first = a([0.0, 0.0], rest, rest, F_e, p)
     a([1.0, 1.0], rest, rest, F_e, p)
     np.testing.assert_array_equal(first, b([0.0, 0.0], rest, rest, F_e, p))  # results of a call are copies
-
-
-def test_rows_take_single_arrays_and_batches(planar, kernel_of):
-    kernel = kernel_of(planar)
-    q, q_dot, q_ddot, F_e = arguments()
-    single = torque(kernel)
-    assert single.shape == (2,)
-    batch = kernel.rows("inverse_dynamics", [np.stack([q, 2 * q, q]), q_dot, np.stack([q_ddot] * 3), F_e], SIZES)
-    assert batch.shape == (3, 2)
-    np.testing.assert_array_equal(batch[[0, 2]], [single, single])
-    assert (batch[1] != single).all()
-    assert kernel.rows("inverse_dynamics", [np.empty((0, 2)), q_dot, q_ddot, F_e], SIZES).shape == (0, 2)
-
-
-@pytest.mark.parametrize(("value", "message"), [
-    ([0.0], r"inverse_dynamics: q: expected shape \(2,\) or \(m, 2\), got \(1,\)"),
-    (0.0, r"q: expected shape \(2,\) or \(m, 2\), got \(\)"),
-    (np.zeros((2, 2, 2)), r"q: expected shape .*, got \(2, 2, 2\)"),
-    ([0.0, np.nan], r"q\[1\]: expected a finite number, got nan"),
-    ([[0.0, 0.0], [np.inf, 0.0]], r"q\[1, 0\]: expected a finite number, got inf"),
-    (["a", "b"], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
-    ([[0.0, 0.0], [0.0]], r"q: expected numbers of shape \(2,\) or \(m, 2\)"),
-])  # fmt: skip
-def test_rows_refuse_what_is_no_array_of_finite_numbers(planar, kernel_of, value, message):
-    with pytest.raises(KernelError, match=message):
-        kernel_of(planar).rows("inverse_dynamics", [value, *arguments()[1:]], SIZES)
-
-
-def test_given_buffers_are_used_in_place_and_batches_of_different_lengths_refused(planar, kernel_of):
-    q, q_dot, q_ddot, F_e = arguments()
-    with pytest.raises(KernelError, match=r"batches of different lengths \[2, 3\]: expected one length"):
-        kernel_of(planar).rows("inverse_dynamics", [np.stack([q] * 2), np.stack([q_dot] * 3), q_ddot, F_e], SIZES)
     q = np.array([0.3, 0.4])
-    function = kernel_of(planar).function("inverse_dynamics", q=q)
-    assert function.args["q"] is q
+    assert kernel_of(planar).function("inverse_dynamics", q=q).args["q"] is q
     for wrong in (np.zeros(3), np.zeros(2, dtype=np.float32), np.zeros(4)[::2]):
         with pytest.raises(KernelError, match=r"buffer of q: expected a contiguous float array of shape \(2,\)"):
             kernel_of(planar).function("inverse_dynamics", q=wrong)

@@ -12,7 +12,7 @@ from vdfmu.arm.equations.mapping import (
     velocity_mapping,
 )
 from vdfmu.arm.equations.rigid_body import coriolis_force, coriolis_matrix, mass_matrix, net_force
-from vdfmu.arm.equations.spatial import cross_motion, force_transform, homogeneous_transform, joint_axis, skew
+from vdfmu.arm.equations.spatial import force_transform, homogeneous_transform, skew
 from vdfmu.compiler.scalar.jet import derivative, jets
 
 EPS = np.finfo(float).eps
@@ -95,26 +95,6 @@ def test_transforms_keep_power_and_follow_the_chained_poses(chain, draw):
         np.testing.assert_allclose(T[:3, :3] @ chain.tool_rotation, R_O, rtol=0, atol=1e-14)
         np.testing.assert_allclose(T[:3, :3] @ chain.tool_offset + T[:3, 3], p_O, rtol=0, atol=1e-13)
         np.testing.assert_allclose(force_transform(T[:3, :3], T[:3, 3]), U, rtol=0, atol=1e-13)
-
-
-def test_velocity_derivative_is_that_of_the_velocity_and_transform_rate_minus_the_cross_motion(chain, draw):
-    for state in draw(chain, 5, seed=6):
-        zero = np.zeros(chain.n)
-        motion = link_motion(chain, state.q, state.q_dot, state.q_ddot)
-        moving = link_motion(
-            chain, jets(state.q, state.q_dot, state.q_ddot), jets(state.q_dot, state.q_ddot, zero), zero
-        )
-        scale = max(np.abs(V).max() for V in motion.V_B_dot)
-        for V_B, V_B_dot in zip(moving.V_B, motion.V_B_dot, strict=True):
-            # The same chain of some 100 n products: 1e-13 of the largest entry.
-            np.testing.assert_allclose(derivative(V_B, 1), V_B_dot, rtol=0, atol=1e-13 * scale)
-    state = draw(chain, 1, seed=7)[0]
-    fixed = link_motion(chain, state.q, state.q_dot, state.q_ddot).U_AB
-    moving = link_motion(chain, jets(state.q, state.q_dot, state.q_ddot), state.q_dot, state.q_ddot).U_AB
-    for i in range(chain.n):
-        X = cross_motion(joint_axis(chain.joint_types[i]) * state.q_dot[i])
-        # Entries up to pi m times 2/s: 1e-14 is 10 roundings.
-        np.testing.assert_allclose(derivative(moving[i].T, 1), -X @ fixed[i].T, rtol=0, atol=1e-14)
 
 
 def coriolis_in_joint_space(robot, q, q_dot):

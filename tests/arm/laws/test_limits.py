@@ -9,8 +9,7 @@ from vdfmu.arm.drive.limits import motor_torque, stop_torque
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.robot import load_robot, robot_from_dict
-from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.compiler.c.functions import c_texts
+from vdfmu.base.errors import ModelError
 from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.system.scenario import load_scenario
 
@@ -127,18 +126,6 @@ def test_the_solver_takes_the_arm_through_bounces(plant_solver):
         np.testing.assert_allclose(integrator.x[:2], exact.y[:2, k], rtol=0, atol=1e-5)
     assert np.diff(energies).max() < 1e-5  # J; the solver's own
     assert 1e-4 < deepest < 0.1  # it got there, and no further than the fall of 10 J over 2e4 N m/rad lets it
-
-
-def test_without_limits_nothing_is_traced_of_them(planar, functions_of):
-    names = {p.name.split("[")[0] for p in planar.entries()}
-    assert not names & set(LIMITS)
-    with pytest.raises(UsageError, match=r"q_max: it has no limits\. .* \[joints\.limits\]"):
-        planar.with_parameters(q_max=1.0)
-    assert {p.name.split("[")[0] for p in ROBOT.entries()} >= set(LIMITS)
-    # with the limits the functions are longer
-    for name in ("plant_derivatives", "plant_step", "plant_outputs"):
-        bare, bound = (functions_of("plant", robot).made(name) for robot in (planar, ROBOT))
-        assert len("".join(c_texts(bare))) < len("".join(c_texts(bound)))
 
 
 @pytest.mark.parametrize(("change", "words"), [

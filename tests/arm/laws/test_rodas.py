@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 from vdfmu.compiler.functions.rodas import ALPHA, GAMMA, GAMMA_I, A, C, rodas_step, stage_equations
-from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
-from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 EPS = np.finfo(float).eps
 STAGES = len(A)
@@ -30,19 +28,14 @@ def stability(z):
 
 
 def step_of(matrix):
+    """Return a CasADi function of state and step size: one step of A x - x_dot = 0."""
     m = len(matrix)
-    x, h = ca.SX.sym("x", m), ca.SX.sym("h")
-    J = ca.SX(ca.DM(matrix))
-    return linear_step(J, x, h, ca.SX.eye(m), J, ca.SX(m, 1), np.arange(m))
-
-
-def linear_step(A, x, h, E, EJ, Ef_t, order, rate=0.0):
-    """Return a CasADi function of state and h: one step of E (A x + rate t - x_dot) = 0."""
-    stages = stage_equations(h, E, EJ, Ef_t, order, x.numel())
+    x, h, A = ca.SX.sym("x", m), ca.SX.sym("h"), ca.SX(ca.DM(matrix))
+    stages = stage_equations(h, ca.SX.eye(m), A, ca.SX(m, 1), np.arange(m), m)
 
     def residual(state, t, y=None):
-        value = A @ state + rate * t
-        return value if y is None else E @ (value - y)
+        value = A @ state
+        return value if y is None else value - y
 
     step = rodas_step(residual, x, A @ x, h, stages.factors, stages)
     return ca.Function("step", [x, h], [*step])
@@ -71,8 +64,6 @@ def test_step_is_L_stable_of_order_four_and_the_embedded_one_three():
     assert abs(stability(-1e12)[0]) < 1e-11
     assert abs(stability(1e12j)[0]) < 1e-11
     assert abs(stability(-1e12)[1]) < 1e-11  # the embedded method too
-    x_new, _ = step_of([[-1e15]])(1.0, 1.0)
-    assert abs(float(x_new)) < 1e-11
     # A-stable: |R| <= 1 on the imaginary axis, so in the left half plane, as its poles are at 1/gamma only.
     for y in np.logspace(-2, 4, 400):
         assert abs(stability(1j * y)[0]) <= 1.0 + 1e4 * EPS
@@ -96,6 +87,8 @@ def test_coefficients_meet_the_order_conditions(embedded):
     atol = 1e-12
     # the alpha_i are those of the book's table 6.1
     np.testing.assert_allclose(a_i, [0.0, 0.386, 0.21, 0.63, 1.0, 1.0], rtol=0, atol=atol)
+    # those of problems that depend on time are row sums too, printed with 15 digits
+    np.testing.assert_allclose([a_i, Gamma.sum(axis=1)], [ALPHA, GAMMA_I], rtol=0, atol=1e-13)
     third = [b.sum() - 1, b @ beta_i - 1 / 2, b @ a_i**2 - 1 / 3, b @ beta @ beta_i - 1 / 6]
     np.testing.assert_allclose(third, 0.0, rtol=0, atol=atol)
     fourth = [
@@ -106,50 +99,3 @@ def test_coefficients_meet_the_order_conditions(embedded):
         assert np.abs(fourth).max() > 1e-3  # of order 3 only, so that the difference estimates an error
     else:
         np.testing.assert_allclose(fourth, 0.0, rtol=0, atol=atol)
-
-
-def test_neither_elimination_order_nor_a_mass_matrix_before_the_stage_equations_changes_the_step():
-    random = np.random.default_rng(40)
-    matrix = random.normal(size=(5, 5)) - 5.0 * np.eye(5)
-    x, h, J = ca.SX.sym("x", 5), ca.SX.sym("h"), ca.SX(ca.DM(matrix))
-    start = random.normal(size=5)
-    results = []
-    for order in (np.arange(5), np.array([3, 1, 4, 0, 2])):
-        step = linear_step(J, x, h, ca.SX.eye(5), J, ca.SX(5, 1), order)
-        results.append(step(start, 0.1)[0].full().ravel())
-    # Diagonally dominant, so any order is stable: as above.
-    np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e4 * EPS)
-    random = np.random.default_rng(41)
-    J = random.normal(size=(4, 4)) - 5.0 * np.eye(4)
-    B = random.normal(size=(4, 4))
-    E = B @ B.T + np.eye(4)
-    x, h = ca.SX.sym("x", 4), ca.SX.sym("h")
-    start = random.normal(size=4)
-    results = []
-    for M in (np.eye(4), E):
-        equations = [ca.SX(ca.DM(part)) for part in (M, M @ J, M @ np.ones(4))]
-        step = linear_step(ca.SX(ca.DM(J)), x, h, *equations, np.arange(4), rate=1.0)
-        results.append(step(start, 0.1)[0].full().ravel())
-    # As above, times the condition of E, up to 100.
-    np.testing.assert_allclose(results[0], results[1], rtol=0, atol=1e6 * EPS)
-
-
-def test_elimination_solves_linear_systems_and_coefficients_of_time_are_those_of_the_stages():
-    random = np.random.default_rng(42)
-    B = random.normal(size=(6, 6))
-    matrix = B @ B.T + 6.0 * np.eye(6)
-    matrix[0, 3] = matrix[3, 0] = 0.0  # a structural zero
-    b = random.normal(size=6)
-    expected = np.linalg.solve(matrix, b)
-    # Positive definite with condition below 100: 100 roundings of each.
-    np.testing.assert_allclose(solve_factorized(factorize(matrix), b), expected, rtol=0, atol=1e4 * EPS)
-    symbol = ca.SX.sym("b", 6)
-    traced = ca.Function(
-        "solve", [symbol], [to_sx(solve_factorized(factorize(from_sx(ca.SX(ca.DM(matrix)))), from_sx(symbol)))]
-    )
-    np.testing.assert_allclose(traced(b).full().ravel(), expected, rtol=0, atol=1e4 * EPS)
-    # In the book's first variables: alpha_i = sum a_ij and gamma_i = sum gamma_ij. With u = Gamma k they are the
-    # row sums of A Gamma and of Gamma, where Gamma^-1 = I/gamma - C. The table has 15 digits.
-    Gamma = np.linalg.inv(np.eye(STAGES) / GAMMA - tableau(C))
-    np.testing.assert_allclose((tableau(A) @ Gamma).sum(axis=1), ALPHA, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(Gamma.sum(axis=1), GAMMA_I, rtol=0, atol=1e-13)

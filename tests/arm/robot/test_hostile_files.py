@@ -2,7 +2,6 @@
 
 import copy
 import os
-import threading
 from pathlib import Path
 
 import pytest
@@ -15,26 +14,11 @@ from vdfmu.compiler.fmu.build import build_notes
 from vdfmu.system.scenario import load_scenario
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+def test_special_files_and_a_large_one_are_refused(tmp_path):
     os.mkfifo(tmp_path / "robot.toml")
-    caught: list[BaseException] = []
-
-    def load() -> None:
-        try:
-            load_robot(tmp_path / "robot.toml")
-        except ModelError as error:
-            caught.append(error)
-
-    thread = threading.Thread(target=load, daemon=True)
-    thread.start()
-    thread.join(10)  # reading a pipe that nobody writes never ends
-    assert not thread.is_alive()
-    assert "it is a pipe, a device or another special file" in str(caught[0])
-
-
-def test_a_device_and_a_large_file_are_refused(tmp_path):
-    with pytest.raises(ModelError, match="it is a pipe, a device or another special file"):
-        load_robot(Path("/dev/zero"))
+    for path in (Path("/dev/zero"), tmp_path / "robot.toml"):  # reading either would never end
+        with pytest.raises(ModelError, match="it is a pipe, a device or another special file"):
+            load_robot(path)
     large = tmp_path / "large.toml"
     with large.open("wb") as stream:
         stream.truncate(114 * 2**20)

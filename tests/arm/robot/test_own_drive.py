@@ -26,7 +26,6 @@ from vdfmu.base.errors import ModelError, UnitError
 from vdfmu.base.files import data_path
 from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.compiler.fmu.content import Content
-from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.inspect_source import inspect_source
 from vdfmu.system.scenario import load_scenario
@@ -88,19 +87,6 @@ def test_the_plant_is_the_arm_on_cubic_springs_with_hysteresis_and_warm_friction
     np.testing.assert_allclose(drive_losses(robot, split_state(robot, x)), heat, rtol=1e-12)
     rate = (heat - robot.G_f * (T_f - robot.T_0)) / robot.C_f
     np.testing.assert_allclose(rates.options["T_f"], rate, rtol=1e-12, atol=1e-15)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_energies_change_by_the_power_of_the_motors_less_the_losses(robot, seed):
-    x, tau = draw_state(robot, seed)
-    x_dot = plant_derivative(robot, x, tau, FREE)
-    outputs = plant_outputs(robot, jets(x, x_dot, 0.0))
-    rates = [float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")]
-    state = split_state(robot, x)
-    power = tau @ (robot.ell * state.kappa_dot) - drive_losses(robot, state).sum()
-    # 1000 roundings of the powers that flow through the springs
-    flow = np.abs(rates).sum() + np.abs(state.tau_s) @ (np.abs(state.kappa_dot) + np.abs(state.q_dot))
-    assert abs(sum(rates) - power) < 1000 * EPS * flow
 
 
 def test_the_inverse_knows_the_spring_and_the_energy_is_the_work_on_it(robot):

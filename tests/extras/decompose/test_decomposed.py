@@ -192,22 +192,7 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
     np.testing.assert_allclose(body.p_B, p, rtol=0, atol=1e-11 * np.abs(p).max())
 
 
-def test_a_seventh_joint_is_two_more_components_and_what_they_do_not_know_is_refused(planar):
-    """The wiring of a longer arm has that of the shorter one, but for its tool, and two components more."""
-    longer = replace(planar, joint_types=(*planar.joint_types, "revolute"), **{
-        name: np.concatenate([array, array[-1:]])
-        for name, array in vars(planar).items()
-        if isinstance(array, np.ndarray) and array.ndim and len(array) == 2
-    })  # fmt: skip
-    (_, short), (_, long) = wired(planar), wired(longer)
-    added = set(long.parts) - set(short.parts)
-    assert added == {f"{unit}_{kind}_3" for unit in ("plant", "feedforward") for kind in ("joint", "link")}
-
-    def edges(system: SystemFile) -> set[tuple[str, str]]:
-        pairs = {(start, end) for start, ends in system.connections.items() for end in ends}
-        return {pair for pair in pairs if not any(word in "".join(pair) for word in ("tool", "_3"))}
-
-    assert {pair for pair in edges(long) if "[3]" not in "".join(pair)} == edges(short)
+def test_what_joints_and_links_do_not_know_is_refused(planar):
     with pytest.raises(UsageError, match="plant: the robot planar_2dof has moving_base, but units of links and"):
         decomposed(scenario_of(replace(planar, moving_base=True)))
     with pytest.raises(UsageError, match="feedforward: the robot planar_2dof has hysteresis"):

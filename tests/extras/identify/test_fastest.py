@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from vdfmu import dynamics
 from vdfmu.arm import motion as motions
 from vdfmu.arm.motion.read import check_motion
 from vdfmu.base.errors import UsageError
-from vdfmu.extras.identify.minimum_time import fastest, overload
+from vdfmu.extras.identify.minimum_time import fastest
 
 
 def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar):
@@ -34,13 +33,6 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     # the spline's error, seen below 1e-6
     near = np.linalg.norm(q - points[1], axis=1).min()
     assert near < 0.5 * np.linalg.norm(q_dot, axis=1).max() * (t[1] - t[0]) + 1e-5
-    # with torques below what this takes it is slower, and keeps them
-    free = overload(partial(dynamics.inverse_dynamics, planar), motion, np.ones(2))
-    least = np.abs(dynamics.gravity_torque(planar, q[::100])).max()
-    between = 0.5 * (free + least)
-    weak = fastest(points, velocity, acceleration, robot=planar, torque=between)
-    taken = overload(partial(dynamics.inverse_dynamics, planar), weak, np.full(2, between))
-    assert taken <= 1.0 and weak.duration > motion.duration
     with pytest.raises(UsageError, match=r"smoothing: expected from .* s to .* s, got 0.0001"):
         fastest(points, velocity, acceleration, smoothing=1e-4)
     with pytest.raises(UsageError, match="torque"):

@@ -21,7 +21,6 @@ from tests.added import installed
 from tests.engine.files import assert_same_bits, hollow_results
 from tests.extras.identify.recorded import M, T, motion
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.package_run import run_system
 from vdfmu.engine.run import Results, Signal
 from vdfmu.extras.identify.log import read_log
 
@@ -51,12 +50,6 @@ def test_numbers_of_all_kinds_or_none_read_back_to_the_same_bits(results, tmp_pa
     for some in hollow_results():
         some.write(tmp_path / "r.mcap")
         assert_same_bits(Results.read(tmp_path / "r.mcap"), some)
-
-
-def test_a_run_writes_it_beside_others(arm_package, tmp_path):
-    run = run_system(arm_package(), out=tmp_path, formats=("csv", "mcap"), stop=0.05)
-    assert_same_bits(Results.read(tmp_path / "results.mcap"), run)
-    assert "results.mcap" in json.loads((tmp_path / "summary.json").read_text())["files"]
 
 
 def test_other_readers_have_the_numbers_of_the_file(results, tmp_path):
@@ -187,11 +180,3 @@ def test_json_at_times_of_its_own(robot, data, tmp_path, caplog):
     assert log.t[0] == pytest.approx(late) and len(log.t) == M - 1
     assert "/odd: not read, its encoding is protobuf" in caplog.text
     assert any("columns have different times" in note for note in log.notes)
-    with open(tmp_path / "odd.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        odd = writer.register_channel("/odd", "protobuf", writer.register_schema("arm", "protobuf", b""))
-        writer.add_message(odd, 0, b"", 0)
-        writer.finish()
-    with pytest.raises(vdfmu.VdfmuError, match=r"expected messages of ROS 2 .* or json, got /odd in protobuf"):
-        read_log(tmp_path / "odd.mcap", robot)

@@ -13,7 +13,6 @@ import pytest
 import vdfmu
 from tests.conftest import ran
 from tests.study.page.shown import numbers
-from vdfmu.base.arrays import extremes
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content, page
@@ -54,14 +53,6 @@ def planar(tmp_path_factory):
     return folder, vdfmu.run(
         "planar_tracking", stop=0.2, out=folder, reference=False, parameters={"plant.offset[2,1]": 0.6}
     )
-
-
-def test_extremes_are_those_of_each_stretch():
-    values = np.random.default_rng(2).standard_normal(1000)
-    kept = extremes(values, 10)
-    for stretch in np.split(np.arange(1000), 10):
-        assert {values[stretch].argmin() + stretch[0], values[stretch].argmax() + stretch[0]} <= set(kept)
-    assert len(kept) <= 22
 
 
 def test_no_peak_is_lost_and_rows_are_those_of_the_run():
@@ -201,17 +192,6 @@ def test_names_of_a_run_cannot_break_the_page(tmp_path):
     text = report_page([ShownRun("run", renamed, renamed.summary, tmp_path / "none.ssp")]).decode()
     assert evil not in text
     assert text.count("</script>") == 4  # data, its numbers, libraries, our own
-
-
-def test_several_runs_stand_beside_each_other(planar):
-    folder, _ = planar
-    run = read_run(folder)
-    text = report_page([run, run._replace(name="other")]).decode()
-    assert f"<title>{folder.name}, other</title>" in text
-    rows = re.search(r"<h3>Position RMS</h3>.*?</table>", text, re.DOTALL)
-    assert rows is not None
-    cells = re.findall(r"<td[^>]*>([^<]*)</td>", rows[0])
-    assert [cells[0], cells[4]] == ["1", "2"] and cells[1] == cells[2]
 
 
 def test_the_command_writes_one_page_of_its_folders_and_says_which_has_no_run(planar, tmp_path, monkeypatch):

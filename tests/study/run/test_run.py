@@ -53,24 +53,12 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals_and_against_both_r
 
 
 @pytest.mark.heavy
-def test_settings_and_a_wrench_change_the_run_and_its_reference_alike():
-    results = vdfmu.run(
-        "planar_tracking", stop=0.1, out=False, parameters={"controller.K_p": 300, "plant.mass[1]": 3.0}
-    )
-    assert results.summary["parameters"] == {"controller.K_p": "300", "plant.mass[1]": "3.0"}
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-    options = {"stop": 0.1, "parameters": {"plant.F_e[2]": 30.0}}
-    results = vdfmu.run("planar_tracking", out=False, **options)
+def test_a_wrench_changes_the_run_and_its_reference_alike():
+    results = vdfmu.run("planar_tracking", out=False, stop=0.1, parameters={"plant.F_e[2]": 30.0})
+    assert results.summary["parameters"] == {"plant.F_e[2]": "30.0"}
     free = vdfmu.run("planar_tracking", out=False, stop=0.1, reference=False)
     assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
     # as without a wrench
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
-
-
-@pytest.mark.heavy
-def test_jacobi_is_compared_with_the_delayed_reference():
-    results = vdfmu.run("planar_tracking", stop=0.1, out=False, algorithm="jacobi")
-    assert results.summary["reference"]["sampled"]["name"] == "sampled-delayed"
     assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 

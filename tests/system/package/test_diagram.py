@@ -7,7 +7,6 @@ import pytest
 
 from tests.system.package.pictures import NAMES, picture
 from vdfmu.system.package.diagram import LETTER, Card, Net, PlacedSystem, arrange
-from vdfmu.system.package.drawing import _boxes, _folded, _key
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -89,28 +88,3 @@ def test_a_vector_is_one_wire_names_have_room_and_components_without_places_stan
         x, y = float(text.get("x")), float(text.get("y"))
         ((left, width),) = [(a, w) for a, top, w, h in boxes if a < x < a + w and top < y < top + h]
         assert x + LETTER * 12.0 * len(text.text or "") < left + width
-
-
-def test_pieces_of_an_arm_are_one_box_whose_equal_connectors_are_vectors():
-    pieces = ["arm_joint_1", "arm_link_1", "arm_joint_2", "arm_link_2"]
-    links = [
-        (("arm_joint_1", "V_B[1]"), ("arm_link_1", "V_A[1]")),
-        (("arm_link_1", "F_A[1]"), ("arm_joint_1", "F_B[1]")),
-    ]
-    links += [(("ctrl", f"tau[{i}]"), (f"arm_joint_{i}", "tau")) for i in (1, 2)]
-    links += [((f"arm_joint_{i}", "q"), ("ctrl", f"q[{i}]")) for i in (1, 2)]
-    links += [(("world", f"F_e[{k}]"), ("arm_link_2", f"F_C[{k}]")) for k in (1, 2)]
-    kinds = {name: {"input": [], "output": []} for name in ("ctrl", "world", *pieces)}
-    assert _boxes(links) == {}  # too few to hide
-    more = [((f"arm_link_{i}", "V_B[1]"), (f"arm_joint_{i + 1}", "V_A[1]")) for i in (1, 2)]
-    ((name, box),) = _boxes([*links, *more, (("arm_joint_2", "V_B[1]"), ("arm_link_2", "V_A[1]"))]).items()
-    assert name == "arm" and set(box) == {*pieces, "arm_joint_3"}
-    inside, joined, late = _folded(kinds, links, {"arm": pieces}, {"arm_joint_2.tau"})
-    assert list(inside) == ["ctrl", "world", "arm"] and late == {"arm.tau"}
-    assert joined == [
-        (("ctrl", "tau[1]"), ("arm", "tau[1]")), (("ctrl", "tau[2]"), ("arm", "tau[2]")),
-        (("arm", "q[1]"), ("ctrl", "q[1]")), (("arm", "q[2]"), ("ctrl", "q[2]")),
-        (("world", "F_e[1]"), ("arm", "F_C[1,1]")), (("world", "F_e[2]"), ("arm", "F_C[1,2]")),
-    ]  # fmt: skip
-    assert inside["arm"] == {"output": ["q[1]", "q[2]"], "input": ["tau[1]", "tau[2]", "F_C[1,1]", "F_C[1,2]"]}
-    assert _key([*inside], joined).count("<span>") == 3  # each component is a source, in a colour of its own

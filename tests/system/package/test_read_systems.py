@@ -248,25 +248,6 @@ def test_what_is_connected_takes_the_value_of_its_source_in_any_order(pack, orde
     ]
 
 
-def test_a_signal_dictionary_in_a_file_joins_systems_of_two_levels(pack):
-    entries = (
-        f'<ssb:SignalDictionary {SPACES} version="1.0"><ssb:DictionaryEntry name="bus"><ssc:Real/>'
-        "</ssb:DictionaryEntry></ssb:SignalDictionary>"
-    )
-    reference = (
-        '<ssd:SignalDictionaryReference name="{0}" dictionary="d"><ssd:Connectors>'
-        '<ssd:Connector name="bus" kind="inout"/></ssd:Connectors></ssd:SignalDictionaryReference>'
-    )
-    low = elements(component("b"), reference.format("r")) + connections("r.bus b.u")
-    top = (
-        elements(component("a"), reference.format("r"), f'<ssd:System name="low">{low}</ssd:System>')
-        + connections("a.y r.bus")
-        + '<ssd:SignalDictionaries><ssd:SignalDictionary name="d" source="bus.ssb"/></ssd:SignalDictionaries>'
-    )
-    path = pack({"SystemStructure.ssd": ssd(top), "bus.ssb": entries, "f.fmu": b""})
-    assert links(path) == ["a.y -> low.b.u"]
-
-
 def test_a_system_of_ssp_2_is_read_by_its_own_schema_with_connectors_of_their_sizes(pack):
     """`local` is a kind of connector that only SSP 2.0 has."""
     text = ssd(elements(component("a", inner=connector_list("u:local"))))

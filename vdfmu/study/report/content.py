@@ -71,6 +71,8 @@ _FIGURES = (
 
 WRENCHES = {"F_e": "of the arm on its surroundings in {O}", "F_S": "of the base on the arm in {S}"}
 """Six signals, force and moment: words for a title."""
+_CURVES, _NAMED = 12, 4
+"""Most curves of a figure of unlike signals, and names in its title."""
 BLOCK = 20_000
 """Rows that are in memory at a time."""
 
@@ -215,6 +217,19 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
             yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", Shown(unit), curves)
 
 
+def _overlaid(results: Results) -> Iterator[Figure]:
+    """Yield the outputs of a system without an arm, those of one unit of measurement in one figure."""
+    alike: dict[str, list[str]] = {}
+    for name in results.names:
+        alike.setdefault(results.units[name], []).append(name)
+    for unit, names in alike.items():
+        if len(names) <= _CURVES:
+            curves = [Curve(name, 0, [(1.0, name)]) for name in names]
+            yield Figure(
+                f"unit.{unit}", f"{', '.join(names[:_NAMED])}{', …' * (len(names) > _NAMED)}", Shown(unit), curves
+            )
+
+
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of the page of a run, ready for JSON.
 
@@ -231,7 +246,8 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     moving = [
         ArmFrames(arm.component, arm.facts, {**arm.motion, **({} if k else turns)}, m) for k, arm in enumerate(arms)
     ] or [ArmFrames("", None, {}, m)]
-    kinds = {"figures": run_figures(results, summary), "signals": signal_figures(results, (), n)}
+    figures = [*run_figures(results, summary)] or [*_overlaid(results)]
+    kinds = {"figures": figures, "signals": signal_figures(results, (), n)}
     tables = {kind: [CurveTable(figure) for figure in figures] for kind, figures in kinds.items()}
     for k, part in enumerate(results.blocks(BLOCK)):
         for each in moving:
