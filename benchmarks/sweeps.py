@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Report, Table
-from vdfmu.study.batch.engine import LANES, Engine
+from vdfmu.extras.batch.engine import LANES, Engine
 from vdfmu.study.sweeps.job import Bench
 from vdfmu.study.sweeps.measures import measured
 from vdfmu.study.sweeps.plan import make_plan

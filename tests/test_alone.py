@@ -79,7 +79,7 @@ def test_a_unit_becomes_an_fmu_and_two_run_together_without_arm_system_study_and
 
 @pytest.mark.heavy
 def test_tracking_runs_without_the_features_beside_it(tmp_path):
-    without(tmp_path, ["extras", "arm/units/laws", "study/batch", "study/sweeps"])
+    without(tmp_path, ["extras", "arm/units/laws", "study/sweeps"])
     said = python(tmp_path, "-m", "vdfmu.cli", "run", "tracking", "--no-simulate", "--out", "results")
     assert "6 of 6 checks pass" in said
 

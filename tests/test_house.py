@@ -12,8 +12,8 @@ from vdfmu.engine.algorithms import ALGORITHMS
 ROOT = Path(vdfmu.__file__).parent
 ROOMS = ("base", "engine", "compiler", "arm", "system", "study", "cli", "extras")
 """From the bottom up. Engine and compiler do not know each other, and the core knows no extra."""
-USES: set[tuple[str, str]] = set()
-"""Pairs of extras of which the first may import the second, see docs/extras.md: none so far."""
+USES = {("learn", "batch")}
+"""Pairs of extras of which the first may import the second, see docs/extras.md."""
 EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
 
 

@@ -17,8 +17,8 @@ from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Results, simulate
-from vdfmu.study.batch.make import make_program
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.program import SystemProgram
 from vdfmu.system.scenario import load_scenario
 
 TOY = '''
@@ -143,7 +143,7 @@ def test_what_steps_once_refuses_it(toy, chain, xml, pack, row):
     own_step += '"http://opensimulationplatform.com/SSP/OSPAnnotations" value="0.2"/></ssc:Annotation>'
     scenario = replace(load_scenario("planar_tracking"), algorithm="halving")
     with pytest.raises(UsageError, match="algorithm: expected gauss-seidel or jacobi, got halving"):
-        make_program(SystemDescription(scenario), [])
+        SystemProgram(SystemDescription(scenario))
     slow = xml.component("g", "Gain", "u:input y:output", f"<ssd:Annotations>{own_step}</ssd:Annotations>")
     path = pack(["r Ramp y:output", slow], ["r.y -> g.u"], name="slow.ssp")
     with pytest.raises(UsageError, match="halving takes one step for all; use gauss-seidel or jacobi"):

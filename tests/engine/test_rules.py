@@ -330,7 +330,6 @@ def test_rules_that_a_run_breaks(fmus, pack, xml, tmp_path):
 def test_the_run_apart_hands_its_findings_over_with_their_rules(fmus):
     findings = check_run.run_apart(fmus["Dividing"])
     (note,) = findings.notes
-    assert check_run._decoded(json.loads(json.dumps(check_run._encoded(findings, whole=True)))).notes == [note]
     assert note.rule.number == "RUN005"
 
 

@@ -55,16 +55,6 @@ def unit(tmp_path):
     return make
 
 
-def test_a_flood_of_output_is_not_kept(unit, monkeypatch):
-    kept = []
-    contained = check_run._contained
-    monkeypatch.setattr(check_run, "_contained", lambda *a: kept.append(contained(*a)) or kept[-1])
-    (problem,) = check_run.run_apart(unit(CODE["flood"])).problems
-    assert problem.startswith("the process crashed (exit code 3) in load of a run of 10 steps: ")
-    ((_, words),) = kept
-    assert len(words) <= KEPT  # of 12 MB
-
-
 @pytest.mark.heavy
 def test_memory_is_limited(unit, monkeypatch):
     """16 GiB are asked for in blocks of 256 MiB; the first that is refused ends the process."""
@@ -134,6 +124,7 @@ def test_check_says_that_it_runs_code_and_escapes_are_shown_and_not_executed(uni
     assert b"\x1b" not in done.stdout + done.stderr and b"\x07" not in done.stdout
     assert b"\\x1b[2J\\x1b]0;owned\\x07" in done.stdout
     assert b"a\\x1b[2Jb.fmu" in done.stdout
+    assert len(done.stdout + done.stderr) < KEPT  # of 12 MB
 
 
 def test_messages_of_components_are_bounded_and_what_a_terminal_acts_on_is_written_out(monkeypatch):

@@ -14,14 +14,6 @@ def test_a_few_runs_in_eight_threads_are_the_same_and_leave_nothing_behind(tmp_p
     runs.in_a_row(24, 0, tmp_path)
 
 
-def test_other_results_are_seen(tmp_path, monkeypatch):
-    """Every third run ends a step later."""
-    simulate, stops = runs.simulate, iter([0.02, 0.02, 0.021])
-    monkeypatch.setattr(runs, "simulate", lambda package, stop: simulate(package, stop=next(stops)))
-    with pytest.raises(AssertionError):
-        runs.in_a_row(8, 0, tmp_path)
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize(("held", "words"), [("memory", "memory grows by"), ("file", "open and mapped files")])
 def test_what_runs_leave_behind_is_seen(tmp_path, monkeypatch, held, words):

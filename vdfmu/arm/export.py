@@ -20,6 +20,7 @@ from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.option import checks_types
 from vdfmu.base.text import FORBIDDEN, shown
 from vdfmu.base.toml_tables import Problems
@@ -110,7 +111,7 @@ def _joints(robot: Robot) -> Iterator[ExportedJoint]:
         ell, f_v, f_c, *stops = (float(a[i]) for a in (robot.ell, robot.f_v, robot.f_c, robot.q_min, robot.q_max))
         yield ExportedJoint(
             name=(robot.joint_names[i] if robot.joint_names else "") or f"joint_{i + 1}",
-            slides=kind == "prismatic", R=robot.rotation[i], p=robot.offset[i], body=Mass(*robot.body(i)),
+            slides=JOINT_TYPES[kind].slides, R=robot.rotation[i], p=robot.offset[i], body=Mass(*robot.body(i)),
             stops=(stops[0], stops[1]) if robot.limits and min(map(abs, stops)) < _NONE else None,
             stiffness=float(1.0 / compliance[i]), rotor=float(robot.I_m[i]) / ell, ell=ell,
             link_friction=(f_v, f_c) if split else (0.0, 0.0),

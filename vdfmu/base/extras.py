@@ -1,8 +1,8 @@
 """Extras: the folders of ``vdfmu/extras``, which add to the core. The core works without each of them.
 
 An extra has what it adds in modules of agreed names: ``commands`` for the command line, ``targets`` of builds,
-``motions``, ``trials`` of FMUs, ``units`` and the ``decomposition`` of arms. The core finds them by their files, as it
-finds plugins of other packages, and imports none by its name.
+``motions``, ``trials`` of FMUs, ``units``, the ``decomposition`` of arms, ``programs`` and ``workers`` of studies. The
+core finds them by their files, as it finds plugins of other packages, and imports none by its name.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.files import PACKAGE
 
 
@@ -22,6 +23,14 @@ def extra_modules(part: str) -> list[ModuleType]:
     places = {file.parent.name for file in (PACKAGE / "extras").glob(f"*/{part}.py")}
     places |= {file.parent.parent.name for file in (PACKAGE / "extras").glob(f"*/{part}/__init__.py")}
     return [import_module(f"{PACKAGE.name}.extras.{name}.{part}") for name in sorted(places)]
+
+
+def module_of_extra(part: str, extra: str, option: str) -> ModuleType:
+    """Return the module of this name that an extra has; UsageError for an `option` that needs it."""
+    modules = extra_modules(part)
+    if not modules:
+        raise UsageError(f"{option} needs the extra {extra}, and this installation does not have it.")
+    return modules[0]
 
 
 def lazy(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:

@@ -47,8 +47,6 @@ _QUANTITIES = {
     "stiffness": ("N.m/rad", "N/m"), "damping": ("N.m.s/rad", "N.s/m"), "damping_m": ("N.m.s/rad", "N.m.s/m"),
     "ratio": ("1", "rad/m"), "per velocity": ("s/rad", "s/m"), "rotor inertia": ("kg.m2", "kg.m"),
 }  # fmt: skip
-WIDE_ANGLE = 4.0 * math.pi
-"""Two turns [rad]: more than joints of common arms move, and less than 13 if degrees were meant."""
 _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 
@@ -95,7 +93,7 @@ def derivative_of(name: str) -> str:
 def unit_of(quantity: str, joint_type: str) -> str:
     """Return the unit of a joint's quantity, or a unit itself: ``unit_of("torque", "prismatic")`` is ``"N"``."""
     if quantity in _QUANTITIES:
-        return _QUANTITIES[quantity][joint_type == "prismatic"]
+        return _QUANTITIES[quantity][joint_type == _SLIDING]
     return measure(quantity).name
 
 
@@ -117,20 +115,53 @@ def shown_as(quantity: str, joint_type: str = "revolute") -> Shown:
     return next((Shown(name, factor) for name, factor in display.items()), Shown(unit))
 
 
-class JointUnit(NamedTuple):
-    """Display of a type of joint: units, the factor from rad or m, and the noun of its torque."""
+class JointType(NamedTuple):
+    """A type of joint: how it moves, its units of measurement, and the sizes that are usual for it."""
 
-    position: str
-    factor: float
-    torque: str
+    slides: bool
+    """Whether it moves along its axis; else it turns about it."""
     noun: str
+    """Noun of its torque."""
+    mistaken: str
+    """Unit of positions beyond `far` that were probably meant otherwise, as a word."""
+    far: float
+    """Position that joints of arms do not reach [rad or m]."""
+    fastest: float
+    """Speed that joints of arms do not reach [rad/s or m/s]."""
+    travel: float
+    """Largest position on a slider without limits [rad or m]."""
+    stroke: float
+    """Way of a first motion, where end stops leave room [rad or m]."""
+
+    @property
+    def name(self) -> str:
+        """Its name in files."""
+        return _SLIDING if self.slides else _TURNING
+
+    @property
+    def shown(self) -> Shown:
+        """Display of its position, with the factor from rad or m."""
+        return shown_as("position", self.name)
+
+    def unit(self, quantity: str) -> str:
+        """Return the unit of a quantity, see :func:`unit_of`."""
+        return unit_of(quantity, self.name)
+
+    @property
+    def position_factors(self) -> dict[str, float]:
+        """Units in which a file may give positions, and their factors to rad or m."""
+        return {self.unit("position"): 1.0, self.shown.unit: 1.0 / self.shown.factor}
 
 
-JOINT_UNITS = {
-    kind: JointUnit(*shown_as("position", kind), unit_of("torque", kind), noun)
-    for kind, noun in (("revolute", "torque"), ("prismatic", "force"))
+_TURNING, _SLIDING = "revolute", "prismatic"
+JOINT_TYPES = {
+    # Two turns are more than joints of common arms move, and less than 13 if degrees were meant. The wrists of SCARA
+    # robots reach 45 rad/s. Limits in public robot files go up to 1e4 rad/s and are not asked.
+    _TURNING: JointType(False, "torque", "degrees", 4.0 * math.pi, 60.0, math.pi, 0.5),
+    # The longest arms in space have 17 m, millimetres of a link are more than 20. Linear motors reach 15 m/s.
+    _SLIDING: JointType(True, "force", "mm", 20.0, 20.0, 0.5, 0.1),
 }
-"""Type of joint to its display."""
+"""Types of joints by their names in files."""
 
 
 def spaced(unit: str) -> str:

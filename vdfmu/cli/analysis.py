@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
+from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, refuse, target_file
@@ -152,7 +153,7 @@ def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path
     from vdfmu.study.report.drawings import draw_bode
 
     bode = joint_bode(robot, q, joint, dry)
-    unit = "m/s" if robot.joint_types[joint - 1] == "prismatic" else "rad/s"
+    unit = unit_of("velocity", robot.joint_types[joint - 1])
     where = " ".join(f"{number:g}" for number in q)
     curves: dict[str, Any] = dict(zip(("rotor", "link"), bode.response, strict=True))
     title = f"Motor torque of joint {joint} to velocities: {robot.name} at {where}"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.extras import extra_modules
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import PACKAGE, replacing_foreign, require_ours
 from vdfmu.base.option import Option, option_of
 from vdfmu.base.plugins import added
@@ -210,10 +210,8 @@ def ssp(
         require_ours(target)
     values = _values(chosen, backend, parameters)
     if apart:
-        makers = extra_modules("decomposition")
-        if not makers:
-            raise UsageError("--decomposed needs the extra decompose, and this installation has no extras.")
-        chosen, values = makers[0].decomposed(chosen, parameters or {})
+        decomposed = module_of_extra("decomposition", "decompose", "--decomposed").decomposed
+        chosen, values = decomposed(chosen, parameters or {})
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         fmus = build_parts(chosen, folder, values, backend=backend, fmi_version=fmi_version)
         say_written(write_ssp(chosen, fmus, target, values, version=form))

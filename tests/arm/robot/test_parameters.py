@@ -9,8 +9,7 @@ from vdfmu.arm.fmus import build, build_fmus
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
-from vdfmu.arm.robot.robot import JOINT_TYPES
-from vdfmu.base.measure import measure
+from vdfmu.base.measure import JOINT_TYPES, measure
 from vdfmu.system.scenario.replace import robot_for
 
 

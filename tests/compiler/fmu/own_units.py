@@ -16,6 +16,9 @@ from vdfmu.unit import (
     State,
     Switch,
     Unit,
+    expm,
+    inv,
+    solve,
     where,
 )
 
@@ -152,3 +155,51 @@ class Burst(Unit):
 
     def derivatives(self) -> None:
         self.x_dot = where(self.count > 2.5, 1e6 * self.x * self.x, 0.0)
+
+
+class OnlyParameter(Unit):
+    """Has neither inputs nor outputs."""
+
+    k = Parameter("1")
+
+
+class Tensor(Unit):
+    """Has commas in all names of FMI 2.0, which tables of reference results cannot have."""
+
+    u = Input("1", (2, 1, 2))
+    y = Output("1", (2, 1, 2))
+
+    def outputs(self) -> None:
+        self.y = 2.0 * self.u
+
+
+class Rate(Unit):
+    """Moves at constant rates, whatever its variables are."""
+
+    x = State("1", 2)
+    x_dot = Derivative(x)
+
+    def derivatives(self) -> None:
+        self.x_dot = [0.0, 2.0]
+
+
+class Solves(Unit):
+    """A system, an inverse, and the exact discretization of an oscillator."""
+
+    u = Input("1", 3)
+    A = Parameter("1", (3, 3), start=[[0.0, 2.0, 1.0], [1.0, 0.0, 0.5], [0.1, 0.2, 4.0]])
+    T = Parameter("s", start=0.1, minimum=1e-6, tunable=True)
+    y = Output("1", 3)
+    z = Output("1", 3)
+    F = Output("1", (2, 2))
+    x = State("1", 3)
+    x_dot = Derivative(x)
+
+    def outputs(self) -> None:
+        self.y = np.linalg.solve(self.A, self.u)
+        self.z = inv(self.A) @ self.u
+        self.F = expm(np.array([[0.0, 1.0], [-1.0, -0.2]]) * self.T)
+
+    def derivatives(self) -> None:
+        a, b, c = self.u
+        self.x_dot = solve([[a * 0.0, 1.0, b], [2.0, a, 0.0], [0.0, c, 1.0]], -self.x)

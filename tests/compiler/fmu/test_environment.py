@@ -74,26 +74,6 @@ def test_a_compiler_gets_no_variable_that_its_key_lacks(hostile, monkeypatch, tm
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("program", ALL)
-def test_each_variable_leaves_a_library_as_it_is(program, hostile, monkeypatch, tmp_path):
-    """Compiled anew, and from the cache that a build with the variable left."""
-    monkeypatch.setenv("VDFMU_COMPILER", program)
-
-    def compiled(cache: str, **variables: str) -> bytes:
-        with monkeypatch.context() as patch:
-            for name, value in {"VDFMU_CACHE_DIR": str(tmp_path / cache), **variables}.items():
-                patch.setenv(name, value)
-            platforms._compiler.cache_clear()
-            return compile_library({"unit.c": ROOT}, this_platform(), name="Root")
-
-    expected = compiled("clean")
-    for name, value in hostile.items():
-        assert compiled(name, **{name: value}) == expected, name
-        assert compiled(name) == expected, name
-    platforms._compiler.cache_clear()
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("program", ALL)
 def test_the_environment_leaves_an_fmu_as_it_is(program, hostile, tmp_path):
     """Built with all variables and a umask that closes files to others, and from the cache that this left."""
 

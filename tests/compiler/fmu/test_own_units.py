@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import fmpy
 import numpy as np
 import pytest
@@ -14,17 +15,36 @@ from lxml import html
 
 import vdfmu
 from tests.compiler.native.binding import Instance, Model
+from tests.compiler.unit.pair import functions, further, unit_of
 from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.solver import ScipySolver
+from vdfmu.unit import casadi_unit, linear_unit, table_unit
 
 FILE = Path(__file__).parent / "own_units.py"
 NATIVE = ("native 2.0", "native 3.0")
 FORMS = (*NATIVE, "python 2.0")
-TRACED = ("LowPass", "Encoder", "Mixer", "Clock", "Weights", "Words")
+TRACED = ("LowPass", "Encoder", "Mixer", "Clock", "Weights", "Words", "OnlyParameter", "Tensor", "Rate", "Solves")
+a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
+MAPS = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
+MADE = {
+    "functions": unit_of(functions), "further": unit_of(further), "maps": casadi_unit(MAPS),
+    "held": linear_unit([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01),
+    "moving": linear_unit([[-0.2, -4.0], [1.0, 0.0]], [[1.0], [0.0]], [[0.0, 1.0]], [[0.0]]),
+    "table": table_unit({"T [s]": [0.0, 1.0, 2.5], "a b [N.m]": [1.0, 3.0, 4.0], "c": [2.0, -1.0, 0.0]}),
+}  # fmt: skip
+"""Units that no file declares: a Python FMU needs one."""
+RUNS = {
+    "Words": {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5},
+    "Solves": {"u": [1.0, -2.0, 0.5], "T": 2.0, "x_0": [1.0, 0.0, 0.0]}, "Tensor": {"u": [0.1, 0.2, -0.3, 4.0]},
+    "Rate": {"x_0": [0.5, 0.1]}, "functions": {"u": [0.7, -1.3, 2.1]}, "further": {"u": [0.7, -1.3, 2.1]},
+    "maps": {"a": np.arange(6.0), "b": 3.0}, "held": {"u": 0.7}, "moving": {"u": 1.0, "x_0": [0.3, -0.1]},
+    "table": {"T": 1.7},
+}  # fmt: skip
+"""Unit to its inputs and parameters; any name will do for a variable, as those of Words show."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +55,7 @@ def own_fmu(robots, tmp_path_factory):
         robot = robots["slider_3dof"] if name == "Weights" else None
         out = tmp_path_factory.mktemp(name)
         (path,) = build_fmus(
-            robot, out, units=[f"{FILE}:{name}"], backend=backend, fmi_version=version, folded=True
+            robot, out, units=[MADE.get(name, f"{FILE}:{name}")], backend=backend, fmi_version=version, folded=True
         ).values()
         return path
 
@@ -142,23 +162,22 @@ def test_a_unit_has_the_parameters_of_the_robot_that_it_declares(instance, own_f
 
 
 @pytest.mark.heavy
-def test_any_name_will_do_for_a_variable(instance, form):
+@pytest.mark.parametrize(("name", "form"), [(n, form) for n in RUNS for form in (NATIVE if n in MADE else FORMS)])
+def test_a_unit_computes_what_its_methods_do_on_floats(instance, form, name):
     """Against scipy on the unit in numpy; both solve to 1e-10 or better, over less than 1000 steps of damped motion."""
-    values = {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5}
-    unit = instance("Words", form).start(tolerance=1e-10, **values)
-    plain = Plain(Interface(find_unit(f"{FILE}:Words"), None, {name: values[name] for name in ("x_0", "h_0")}))
-    for name in ("w1", "y_new", "d_x"):
-        plain.memory[plain.interface.groups[name]] = values[name]
+    plain = Plain(Interface(MADE.get(name) or find_unit(f"{FILE}:{name}"), None))
+    solver = {"tolerance": 1e-10} if "tolerance" in plain.interface.groups else {}
+    unit = instance(name, form).start(**solver, **RUNS[name])
+    for group, values in RUNS[name].items():
+        plain.group(group)[:] = values
     plain.start()
     motion = ScipySolver(plain)
     for size in (3e-3, 0.01, 0.037):
-        end = unit.time + size
-        motion.move(unit.time, end)
+        motion.move(unit.time, unit.time + size)
         plain.outputs()
         unit.step(size)
-        for name in ("x", "h", "y", "norm"):
-            expected = plain.memory[plain.interface.groups[name]]
-            np.testing.assert_allclose(unit.get(name), expected, rtol=0.0, atol=1e-7)
+        outputs = [i for i, v in enumerate(plain.interface) if v.causality == "output"]
+        np.testing.assert_allclose(unit.outputs(), plain.memory[outputs], rtol=1e-13, atol=1e-7 if solver else 1e-13)
 
 
 @pytest.mark.parametrize("name", ["Encoder", "Words"])

@@ -9,7 +9,7 @@ import pytest
 
 from tests.compiler.native.elementary import FUNCTIONS, assert_accurate, documented_errors, errors
 from vdfmu.base.compile import SHOWN, loaded
-from vdfmu.compiler.c.text import CALLED, elementary_files
+from vdfmu.compiler.c.text import elementary_files
 
 OF_TWO = ("pow", "atan2", "hypot", "fmod")
 LANES = ("exp", "expm1", "tanh", "atan")
@@ -138,10 +138,3 @@ def test_several_numbers_have_the_bits_of_one(library):
             results = {"sin": y, "cos": cosine} if name == "sin_cos" else {name: y}
             for of, made in results.items():
                 assert made.tobytes() == called(library, of, row).tobytes(), of
-
-
-def test_the_c_of_traces_calls_no_other_function():
-    """Roots, rounding and signs are exact in each C library."""
-    of_one_number = elementary_files()["elementary.h"]
-    exact = {"sqrt", "floor", "ceil", "fabs", "copysign"}
-    assert {name for name in CALLED if f"#define {name}(" not in of_one_number} == exact

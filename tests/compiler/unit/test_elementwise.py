@@ -1,12 +1,10 @@
 """Elementwise functions, roundings and tables on symbols: the same numbers as on floats, and slopes of roundings."""
 
 import casadi as ca
-import fmpy
 import numpy as np
 import pytest
 
-from tests.compiler.unit.pair import both
-from vdfmu.arm.fmus import build_fmus
+from tests.compiler.unit.pair import both, functions, further, unit_of
 from vdfmu.base.errors import UnitError
 from vdfmu.compiler.functions.derivatives import derivative
 from vdfmu.compiler.unit.evaluate import Plain, Traced
@@ -21,17 +19,6 @@ VALUES = np.concatenate(
     ]
 )
 """Random values, and those at which conditions and roundings change."""
-
-
-def unit_of(function):
-    arrays, scalars = function(np.full(3, 0.5), 0.5)
-
-    def outputs(self):
-        y, self.z = function(self.u, self.u[0])
-        self.y = np.stack(y)
-
-    variables = {"u": Input("1", 3, start=1.0), "y": Output("1", (len(arrays), 3)), "z": Output("1", len(scalars))}
-    return type("Made", (Unit,), {**variables, "outputs": outputs})
 
 
 def assert_same(unit, roundings=0):
@@ -75,51 +62,10 @@ def combined(u, a):
     return [*where(pair > 0.0, pair, 0.1 * pair).reshape(2, 3), chosen, clip(partly, -1.0, 1.0)], [a]
 
 
-def functions(u, a):
-    s, M = 0.99 * np.tanh(u), np.outer(u, u) + np.eye(3)
-    return [
-        np.sin(u), np.cos(u), np.tan(s), np.arcsin(s), np.arccos(s), np.arctan(u), np.arctan2(u, u[::-1]),
-        np.sinh(s), np.cosh(s), np.exp(u), np.expm1(u), np.log(1.0 + u * u), np.log1p(u * u), np.sqrt(u * u),
-        u**2, u**3, 2.0**u, (u * u) ** s,
-    ], [u @ u, np.sum(M @ u), np.dot(u, [1.0, 2.0, 3.0]), np.cross(u, [0.0, 1.0, 0.5])[2]]  # fmt: skip
-
-
-def further(u, a):
-    v, s = u[::-1], 0.99 * np.tanh(u)
-    return [
-        np.hypot(u, v), np.hypot(3.0, u), np.arctan2(1.0, u), np.copysign(u, v), np.copysign(2.0, u),
-        np.fmax(u, 0.5), np.fmin(u, v), np.maximum(0.5, u), np.minimum(u, v), np.square(u),
-        np.reciprocal(u + 5.0 * np.sign(u) + 0.1), np.exp2(u), np.log2(u * u + 0.1), np.log10(u * u + 0.1),
-        np.log1p(u * u), np.expm1(u), np.cbrt(u), np.deg2rad(u), np.rad2deg(u), np.radians(u), np.degrees(u),
-        np.heaviside(u, 0.5), np.sign(u), np.clip(u, -1.0, v * v), np.trunc(u), np.fmod(u, 0.3),
-        np.arcsinh(u) + np.arccosh(1.0 + u * u) + np.arctanh(s), np.logaddexp(u, v), np.where(u > v, u, 2.0),
-    ], [
-        np.hypot(a, 1.0), np.sign(a), np.heaviside(a, 0.25), np.copysign(1.0, a), np.maximum(a, 0.0), np.max(u),
-        u.min(), np.clip(a, -1.0, 1.0), np.where(a > 0.0, a, -1.0), np.fabs(a), np.float_power(2.0, a),
-        np.fmod(1.0, a + 0.1), np.conjugate(a),
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize("function", [chosen, rounded, combined, functions, further])
 def test_conditions_and_steps_are_the_same_bits_on_symbols_as_on_floats_and_functions_nearly(function):
     # powers and products of some ten factors, each with its rounding
     assert_same(unit_of(function), roundings=50 if function in (functions, further) else 0)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("function", [functions, further])
-def test_functions_of_numpy_run_in_c(function, tmp_path):
-    u, unit = np.array([0.7, -1.3, 2.1]), unit_of(function)
-    evaluated, _ = both(unit)
-    evaluated.group("u")[:] = u
-    evaluated.outputs()
-    (path,) = build_fmus(None, tmp_path, units=[unit], backend="native").values()
-    start = {f"u[{i + 1}]": value for i, value in enumerate(u)}
-    row = fmpy.simulate_fmu(str(path), stop_time=0.01, output_interval=0.01, start_values=start)[0]
-    expected = {v.name: evaluated.memory[i] for i, v in enumerate(evaluated.interface)}
-    outputs = {name: row[name] for name in row.dtype.names if name != "time"}
-    # as above: the functions of C are those of another library
-    assert outputs == pytest.approx({name: expected[name] for name in outputs}, rel=50 * EPS, abs=50 * EPS)
 
 
 @pytest.mark.parametrize("base", [10.0, 2.0])

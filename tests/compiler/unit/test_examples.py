@@ -40,12 +40,6 @@ def test_build_makes_a_valid_fmu_of_the_file(examples, name, needs, model, versi
     assert checked.exit_code == 0 and "no problems" in checked.output, checked.output
 
 
-def test_build_without_the_robot_that_the_unit_needs_says_so(examples):
-    done = command("build", examples / "wall.py", "--out", "fmus")
-    assert done.exit_code != 0
-    assert "Wall needs a robot" in str(done.exception or done.output)
-
-
 @pytest.mark.heavy
 def test_run_agrees_with_the_assembled_reference(examples):
     done = command("run", examples / "scenario.toml", "--out", "results")

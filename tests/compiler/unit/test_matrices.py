@@ -1,16 +1,13 @@
 """Systems, inverses and exponentials of matrices in units: symbols against numpy and scipy, with exchanges of rows."""
 
 import casadi as ca
-import fmpy
 import numpy as np
 import pytest
 from scipy import linalg
 
-from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, to_sx
-from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 
 EPS = np.finfo(float).eps
 RNG = np.random.default_rng(22)
@@ -91,48 +88,3 @@ def test_an_exponential_beyond_its_squarings_is_refused_and_derivatives_are_thos
         expected = linalg.expm_frechet(M, dM, compute_expm=False)
         # of norm 3 or so, as above
         np.testing.assert_allclose(of_exponential, expected, rtol=0, atol=1e4 * EPS * np.abs(expected).max())
-
-
-class Solves(Unit):
-    """A system, an inverse, and the exact discretization of an oscillator."""
-
-    u = Input("1", 3)
-    A = Parameter("1", (3, 3), start=[[0.0, 2.0, 1.0], [1.0, 0.0, 0.5], [0.1, 0.2, 4.0]])
-    T = Parameter("s", start=0.1, minimum=1e-6, tunable=True)
-    y = Output("1", 3)
-    z = Output("1", 3)
-    F = Output("1", (2, 2))
-    x = State("1", 3)
-    x_dot = Derivative(x)
-
-    def outputs(self) -> None:
-        self.y = np.linalg.solve(self.A, self.u)
-        self.z = inv(self.A) @ self.u
-        self.F = expm(np.array([[0.0, 1.0], [-1.0, -0.2]]) * self.T)
-
-    def derivatives(self) -> None:
-        a, b, c = self.u
-        self.x_dot = solve([[a * 0.0, 1.0, b], [2.0, a, 0.0], [0.0, c, 1.0]], -self.x)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_a_native_fmu_solves(tmp_path, version):
-    (path,) = build_fmus(None, tmp_path, units=[Solves], backend="native", fmi_version=version).values()
-    signals = np.array([(0.0, 1.0, -2.0, 0.5)], dtype=[("time", float), *((f"u[{i}]", float) for i in (1, 2, 3))])
-    rows = fmpy.simulate_fmu(
-        str(path), stop_time=0.1, output_interval=0.1, start_values={"x_0[1]": 1.0, "T": 2.0} if version == "2.0" else
-        {"x_0": [1.0, 0.0, 0.0], "T": 2.0}, input=signals if version == "2.0" else None,
-    )  # fmt: skip
-    if version == "3.0":
-        assert rows["F"][-1] == pytest.approx(linalg.expm(np.array([[0.0, 1.0], [-1.0, -0.2]]) * 2.0), abs=1e-14)
-        return
-    last = {name: rows[name][-1] for name in rows.dtype.names}
-    u, start = [1.0, -2.0, 0.5], np.array(Solves.A.start)
-    # 27 products of numbers around 1, well conditioned
-    assert [last[f"y[{i}]"] for i in (1, 2, 3)] == pytest.approx(np.linalg.solve(start, u), abs=1e-14)
-    assert [last[f"z[{i}]"] for i in (1, 2, 3)] == pytest.approx(np.linalg.solve(start, u), abs=1e-14)
-    M = np.array([[0.0, 1.0, -2.0], [2.0, 1.0, 0.0], [0.0, 0.5, 1.0]])
-    moved = linalg.expm(-np.linalg.inv(M) * 0.1) @ [1.0, 0.0, 0.0]
-    # the solver's tolerance is 1e-7
-    assert [last[f"x[{i}]"] for i in (1, 2, 3)] == pytest.approx(moved, abs=1e-6)

@@ -1,20 +1,17 @@
 """Units of linear systems, CasADi functions and tables against scipy, CasADi and numpy."""
 
 import casadi as ca
-import fmpy
 import numpy as np
 import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
 
-from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.unit import casadi_unit, linear_unit, table_unit
 
 A, B = np.array([[-0.2, -4.0], [1.0, 0.0]]), np.array([[1.0, 0.5], [0.0, 1.0]])
 C, D = np.array([[0.0, 1.0], [1.0, 1.0], [0.5, 0.0]]), np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 2.0]])
-MATRICES = {"A": A, "B": B, "C": C, "D": D}
 HELD = ([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01)
 x, u, p = ca.SX.sym("x", 2), ca.SX.sym("u"), ca.SX.sym("p")
 ODE = ca.vertcat(x[1], u - p * ca.sin(x[0]))
@@ -77,25 +74,6 @@ def test_a_table_is_linear_between_its_points(tmp_path, first):
         for name, column in (("q", rows[:, 1]), ("w", rows[:, 2])):
             # slopes up to 1e3, between points as near as 0.006, and two roundings of numbers below 4 in each
             assert np.abs(results[name] - np.interp(results.t, rows[:, 0], column)).max() < 1e-13
-
-
-@pytest.mark.heavy
-def test_each_kind_as_an_fmu_equals_the_unit(tmp_path):
-    table = {"T [s]": [0.0, 1.0, 2.5], "a b [N.m]": [1.0, 3.0, 4.0], "c": [2.0, -1.0, 0.0]}
-    transfer = signal.TransferFunction([1.0], [1.0, 0.2, 4.0]).to_ss()
-    for unit, values in ((table_unit(table), {"T": 1.7}), (linear_unit(*HELD), {"u": [0.7]}),
-                         (casadi_unit(MAPS), {"a": np.arange(6.0).reshape(2, 3), "b": 3.0}),
-                         (linear_unit(transfer.A, transfer.B, transfer.C, transfer.D), {"u": [1.0]})):  # fmt: skip
-        ((_, fmu),) = build_fmus(None, tmp_path, units=[unit]).items()
-        names = {name: [f"{name}[{','.join(str(k + 1) for k in index)}]".replace("[]", "")
-                        for index in np.ndindex(np.shape(value))] for name, value in values.items()}  # fmt: skip
-        start = {key: v for name, keys in names.items() for key, v in zip(keys, np.ravel(values[name]), strict=True)}
-        rows = fmpy.simulate_fmu(str(fmu), stop_time=0.05, output_interval=0.01, start_values=start)
-        expected = unit(**values).simulate(stop=0.05, step=0.01, tolerance=1e-10)
-        for name in (name for name, variable in unit.declared.items() if variable.causality == "output"):
-            columns = np.column_stack([rows[key] for key in rows.dtype.names if key.partition("[")[0] == name])
-            # the FMU's solver has a tolerance of 1e-7
-            assert np.abs(columns - expected[name].reshape(6, -1)).max() < 1e-6, name
 
 
 d, q = ca.SX.sym("d", ca.Sparsity.diag(2)), ca.MX.sym("q")

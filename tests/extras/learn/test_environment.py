@@ -203,7 +203,7 @@ def test_arms_in_lanes_are_that_of_the_master():
         for action in actions[:, i]:
             seen, reward, *_ = single.step(action)
             rows.append(seen), expected.append(reward)
-        # positions as tests/study/batch, and other signals as they follow
+        # positions as tests/extras/batch, and other signals as they follow
         np.testing.assert_allclose(observed[:, i], rows, rtol=0, atol=1e-7 * max(1.0, np.abs(rows).max()))
         np.testing.assert_allclose(rewards[:, i], expected, rtol=0, atol=1e-7)
     single.close()

@@ -26,6 +26,7 @@ from vdfmu.arm.equations.harmonic_drive import (
 )
 from vdfmu.arm.equations.rigid_body import coriolis_force
 from vdfmu.arm.equations.spatial import force_transform, joint_axis
+from vdfmu.compiler.scalar import outward, total
 
 Z_TAU = joint_axis("revolute")
 """Axis z_tau of every rotor in {D}."""
@@ -99,8 +100,14 @@ def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any
     `V_B` are the velocities of the links, `V_S` is the velocity of the base of the first joint. U_BD is constant:
     accelerations V_B_dot and kappa_ddot give the derivatives V_D_dot by the same line.
     """
-    bases = [V_S, *V_B[:-1]] if robot.rotor_coupling else [np.zeros(6)] * robot.n  # (56): nothing of their motion
-    return [rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i]) for i, V_A in enumerate(bases)]
+
+    def rotor(V_A: Any, i: int) -> tuple[Any, Any]:
+        return V_B[i], rotor_velocity(V_A, rotor_transform(robot, i), robot.ell[i], kappa_dot[i])
+
+    if robot.rotor_coupling:
+        return outward(rotor, V_S, robot.n)[1]
+    at_rest = np.zeros(6)  # (56): nothing of the motion of their bases
+    return [rotor_velocity(at_rest, rotor_transform(robot, i), robot.ell[i], kappa_dot[i]) for i in range(robot.n)]
 
 
 def inertia_torques(robot: Any, V_D_dot: list[np.ndarray], kappa_ddot: Any) -> Any:
@@ -142,8 +149,11 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     kappa_ddot = tau_k / robot.I_m
     if motion is None or not robot.rotor_coupling:
         return kappa_ddot
-    bases = [motion.base.V_S_dot, *motion.V_B_dot[:-1]]
-    carried = np.array([(rotor_transform(robot, i).T @ V_A_dot)[5] for i, V_A_dot in enumerate(bases)])
+
+    def rotor(V_A_dot: Any, i: int) -> tuple[Any, Any]:
+        return motion.V_B_dot[i], (rotor_transform(robot, i).T @ V_A_dot)[5]
+
+    carried = np.array(outward(rotor, motion.base.V_S_dot, robot.n)[1])
     return kappa_ddot - carried / robot.ell
 
 
@@ -265,4 +275,4 @@ def stored_energy(robot: Any, state: PlantState) -> Any:
     links = [option.link(robot, state.q, state.q_dot) for option, _ in options_of(robot) if option.link]
     friction = friction_terms(robot, _sliding(robot, state), state.options)
     energies = (_parallel(robot, state).energy, friction.energy, *(link.energy for link in links))
-    return sum(map(np.sum, energies), np.sum(spring(robot, state.tau_s).energy))
+    return sum(map(total, energies), total(spring(robot, state.tau_s).energy))

@@ -10,13 +10,14 @@ from vdfmu.arm.equations.inverse_dynamics import (
     AT_REST,
     NO_WRENCH,
     Base,
-    driven_velocity,
     gravity_in_links,
+    link_velocities,
     rotor_reaction,
 )
-from vdfmu.arm.equations.kinematics import joint_placements, tool_transform
+from vdfmu.arm.equations.kinematics import joint_placements, joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
-from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis, transform_mass_matrix
+from vdfmu.arm.equations.spatial import blocks, cross_motion, joint_axis, transform_mass_matrix, whole
+from vdfmu.compiler.scalar import inward, outward
 
 
 class Hanging(NamedTuple):
@@ -37,6 +38,8 @@ class Articulated(NamedTuple):
     joints: list[Eliminated]
     arm: Hanging
     """The whole arm at its base, in {S}, without the rotor of the first joint."""
+    reaction: Any
+    """(6,) [N, N m] force of that rotor on the base, in {S}, or None."""
 
 
 class Eliminated(NamedTuple):
@@ -66,33 +69,27 @@ def articulated(
 
     # pass 1, base to end effector: velocities (31), and the forces at zero joint acceleration (47)
     placements = joint_placements(robot, q)
-    U_AB = [force_transform(R_AB, p_AB) for R_AB, p_AB in placements]
+    U_AB = joint_transforms(robot, q)
     g_B = gravity_in_links(robot, U_AB, base)
-    V_B: list[np.ndarray] = []
-    c_B: list[np.ndarray] = []
-    M_A: list[np.ndarray] = []
-    p_A: list[np.ndarray] = []
-    for i in range(n):
-        V_B.append(driven_velocity(z[i], U_AB[i], V_B[i - 1] if i > 0 else base.V_S, q_dot[i]))
-        c_B.append(cross_motion(V_B[i]) @ (z[i] * q_dot[i]))
-        m_B, r_B, I_B = robot.body(i)
-        M_A.append(mass_matrix(m_B, r_B, I_B))
-        p_A.append(bias_force(m_B, r_B, I_B, g_B[i], V_B[i]))
-        if F_Dk is not None and i > 0:
-            p_A[i - 1] = p_A[i - 1] + rotor_reaction(robot, i, F_Dk[i])  # (11)
-    p_A[-1] = p_A[-1] + tool_transform(robot) @ F_e  # (44)
-    if load is not None:
-        M_A[-1], p_A[-1] = M_A[-1] + load.M, p_A[-1] + load.p
+    V_B = link_velocities(robot, q, q_dot, base).V_B
+    c_B = [cross_motion(V_B[i]) @ (z[i] * q_dot[i]) for i in range(n)]
 
     # pass 2, end effector to base: eliminate q_ddot_i, hand the rest to the previous link
-    joints: list[Any] = [None] * n
-    arm: Any = None
-    for i in reversed(range(n)):
-        joints[i] = eliminate(z[i], M_A[i], p_A[i], tau[i])
-        arm = handed_on(placements[i], U_AB[i], M_A[i], p_A[i], c_B[i], joints[i])
-        if i > 0:
-            M_A[i - 1], p_A[i - 1] = M_A[i - 1] + arm.M, p_A[i - 1] + arm.p
-    return Articulated(U_AB, c_B, joints, arm)
+    def link(beyond: Any, i: int) -> tuple[Any, Eliminated]:
+        force, hanging = beyond
+        m_B, r_B, I_B = robot.body(i)
+        M_A, p_A = mass_matrix(m_B, r_B, I_B), bias_force(m_B, r_B, I_B, g_B[i], V_B[i])
+        p_A = p_A if force is None else p_A + force
+        if hanging is not None:
+            M_A, p_A = M_A + whole(hanging[0]), p_A + hanging[1]
+        joint = eliminate(z[i], M_A, p_A, tau[i])
+        arm = handed_on(placements[i], U_AB[i], M_A, p_A, c_B[i], joint)
+        reaction = None if F_Dk is None else rotor_reaction(robot, i, F_Dk[i])  # (11)
+        return (reaction, (blocks(arm.M), arm.p)), joint
+
+    end = None if load is None else (blocks(load.M), load.p)
+    (reaction, arm), joints = inward(link, (tool_transform(robot) @ F_e, end), n)  # (44)
+    return Articulated(U_AB, c_B, joints, Hanging(whole(arm[0]), arm[1]), reaction)
 
 
 def handed_on(
@@ -140,10 +137,9 @@ def forward_dynamics(
     a = articulated(robot, q, q_dot, tau, F_e, F_Dk, base, load)
 
     # pass 3, base to end effector: accelerations
-    q_ddot: list[Any] = []
-    V_A_dot = base.V_S_dot
-    for i in range(robot.n):
+    def link(V_A_dot: Any, i: int) -> tuple[Any, Any]:
         z = joint_axis(robot.joint_types[i])
-        q_ddot_i, V_A_dot = accelerate(z, a.U_AB[i], V_A_dot, a.c_B[i], a.joints[i])
-        q_ddot.append(q_ddot_i)
-    return np.array(q_ddot)
+        q_ddot, V_B_dot = accelerate(z, a.U_AB[i], V_A_dot, a.c_B[i], a.joints[i])
+        return V_B_dot, q_ddot
+
+    return np.array(outward(link, base.V_S_dot, robot.n)[1])

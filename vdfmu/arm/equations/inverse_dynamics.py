@@ -13,7 +13,8 @@ import numpy as np
 from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_reaction
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import net_force
-from vdfmu.arm.equations.spatial import LinkVectors, cross_motion, joint_axis
+from vdfmu.arm.equations.spatial import cross_motion, joint_axis
+from vdfmu.compiler.scalar import cut, inward, outward
 
 NO_WRENCH = np.zeros(6)
 
@@ -57,15 +58,22 @@ class ChainMotion(NamedTuple):
     V_B: list[np.ndarray]
     V_B_dot: list[np.ndarray]
     base: Base
+    V_n: Any = None
+    """V_B of the last link."""
+    V_n_dot: Any = None
 
 
 def link_velocities(robot: Any, q: np.ndarray, q_dot: Any, base: Base = AT_REST) -> ChainMotion:
     """Return :func:`link_motion` without accelerations."""
-    U_AB, V_B = joint_transforms(robot, q), LinkVectors(robot.n)
-    for i in range(robot.n):
-        V_A = V_B[i - 1] if i > 0 else base.V_S
-        V_B[i] = driven_velocity(joint_axis(robot.joint_types[i]), U_AB[i], V_A, q_dot[i])  # (29)-(31), (48)-(49)
-    return ChainMotion(U_AB, V_B, [], base)
+    U_AB = joint_transforms(robot, q)
+
+    def link(V_A: Any, i: int) -> tuple[Any, Any]:
+        z = joint_axis(robot.joint_types[i])
+        V_B = cut(i, driven_velocity(z, U_AB[i], V_A, q_dot[i]))  # (29)-(31), (48)-(49)
+        return V_B, V_B
+
+    V_n, V_B = outward(link, base.V_S, robot.n)
+    return ChainMotion(U_AB, V_B, [], base, V_n)
 
 
 def link_motion(
@@ -78,21 +86,24 @@ def link_motion(
     """
     motion = link_velocities(robot, q, q_dot, base)
     moving = q_dot if measured is None else measured
-    V_B_dot = LinkVectors(robot.n)
-    for i in range(robot.n):
-        z, V_A_dot = joint_axis(robot.joint_types[i]), V_B_dot[i - 1] if i > 0 else base.V_S_dot
-        V_B_dot[i] = driven_acceleration(z, motion.U_AB[i], V_A_dot, motion.V_B[i], moving[i], q_ddot[i])
-    return motion._replace(V_B_dot=V_B_dot)
+
+    def link(V_A_dot: Any, i: int) -> tuple[Any, Any]:
+        z = joint_axis(robot.joint_types[i])
+        V_B_dot = cut(i, driven_acceleration(z, motion.U_AB[i], V_A_dot, motion.V_B[i], moving[i], q_ddot[i]))
+        return V_B_dot, V_B_dot
+
+    V_n_dot, V_B_dot = outward(link, base.V_S_dot, robot.n)
+    return motion._replace(V_B_dot=V_B_dot, V_n_dot=V_n_dot)
 
 
 def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -> list[np.ndarray]:
     """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
-    g_B = LinkVectors(robot.n)
-    g_A = base.R_S.T @ robot.gravity
-    for i, U in enumerate(U_AB):
-        g_B[i] = U[:3, :3].T @ g_A
-        g_A = g_B[i]
-    return g_B
+
+    def link(g_A: Any, i: int) -> tuple[Any, Any]:
+        g_B = cut(i, U_AB[i][:3, :3].T @ g_A)
+        return g_B, g_B
+
+    return outward(link, base.R_S.T @ robot.gravity, robot.n)[1]
 
 
 # pass 2, end effector to base: forces, and their parts along the axes
@@ -122,13 +133,15 @@ def handed_back(
     robot: Any, U_AB: list[np.ndarray], F_B_star: list[np.ndarray], F_e: np.ndarray, F_Dk: list[np.ndarray] | None
 ) -> list[np.ndarray]:
     """Force on every driven cutting point from the net forces F_B_star, Eq. (44)-(46), or required forces (51)-(53)."""
-    n = robot.n
-    F_B = LinkVectors(n)
-    F_B[n - 1] = F_B_star[n - 1] + tool_transform(robot) @ F_e  # (44), (51)
-    for i in reversed(range(n - 1)):
-        F = F_B_star[i] + U_AB[i + 1] @ F_B[i + 1]  # (46), (52)-(53)
-        F_B[i] = F if F_Dk is None else F + rotor_reaction(robot, i + 1, F_Dk[i + 1])  # (11), (19), (24)-(25)
-    return F_B
+
+    def link(beyond: Any, i: int) -> tuple[Any, Any]:
+        F_A, reaction = beyond
+        F_B = F_B_star[i] + F_A
+        F_B = cut(i, F_B if reaction is None else F_B + reaction)  # (11), (19), (24)-(25)
+        reaction = None if F_Dk is None else rotor_reaction(robot, i, F_Dk[i])
+        return (U_AB[i] @ F_B, reaction), F_B  # (46), (52)-(53)
+
+    return inward(link, (tool_transform(robot) @ F_e, None), robot.n)[1]  # (44), (51)
 
 
 def joint_torques(robot: Any, F_B: list[np.ndarray]) -> np.ndarray:

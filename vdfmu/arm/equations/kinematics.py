@@ -8,6 +8,7 @@ import numpy as np
 
 from vdfmu.arm.equations.rigid_body import mass_matrix
 from vdfmu.arm.equations.spatial import force_transform, rotation_z
+from vdfmu.compiler.scalar import outward
 
 
 def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
@@ -65,7 +66,14 @@ def poses(robot: Any, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 def end_effector_pose(robot: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) [m] and rotation (3, 3) of the end-effector frame {O} in {I}, the last of :func:`poses`."""
-    return poses(robot, q)[-1]
+
+    def link(placed: Any, i: int) -> tuple[Any, None]:
+        p, R = placed
+        R_AB, p_AB = joint_placement(robot, i, q[i])
+        return (p + R @ p_AB, R @ R_AB), None
+
+    (p, R), _ = outward(link, (np.zeros(3), np.eye(3)), robot.n)
+    return p + R @ robot.tool_offset, R @ robot.tool_rotation
 
 
 class LinkOutputs(NamedTuple):
@@ -83,11 +91,15 @@ def link_outputs(robot: Any, q: np.ndarray, V_B: list[np.ndarray], p_S: Any, R_S
     `V_B` are the velocities of the links, `p_S` (3,) [m] and `R_S` (3, 3) place and rotate the base in {I}.
     """
     p_O, R_O = end_effector_pose(robot, q)
-    outputs = LinkOutputs(p_S + R_S @ p_O, R_S @ R_O, [], [])
-    p, R = p_S, R_S
-    for i, (R_AB, p_AB) in enumerate(joint_placements(robot, q)):
-        m_B, r_B, I_B = robot.body(i)
-        outputs.kinetic.append(0.5 * (V_B[i] @ (mass_matrix(m_B, r_B, I_B) @ V_B[i])))
+    bodies = [robot.body(i) for i in range(robot.n)]
+    kinetic = [0.5 * (V @ (mass_matrix(*body) @ V)) for body, V in zip(bodies, V_B, strict=True)]
+
+    def link(placed: Any, i: int) -> tuple[Any, Any]:
+        p, R = placed
+        R_AB, p_AB = joint_placement(robot, i, q[i])
+        m_B, r_B, _ = bodies[i]
         p, R = p + R @ p_AB, R @ R_AB
-        outputs.potential.append(m_B * (robot.gravity @ (p + R @ r_B)))
-    return outputs
+        return (p, R), m_B * (robot.gravity @ (p + R @ r_B))
+
+    _, potential = outward(link, (p_S, R_S), robot.n)
+    return LinkOutputs(p_S + R_S @ p_O, R_S @ R_O, kinetic, potential)

@@ -31,6 +31,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
     link_velocities,
 )
 from vdfmu.arm.equations.kinematics import link_outputs
+from vdfmu.compiler.scalar import total
 
 
 class Outputs(NamedTuple):
@@ -49,7 +50,7 @@ def driven(robot: Any, state: PlantState, tau: Any, base: Base, load: Any) -> tu
     tau_l, tau_k = plant_torques(robot, state, tau)  # (9), (11), (54)-(55)
     links = link_velocities(robot, state.q, state.q_dot, base)  # (29)-(31)
     F_Dk = driven_rotor_forces(robot, links, state.kappa_dot, tau_k)  # (4), (10)
-    return tau_l, tau_k, F_Dk, None if load is None else load.hanging(robot, links.V_B[-1])
+    return tau_l, tau_k, F_Dk, None if load is None else load.hanging(robot, links.V_n)
 
 
 def plant_derivative(
@@ -117,12 +118,12 @@ def plant_outputs(robot: Any, x: np.ndarray, p_S: Any = _ORIGIN, base: Base = AT
     links = link_outputs(robot, state.q, motion.V_B, p_S, base.R_S)
     V_D = rotor_velocities(robot, motion.V_B, state.kappa_dot, base.V_S)  # (4)
     spin = np.array([V_Dk[5] for V_Dk in V_D]) / robot.ell
-    E_kin = 0.5 * (robot.I_m * robot.ell) @ (spin * spin)
+    E_kin = total(0.5 * (robot.I_m * robot.ell) * (spin * spin))
     return Outputs(
         kappa=rotor_position(robot, state.q, state.tau_s),
         p_O=links.p_O,
         R_O=links.R_O,
-        E_kin=sum(links.kinetic, E_kin),
-        E_pot=sum(links.potential),
+        E_kin=total(links.kinetic, E_kin),
+        E_pot=total(links.potential),
         E_spring=stored_energy(robot, state),
     )

@@ -6,19 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.compiler.scalar import cut, zeros
+from vdfmu.compiler.scalar import zeros
 
 _AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
-
-
-class LinkVectors(list[Any]):
-    """A vector for each of n links. A recursion fills it link by link; the solver of a long chain may cut there."""
-
-    def __init__(self, n: int) -> None:
-        super().__init__([None] * n)
-
-    def __setitem__(self, i: Any, vector: Any) -> None:
-        super().__setitem__(i, cut(i, vector))
 
 
 def joint_axis(joint_type: str) -> np.ndarray:
@@ -82,6 +72,18 @@ def transform_mass_matrix(R_AB: np.ndarray, p_AB: np.ndarray, M_B: np.ndarray) -
     M_A[3:, :3] = M_A[:3, 3:].T
     M_A[3:, 3:] = angular + P_AB @ M_A[:3, 3:] + (P_AB @ mixed).T
     return M_A
+
+
+def blocks(M_B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the blocks (3, 3) of a symmetric mass matrix: linear, mixed and angular."""
+    linear, mixed, angular = (M_B[i, j] for i, j in _BLOCKS)
+    return linear, mixed, angular
+
+
+def whole(parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return the symmetric mass matrix of its :func:`blocks`."""
+    linear, mixed, angular = parts
+    return np.block([[linear, mixed], [mixed.T, angular]])
 
 
 _BLOCKS = ((slice(0, 3), slice(0, 3)), (slice(0, 3), slice(3, 6)), (slice(3, 6), slice(3, 6)))

@@ -14,7 +14,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.plain import PLAIN, in_paper_words
 from vdfmu.arm.robot.robot_file import section_numbers
 from vdfmu.base.files import data_path
-from vdfmu.base.measure import measure
+from vdfmu.base.measure import JOINT_TYPES, measure
 from vdfmu.base.text import matching, nearest
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table
@@ -113,7 +113,7 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
         mass += body.mass
         weight += body.mass * far
         inertia += body.mass * far**2 + float(np.linalg.eigvalsh(body.inertia)[-1])
-    moved = (mass, mass) if MOVING[joint.kind] == "prismatic" else (weight, inertia)
+    moved = (mass, mass) if JOINT_TYPES[MOVING[joint.kind]].slides else (weight, inertia)
     load = moved[0] * gravity + moved[1] * _ACCELERATION
     return 2.0 * load, f"twice what holds the stretched arm and accelerates it by {_ACCELERATION:g} SI units"
 

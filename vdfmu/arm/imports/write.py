@@ -14,6 +14,7 @@ from vdfmu.arm.imports.drives import PARTS, DriveNumbers
 from vdfmu.arm.imports.tree import MOVING, Body, few
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
+from vdfmu.base.measure import unit_of
 from vdfmu.base.toml_file import toml_value
 
 ROUNDING = 1e-16
@@ -72,7 +73,7 @@ def _entries(part: Section, values: dict[str, Any]) -> list[str]:
 
 
 def _about(body: Body, drive: DriveNumbers) -> str:
-    joint, unit = body.joint, "N" if MOVING[body.joint.kind] == "prismatic" else "N.m"
+    joint, unit = body.joint, unit_of("torque", MOVING[body.joint.kind])
     largest = f"# largest torque {drive.rating:.6g} {unit}: {drive.rated_by}"
     joined = ", joined to one body" if len(body.links) > 1 else ""
     return f"{joint.name}, {joint.kind}, moves {few(body.links)}{joined}\n{largest}"

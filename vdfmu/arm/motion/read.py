@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,6 +23,7 @@ from vdfmu.arm.robot.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.extras import extra_modules
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
@@ -31,7 +31,6 @@ from vdfmu.engine.plan.inputs import csv_columns
 
 _LOOKS = 1001
 """Times at which torques are compared with those of the motors."""
-_FACTORS = {"revolute": {"rad": 1.0, "deg": math.pi / 180.0}, "prismatic": {"m": 1.0, "mm": 1e-3}}
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
@@ -216,7 +215,7 @@ def read_points(path: Path, robot: Robot, problems: Problems, allowed: Any) -> d
             name = of_names.get(heading, heading)
             factors = {"s": 1.0}
             if name in numbered:
-                factors = _FACTORS[robot.joint_types[numbered.index(name)]]
+                factors = JOINT_TYPES[robot.joint_types[numbered.index(name)]].position_factors
             elif keys.get(name) not in allowed:
                 unknown.append(heading)
                 continue

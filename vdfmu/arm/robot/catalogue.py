@@ -9,6 +9,7 @@ import numpy as np
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, SPRING_KEYS
 from vdfmu.base.files import data_path
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, value_text
@@ -53,7 +54,7 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
             way_out = nearest(name, list(listed)) if isinstance(name, str) else "Give it as a string."
             problems.add(f"{path}.{part}", f"a {part} of the catalogue", value_text(name), way_out)
     gear, motor = (entries.get(part, {}) for part in NAMED)
-    if gear and kind == "prismatic":
+    if gear and JOINT_TYPES[kind].slides:
         problems.add(
             f"{path}.gear", "none on a prismatic joint", value_text(named["gear"]), "Give [joints.drive] itself."
         )

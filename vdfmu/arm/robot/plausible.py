@@ -16,13 +16,10 @@ from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.robot.plain import plain_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.base.measure import JOINT_TYPES
 
-FAR = 20.0
-"""Length [m]: the longest arms in space have 17 m, millimetres of a link are more than 20."""
-FASTEST = {"revolute": (60.0, "rad/s"), "prismatic": (20.0, "m/s")}
-"""Speed of a joint. The wrists of SCARA robots reach 45 rad/s, linear motors 15 m/s. Limits in public robot files go up
-to 1e4 rad/s and are not asked."""
+_FAR = JOINT_TYPES["prismatic"].far
+"""Length [m]."""
 _NONE = 1e6
 """Position of a missing stop, as importers and FMUs write it."""
 _HEAVY = 500.0
@@ -74,7 +71,7 @@ _DRIVES = "Drives have 10 to 100 Hz: check the units of K_f0, K_w0 and I_m."
 _MOTORS = "Motors reach 5e3 to 3e5: check tau_stall and I_m."
 CHECKS = (
     Plausibility(lambda robot: robot.mass, 0.0, _HEAVY, "a mass of {:g} kg", "", "looks like grams. Give it in kg."),
-    Plausibility(_length, 0.0, FAR, "a length of {:g} m", "", "looks like mm. Give offset and centroid in m."),
+    Plausibility(_length, 0.0, _FAR, "a length of {:g} m", "", "looks like mm. Give offset and centroid in m."),
     Plausibility(
         _width, 0.0, _LARGE, "the inertia of a body {:.3g} m wide", "", "looks like kg.cm2 or kg.mm2. Give it in kg.m2."
     ),
@@ -118,7 +115,7 @@ def joints_without_tool(robot: Any) -> list[int]:
     p, joints = np.asarray(robot.tool_offset), list[int]()
     length = np.linalg.norm([*robot.offset, p], axis=1).sum()
     for i in reversed(range(len(robot.joint_types))):
-        if robot.joint_types[i] == "prismatic" or math.hypot(p[0], p[1]) > _ON_AXIS * length:
+        if JOINT_TYPES[robot.joint_types[i]].slides or math.hypot(p[0], p[1]) > _ON_AXIS * length:
             break
         joints.append(i + 1)
         p = robot.offset[i] + robot.rotation[i] @ p
@@ -154,7 +151,7 @@ def _joints(robot: Robot) -> Iterator[str]:
         ):  # fmt: skip
             if out.any():
                 yield f"joint {robot.joint_labels[i()]}: {check.text.format(sizes[i()])} {why}"
-    for i in np.flatnonzero(np.abs(robot.tool_offset) > FAR)[:1]:
+    for i in np.flatnonzero(np.abs(robot.tool_offset) > _FAR)[:1]:
         yield f"tool_offset[{i + 1}] = {robot.tool_offset[i]:g} m looks like mm. Give it in m."
     if robot.payload and robot.payload_mass > _HEAVY:
         yield f"payload: a mass of {float(robot.payload_mass):g} kg looks like grams. Give it in kg."
@@ -170,16 +167,16 @@ def _stops(robot: Robot) -> Iterator[str]:
 
 
 def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note if the position of a revolute or prismatic joint looks like degrees or millimetres."""
-    if kind == "revolute" and abs(value) > WIDE_ANGLE:
-        yield f"{name} = {value:.4g} rad looks like degrees. Write {math.radians(value):.4g} rad."
-    elif kind == "prismatic" and abs(value) > FAR:
-        yield f"{name} = {value:.4g} m looks like mm. Write {value / 1000.0:.4g} m."
+    """Yield a note if the position of a joint looks like degrees or millimetres."""
+    joint = JOINT_TYPES[kind]
+    if abs(value) > joint.far:
+        unit, meant = joint.unit("position"), value / joint.shown.factor
+        yield f"{name} = {value:.4g} {unit} looks like {joint.mistaken}. Write {meant:.4g} {unit}."
 
 
 def speed_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note if the speed of a revolute or prismatic joint is above all arms."""
-    most, unit = FASTEST[kind]
+    """Yield a note if the speed of a joint is above all arms."""
+    most, unit = JOINT_TYPES[kind].fastest, JOINT_TYPES[kind].unit("velocity")
     if abs(value) > most:
         yield (
             f"{name} = {value:.4g} {unit} is faster than arms, whose joints reach {0.75 * most:g} {unit}. "

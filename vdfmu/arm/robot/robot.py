@@ -23,11 +23,11 @@ from vdfmu.arm.robot.visual import Visual
 from vdfmu.arm.world.payload import link_body
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.scalar import ZERO, Symbol
 from vdfmu.compiler.unit.declaration import Entry
 
-JOINT_TYPES = ("revolute", "prismatic")
 FRICTION_ARRANGEMENTS = ("lumped", "split")
 _UNLIKE = 3
 """Joints at each end that may differ from the others in a robot with shorter equivalents."""

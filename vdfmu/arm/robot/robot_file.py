@@ -17,11 +17,11 @@ from vdfmu.arm.robot.own_drive import robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
 from vdfmu.arm.robot.plain import PLAIN, in_paper_words
-from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, JOINT_TYPES, Robot, joint_free, robot_argument
+from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot, joint_free, robot_argument
 from vdfmu.arm.robot.visual import read_visuals
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.measure import POSITIVE
+from vdfmu.base.measure import JOINT_TYPES, POSITIVE
 from vdfmu.base.option import checks_types
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
@@ -158,7 +158,7 @@ def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot]
     made = drive_class or Robot
     sections: Any = made.own_sections()
     table = Table(problems, data, path, None if drive_class is None else (*JOINT_KEYS, *sections))
-    kind = table.text("type", choices=JOINT_TYPES)
+    kind = table.text("type", choices=(*JOINT_TYPES,))
     options = {option: option in table.data for option in JOINT_OPTIONS}
     name = table.label("name") if "name" in table.data else ""
     joint: dict[str, Any] = {"name": name, "type": kind, **options} | section_numbers(table, "joint", kind)
@@ -176,7 +176,7 @@ def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot]
         if not options[option]:
             continue
         for name in OPTIONS[option].revolute_only:
-            if kind == "prismatic" and joint[name] != 0.0:
+            if JOINT_TYPES[kind].slides and joint[name] != 0.0:
                 key = f"{path}.{option}.{name}"
                 problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "It acts on revolute joints alone.")
         check_conditions(problems, path, OPTIONS[option].conditions, joint)

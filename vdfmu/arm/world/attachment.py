@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.equations.flexible_joint import rotor_reaction, split_state
+from vdfmu.arm.equations.flexible_joint import split_state
 from vdfmu.arm.equations.forward_dynamics import Hanging, articulated, forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import Base, ChainMotion, link_motion
 from vdfmu.arm.equations.kinematics import tool_transform
@@ -36,7 +36,7 @@ class Load(NamedTuple):
 
     def wrench(self, robot: Any, motion: ChainMotion) -> np.ndarray:
         """Return ``M_e A_O`` for a motion of the links: (6,) [N, N m] in {O}."""
-        return self.M_e @ tool_acceleration(robot, motion.V_B[-1], motion.V_B_dot[-1])
+        return self.M_e @ tool_acceleration(robot, motion.V_n, motion.V_n_dot)
 
 
 def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
@@ -85,8 +85,8 @@ def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base:
     """
     state = split_state(robot, x)
     tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)
-    arm = articulated(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging).arm
-    return Hanging(arm.M, arm.p + rotor_reaction(robot, 0, F_Dk[0]))
+    a = articulated(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging)
+    return Hanging(a.arm.M, a.arm.p + a.reaction)
 
 
 def tool_motion(
@@ -97,5 +97,4 @@ def tool_motion(
     tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)
     q_ddot = forward_dynamics(robot, state.q, state.q_dot, tau_l, F_e, F_Dk, base, hanging)
     motion = link_motion(robot, state.q, state.q_dot, q_ddot, base)
-    V_B, V_B_dot = motion.V_B[-1], motion.V_B_dot[-1]
-    return tool_transform(robot).T @ V_B, tool_acceleration(robot, V_B, V_B_dot)
+    return tool_transform(robot).T @ motion.V_n, tool_acceleration(robot, motion.V_n, motion.V_n_dot)

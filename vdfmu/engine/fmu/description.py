@@ -82,6 +82,8 @@ class Description:
     """Stop time [s] of the default experiment."""
     step: float | None = None
     """Step [s] of the default experiment."""
+    tool: str = ""
+    """The tool that made it, as it says."""
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
     states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
@@ -261,6 +263,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
         tolerance=None if exchange or own_tolerance else _positive(experiment.tolerance),
         stop=_positive(experiment.stopTime),
         step=_positive(experiment.stepSize),
+        tool=str(model.generationTool or ""),
         period=next((e.get("period", "") for e in root.iterfind(_SAMPLED)), ""),
         samples=True if root.find(_SAMPLED) is not None else False if root.find(_CONTINUOUS) is not None else None,
     )

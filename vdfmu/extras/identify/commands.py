@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of, read_settings
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import OverwriteOption, refuse, target_file
@@ -118,7 +119,7 @@ def identify(
     console.print(verdict_text(judged), soft_wrap=True)
     console.print(verdict_table(judged))
     _print(fit, arm.joint_labels, None if true is None else fit.of(true))
-    units = tuple("N" if kind == "prismatic" else "N.m" for kind in arm.joint_types)
+    units = tuple(unit_of("torque", kind) for kind in arm.joint_types)
     if other is not None:
         _print_score(other.name, scored, arm.joint_labels, units)
     written: list[Path] = []

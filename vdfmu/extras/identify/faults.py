@@ -16,9 +16,8 @@ from scipy.optimize import linear_sum_assignment
 
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.plausible import FASTEST
 from vdfmu.base.arrays import Floats
-from vdfmu.base.measure import LARGEST_NUMBER, number
+from vdfmu.base.measure import JOINT_TYPES, LARGEST_NUMBER, number, unit_of
 from vdfmu.engine.results.verdict import FAILED, GOOD, Check
 from vdfmu.extras.identify.problem import regressor
 from vdfmu.study.limits import LIMITS
@@ -271,9 +270,9 @@ def check_motion(
 def _too_fast(t: Floats, kappa: Floats, robot: Robot) -> list[Check]:
     """Return the check of the joint that moves faster than those of arms, if there is one."""
     speed = np.abs(np.gradient(kappa, t, axis=0)).max(axis=0)
-    most = np.array([FASTEST[kind][0] for kind in robot.joint_types])
+    most = np.array([JOINT_TYPES[kind].fastest for kind in robot.joint_types])
     i = int(np.argmax(speed / most))
-    unit = FASTEST[robot.joint_types[i]][1]
+    unit = unit_of("velocity", robot.joint_types[i])
     row = LIMITS["speed"]._replace(value=float(most[i]), unit=unit)
     check = row.check(float(speed[i]), "such as seconds that were read as milliseconds", place=f"joint {i + 1}")
     return [] if check.state == GOOD else [check]
@@ -328,7 +327,7 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks:
     """
     kappa, tau = arrays["kappa"], arrays["tau"]
     read = _compared(t, kappa, tau, robot)
-    degrees = kappa * np.where([kind == "revolute" for kind in robot.joint_types], np.pi / 180.0, 1.0)
+    degrees = kappa * np.where([JOINT_TYPES[kind].slides for kind in robot.joint_types], 1.0, np.pi / 180.0)
     meant = _compared(t, degrees, tau, robot)
     moved = np.flatnonzero(np.ptp(kappa, axis=0) > 0.0)
     left, left_then = (float(np.diag(each.left)[moved].sum()) for each in (read, meant))

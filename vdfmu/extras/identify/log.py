@@ -15,7 +15,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import MOST_FAULTS, TIME_UNITS, columns_of, open_csv, repeated, split_unit
 from vdfmu.base.errors import UsageError
 from vdfmu.base.foreign import TITLES, Foreign, read_foreign
-from vdfmu.base.measure import WIDE_ANGLE
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results.csv_file import csv_results
 from vdfmu.engine.results.mat_file import mat_results
@@ -305,7 +305,7 @@ def _chosen(
 def _converted(
     key: str, name: str, column: LogColumn, stated: str, robot: Robot, i: int, notes: list[str], problems: list[str]
 ) -> LogColumn:
-    turns = key == "theta" or robot.joint_types[i] == "revolute"
+    turns = key == "theta" or not JOINT_TYPES[robot.joint_types[i]].slides
     kind = "angle" if turns else "length"
     if key in ("tau", "tau_link"):
         kind = "force" if key == "tau_link" and not turns else "torque"
@@ -315,7 +315,8 @@ def _converted(
         problems.append(f"{name}: expected the unit {' or '.join(_FACTORS[kind])}, got {unit!r}")
         return column
     span = float(np.ptp(column.values)) if len(column.values) else 0.0
-    if not stated and not unit and robot.joint_types[i] == "revolute" and key in ("kappa", "q") and span > WIDE_ANGLE:
+    joint = JOINT_TYPES[robot.joint_types[i]]
+    if not stated and not unit and not joint.slides and key in ("kappa", "q") and span > joint.far:
         problems.append(
             f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
             f"{span:.4g}, as degrees do, or a motor's angle that is to be named theta; got none"

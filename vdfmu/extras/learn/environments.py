@@ -12,11 +12,11 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.option import check_type, checks_types
 from vdfmu.engine.run import Simulator
+from vdfmu.extras.batch.programs import make_program
 from vdfmu.extras.learn.lanes import SteppedLanes
 from vdfmu.extras.learn.tasks import Task, TrackingTask, episode, opened
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.reach import scenario_of
-from vdfmu.study.batch.make import make_program
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
-from vdfmu.study.batch.engine import BatchProgram, aligned, lane_library, set_lane, shown_calls
+from vdfmu.extras.batch.engine import BatchProgram, aligned, lane_library, set_lane, shown_calls
 
 
 class SteppedLanes:

@@ -20,6 +20,7 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import temporary_folder, write_whole
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
 from vdfmu.engine.linear.loops import Loop, margins_of
@@ -148,8 +149,6 @@ def _rotors(robot: Robot) -> tuple[Floats, Floats]:
 
 _STEPS = (1e-3, 5e-4, 2.5e-4)
 """Communication steps [s] that are tried."""
-_FAR = {"revolute": 0.5, "prismatic": 0.1}
-"""How far each joint moves [rad, m], where its end stops leave room."""
 _MANY = 8
 """Most joints that move the whole way: long arms bend and do not coil."""
 _ROOM = 0.4
@@ -241,7 +240,7 @@ def _gains(arm: Robot, q: Floats) -> tuple[float, Gains]:
 def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
     """Return start, end and duration of the motion, and notes on it."""
     start = np.zeros(robot.n)
-    step = np.array([_FAR[kind] for kind in robot.joint_types]) * min(1.0, _MANY / robot.n)
+    step = np.array([JOINT_TYPES[kind].stroke for kind in robot.joint_types]) * min(1.0, _MANY / robot.n)
     if robot.limits:
         away = _AWAY * np.minimum(robot.q_max - robot.q_min, 10.0)
         start = np.round(np.clip(start, robot.q_min + away, robot.q_max - away), 3)

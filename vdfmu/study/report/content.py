@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats, bends, distinct, extremes
-from vdfmu.base.measure import JOINT_UNITS, Shown, shown_as
+from vdfmu.base.measure import JOINT_TYPES, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
 from vdfmu.engine.results.folder import DRAWN
 from vdfmu.engine.results.results import Recorded, Results, Signal
@@ -71,6 +71,8 @@ _FIGURES = (
 
 WRENCHES = {"F_e": "of the arm on its surroundings in {O}", "F_S": "of the base on the arm in {S}"}
 """Six signals, force and moment: words for a title."""
+_CURVES, _NAMED = 12, 4
+"""Most curves of a figure of unlike signals, and names in its title."""
 BLOCK = 20_000
 """Rows that are in memory at a time."""
 
@@ -141,11 +143,11 @@ def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure
 
 def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
     """Yield figures of an arm by type of joint. `before` and `of` are prefixes of keys and titles."""
-    for kind, unit in JOINT_UNITS.items():
+    for kind, joint_type in JOINT_TYPES.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
         for key, quantity, title, peak, drawn in _FIGURES:
-            noun = unit.noun.capitalize() if title.startswith("{}") else unit.noun
+            noun = joint_type.noun.capitalize() if title.startswith("{}") else joint_type.noun
             curves = [
                 Curve(", ".join(filter(None, (f"joint {i + 1}", label))), i + 1, sums[name][i], dashed=place > 0)
                 for place, (name, label) in enumerate(drawn.items())
@@ -215,6 +217,19 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
             yield Figure(f"force.{unit}", f"{noun} the axes between joint and link {{B}}", Shown(unit), curves)
 
 
+def _overlaid(results: Results) -> Iterator[Figure]:
+    """Yield the outputs of a system without an arm, those of one unit of measurement in one figure."""
+    alike: dict[str, list[str]] = {}
+    for name in results.names:
+        alike.setdefault(results.units[name], []).append(name)
+    for unit, names in alike.items():
+        if len(names) <= _CURVES:
+            curves = [Curve(name, 0, [(1.0, name)]) for name in names]
+            yield Figure(
+                f"unit.{unit}", f"{', '.join(names[:_NAMED])}{', …' * (len(names) > _NAMED)}", Shown(unit), curves
+            )
+
+
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of the page of a run, ready for JSON.
 
@@ -231,7 +246,8 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
     moving = [
         ArmFrames(arm.component, arm.facts, {**arm.motion, **({} if k else turns)}, m) for k, arm in enumerate(arms)
     ] or [ArmFrames("", None, {}, m)]
-    kinds = {"figures": run_figures(results, summary), "signals": signal_figures(results, (), n)}
+    figures = [*run_figures(results, summary)] or [*_overlaid(results)]
+    kinds = {"figures": figures, "signals": signal_figures(results, (), n)}
     tables = {kind: [CurveTable(figure) for figure in figures] for kind, figures in kinds.items()}
     for k, part in enumerate(results.blocks(BLOCK)):
         for each in moving:
@@ -267,7 +283,7 @@ class ArmFrames:
         self._stride = max(1, -(-(m - 1) // FRAMES))
         if arm:
             self._travel, reach = np.zeros(len(arm["types"])), Chain(arm).reach
-            scale = [1.0 if kind == "revolute" else 1.0 / reach for kind in arm["types"]]
+            scale = [1.0 / reach if JOINT_TYPES[kind].slides else 1.0 for kind in arm["types"]]
             self._scale = np.array([*scale, *([1.0 / reach] * 3 + [1.0] * 9 if "base" in motion else [])])[:, None]
 
     def add(self, part: Results, first: int) -> None:

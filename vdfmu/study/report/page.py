@@ -30,7 +30,7 @@ from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.parts import checks, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.parts import checks, components_table, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.sheets import LATEX, sheets, write_tables
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder, write_gallery
 from vdfmu.study.report.simulation import simulation_of
@@ -134,20 +134,24 @@ def report_page(
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     data |= {"study": study.content} if study else {}
     diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
+    system = f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>'
     summaries = [run.summary for run in runs]
+    joined = not any("scenario" in summary or "arm" in summary for summary in summaries)
     settings = difference_sheet(names, runs) if len(runs) > 1 and not arm_alone else None
     body = "\n".join(
         [
             *([study.body] if study else ()),
             *checks(names, runs),
             *(comparison(names, runs, settings) if settings else ()),
+            *([system] if joined else []),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
             *(tiles(summaries[0]) if len(runs) == 1 else ()),
             '<section id="simulate" class="card" hidden aria-label="Simulate"></section>',
             '<section id="figures" class="card" hidden aria-label="Figures"></section>',
             '<section id="found" class="card" hidden aria-label="Simulated and recorded"></section></div></div>',
-            f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>',
+            *([] if joined else [system]),
+            *(components_table(runs[0]) if len(runs) == 1 else ()),
             *tables(names, runs),
             *facts_table(names, runs),
             "<noscript><p>Figures and the arm need scripts. Allow scripts in this browser.</p></noscript>",
@@ -231,6 +235,9 @@ def run_command(summary: Mapping[str, Any]) -> str:
     limits = {key: entry["value"] for key, entry in entries if entry["by"] == "--limit"}
     words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value!r}")]
     words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
+    words += ["--unfed", "ok"] if units and summary.get("unfed") else []
+    for connection in summary.get("connections") or ():
+        words += ["--connect", connection.replace(" -> ", "=")]
     words += [
         word for each in (summary.get("parameters") or {}).items() for word in ("--set", "=".join(map(str, each)))
     ]

@@ -7,8 +7,11 @@ from hashlib import sha256
 from html import escape
 from typing import Any, NamedTuple
 
+from vdfmu.base.errors import VdfmuError
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.page import table
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
 from vdfmu.study.report.sheets import Sheet, facts, sheets, units_of
 from vdfmu.study.report.shown_run import ShownRun
@@ -165,6 +168,26 @@ def facts_table(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]
     rows = [(key, *(column.get(key, "") for column in columns)) for key in dict.fromkeys(k for c in columns for k in c)]
     heads = ("", *(map(escape, names) if len(runs) > 1 else [""]))
     yield f'<div class="wide facts">{_table(heads, rows, "What was run")}</div></section>'
+
+
+def components_table(run: ShownRun) -> Iterator[str]:
+    """Yield what the FMUs of a package are, for the run of a package of any tool."""
+    if "scenario" in run.summary or not run.package.is_file():
+        return
+    try:
+        descriptions = check_system(load_ssp(run.package), algorithm=run.summary.get("algorithm")).descriptions
+    except VdfmuError:  # it has changed since the run
+        return
+    rows: list[tuple[str, ...]] = []
+    for name, each in descriptions.items():
+        kind = "model exchange" if each.exchange else "co-simulation"
+        states, indicators = each.sizes
+        events = f", {indicators} event indicators" if indicators else ""
+        step = quantity(each.step, "s") if each.step else ""
+        rows.append((name, f"FMI {each.version.name}, {kind}", each.tool, f"{states}{events}", step))
+    heads = ("Component", "FMU", "Made by", "Continuous states", "Default step")
+    made = table(heads, ([escape(cell) for cell in row] for row in rows), ("name", "name", "name", "", ""))
+    yield f'<section class="card"><h2>Components</h2><div class="wide facts">{made}</div></section>'
 
 
 def _facts_of(run: ShownRun) -> Iterator[tuple[str, str]]:

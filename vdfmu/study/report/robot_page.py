@@ -15,15 +15,12 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import require_ours, write_whole
-from vdfmu.base.measure import JOINT_UNITS, unit_of
+from vdfmu.base.measure import JOINT_TYPES, unit_of
 from vdfmu.base.page import page
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
 from vdfmu.study.report.scripts import data_element, libraries, look, packed, scripts_of
 from vdfmu.study.report.shapes import Chain, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
 from vdfmu.study.run.scene import arm_of
-
-_WITHOUT_LIMITS = {"revolute": np.pi, "prismatic": 0.5}
-"""Largest position of the slider of a joint without limits [rad or m]."""
 
 
 def write_robot_page(
@@ -122,7 +119,7 @@ def _ranges(robot: Robot) -> tuple[Floats, Floats]:
     """Return the least and the largest position of each slider: (n,) [rad or m]."""
     if robot.limits:
         return robot.q_min, robot.q_max
-    most = np.array([_WITHOUT_LIMITS[kind] for kind in robot.joint_types])
+    most = np.array([JOINT_TYPES[kind].travel for kind in robot.joint_types])
     return -most, most
 
 
@@ -140,9 +137,9 @@ def _start(robot: Robot, pose: npt.ArrayLike | None, low: Floats, high: Floats) 
 
 def _slider(kind: str, low: float, high: float, q: float) -> dict[str, Any]:
     """Return ends and start of the slider of a joint, to a tenth of its unit within its limits."""
-    unit = JOINT_UNITS[kind]
+    unit = JOINT_TYPES[kind].shown
     ends = [math.ceil(10.0 * unit.factor * low) / 10.0, math.floor(10.0 * unit.factor * high) / 10.0]
-    return {"unit": unit.position, "factor": unit.factor, "low": ends[0], "high": ends[1], "start": q}
+    return {"unit": unit.unit, "factor": unit.factor, "low": ends[0], "high": ends[1], "start": q}
 
 
 def mode_facts(modes: Modes, k: int) -> dict[str, Any]:

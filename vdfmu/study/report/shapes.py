@@ -16,6 +16,7 @@ from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.visual import read_mesh
 from vdfmu.base.arrays import Floats
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.study.report.scripts import packed
 
 PAYLOAD = "#b07a2a"
@@ -79,7 +80,7 @@ class Chain:
         here, rails = (np.zeros(3), np.eye(3)), np.broadcast_to(np.asarray(travel, dtype=float), self.n)
         for i, kind in enumerate(self.types):
             r, body, R = radius(i), i + 1, self.rotation[i]
-            if kind == "prismatic":
+            if JOINT_TYPES[kind].slides:
                 middle = self.offset[i] + R[:, 2] * rails[i] / 2.0
                 yield DrawnShape(i, "box", (1.5 * r, 1.5 * r, float(rails[i]) + 2.0 * r), middle, R)
                 yield DrawnShape(body, "box", (2.1 * r, 2.1 * r, 1.6 * r), *here, "joint")
@@ -109,7 +110,7 @@ class Chain:
             return -self.offset[0] / float(np.linalg.norm(self.offset[0]))
         chain, axis = [*self.offset[1:], self.tool_offset], self.rotation[0][:, 2]
         link = next((np.array(each) for each in chain if np.linalg.norm(each) > 1e-9), np.zeros(3))
-        angles = np.linspace(-1.0, 1.0, 37) * (min(travel[0], np.pi) if self.types[0] == "revolute" else 0.0)
+        angles = np.linspace(-1.0, 1.0, 37) * (0.0 if JOINT_TYPES[self.types[0]].slides else min(travel[0], np.pi))
         c, s, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
         local = np.array([c * link[0] - s * link[1], s * link[0] + c * link[1], zero + link[2]])
         swept = self.rotation[0] @ local / (np.linalg.norm(link) or 1.0)
@@ -122,7 +123,7 @@ class Chain:
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
     """Return the page's drawing of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
     chain = Chain(arm)
-    rails = [each for each, kind in zip(travel, chain.types, strict=True) if kind == "prismatic"]
+    rails = [each for each, kind in zip(travel, chain.types, strict=True) if JOINT_TYPES[kind].slides]
     reach = chain.reach + float(max(rails, default=0.0))
     parts = [part.plain() for part in chain.parts(travel, reach)]
     numbers = {name: arm[name] for name in ("types", *_FRAMES)}

@@ -13,7 +13,7 @@ from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import VdfmuError
-from vdfmu.base.measure import JOINT_UNITS
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.analysis.modes import natural_modes
@@ -46,7 +46,7 @@ def key_figures(
     """
     figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
-        units = [JOINT_UNITS[kind] for kind in robot.joint_types]
+        units = [JOINT_TYPES[kind].shown for kind in robot.joint_types]
         scale = np.array([unit.factor for unit in units])
         peaks, reached = _Peaks(robot.n + 1), _Peaks(2 * robot.n + 1)
         first = None
@@ -58,7 +58,7 @@ def key_figures(
             peaks.add(part.time, np.column_stack([np.abs(scale * (q_d - q)), error]))
             reached.add(part.time, np.column_stack([scale * q_d, -scale * q_d, away]))
         with_tool = comparable(robot, plant)
-        figures["joint_error"] = peaks.worst([unit.position for unit in units])
+        figures["joint_error"] = peaks.worst([unit.unit for unit in units])
         if with_tool:
             figures["tool_error"] = {"value": float(peaks.most[-1]), "at_s": float(peaks.at[-1])}
         sizes = reached.most[: robot.n] + reached.most[robot.n : -1]
@@ -136,7 +136,8 @@ def comparable(robot: Robot, plant: Robot) -> bool:
 def least_sizes(robot: Robot) -> Floats:
     """Return the sizes with which errors of an arm at rest are compared: of its joints [deg, mm], of its tool [m]."""
     arm = float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
-    least = [JOINT_UNITS[kind].factor * (1.0 if kind == "revolute" else arm) for kind in robot.joint_types]
+    types = [JOINT_TYPES[kind] for kind in robot.joint_types]
+    least = [each.shown.factor * (arm if each.slides else 1.0) for each in types]
     return _SMALL * np.array([*least, arm])
 
 
@@ -153,7 +154,7 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
     share = peaks.most / size
     off = share / np.array([LIMITS["joint"].value] * robot.n + [LIMITS["tool"].value])
     i = int(np.lexsort([off, share > LIMITS["joint"].value])[-1])
-    place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", JOINT_UNITS[kinds[i]].position)
+    place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", JOINT_TYPES[kinds[i]].shown.unit)
     resting = not np.append(sizes, tool if math.isfinite(tool) else 0.0).any()
     return {
         "value": float(peaks.most[i]), "size": float(size[i]), "unit": unit, "place": place, "at_s": float(peaks.at[i]),
@@ -174,7 +175,7 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
         if arm is not None and "plant.kappa_dot[1]" in results:
             tau = arm.delivered(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
         peaks.add(part.time, np.abs(robot.ell * tau))
-    return peaks.worst([JOINT_UNITS[kind].torque for kind in robot.joint_types], limit)
+    return peaks.worst([JOINT_TYPES[kind].unit("torque") for kind in robot.joint_types], limit)
 
 
 def _modes(results: Results, robot: Robot) -> Iterable[tuple[float, float]]:

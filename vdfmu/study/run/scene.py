@@ -17,6 +17,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.base.arrays import with_named
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.compiler.unit.interface import general_description
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -203,8 +204,9 @@ def wired_arm(results: Results, package: Path) -> dict[str, Any]:
     def array(component: str, group: str, default: Any) -> Any:
         return with_named(default, group, values.get(component, {})).tolist()
 
+    of_unit = {joint_type.unit("position"): kind for kind, joint_type in JOINT_TYPES.items()}
     arm = {
-        "types": ["prismatic" if results.units[f"{name}.q"] == "m" else "revolute" for name in order],
+        "types": [of_unit[results.units[f"{name}.q"]] for name in order],
         "rotation": [array(name, "rotation", np.eye(3)) for name in order],
         "offset": [array(name, "offset", np.zeros(3)) for name in order],
         "ell": [array(name, "ell", 1.0) for name in order],
@@ -214,6 +216,6 @@ def wired_arm(results: Results, package: Path) -> dict[str, Any]:
         "shapes": [],
     }
     signals = {f"plant.{group}": [f"{name}.{group}" for name in order] for group in ("q", "kappa", "P_B")}
-    axes = {"revolute": 6, "prismatic": 3}
-    signals["plant.F_z"] = [f"{name}.F_B[{axes[kind]}]" for name, kind in zip(order, arm["types"], strict=True)]
+    axes = [3 if JOINT_TYPES[kind].slides else 6 for kind in arm["types"]]
+    signals["plant.F_z"] = [f"{name}.F_B[{axis}]" for name, axis in zip(order, axes, strict=True)]
     return {"arm": arm, "joint_signals": {key: each for key, each in signals.items() if set(each) <= {*results.names}}}

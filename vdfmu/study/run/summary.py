@@ -15,7 +15,7 @@ from vdfmu.arm.drive.limits import at_limits, motor_torque
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import section
 from vdfmu.base.arrays import Floats, with_named
-from vdfmu.base.measure import JOINT_UNITS, quantity, unit_of
+from vdfmu.base.measure import JOINT_TYPES, quantity, unit_of
 from vdfmu.base.version import FORMAT, __version__
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Recorded, Results
@@ -73,7 +73,7 @@ def start_notes(results: Results, scenario: Scenario, least: float = _APART) -> 
                 arm = scenario.system.parts[plant].robot or scenario.arm
                 kind, tau, first = arm.joint_types[i], scenario.system.fed.get(f"{plant}.tau", ""), ""
                 if has_signals(results, tau):
-                    torque = quantity(arm.ell[i] * start[tau][0, i], JOINT_UNITS[kind].torque)
+                    torque = quantity(arm.ell[i] * start[tau][0, i], unit_of("torque", kind))
                     first = f", and the first torque there is {torque}, link-side"
                 yield (
                     f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
@@ -92,8 +92,8 @@ def tracking_errors(
     """
     if not tau_m or not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", tau_m):
         return {}
-    units = [JOINT_UNITS[kind] for kind in robot.joint_types]
-    scale = np.array([unit.factor for unit in units])
+    types = [JOINT_TYPES[kind] for kind in robot.joint_types]
+    scale = np.array([each.shown.factor for each in types])
     motors = next((arm for arm in limits if arm.plant == "plant" and "plant.kappa_dot[1]" in results), None)
     squares, largest = np.zeros((2, robot.n)), np.zeros(robot.n)
     for part in results.blocks(BLOCK):
@@ -106,8 +106,8 @@ def tracking_errors(
     rms_error, rms_compensation = np.sqrt(squares / len(results)).tolist()
     return {
         **({"joint_names": list(robot.joint_names)} if any(robot.joint_names) else {}),
-        "position_units": [unit.position for unit in units],
-        "torque_units": [unit.torque for unit in units],
+        "position_units": [each.shown.unit for each in types],
+        "torque_units": [each.unit("torque") for each in types],
         "rms_position_error_deg": rms_error,
         "max_position_error_deg": largest.tolist(),
         "rms_torque_compensation_error_nm": rms_compensation,

@@ -11,6 +11,7 @@ from typing import Any
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json
+from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.option import renamed
 from vdfmu.base.text import elided
 from vdfmu.base.version import format_problem
@@ -73,7 +74,7 @@ _REFERENCE = {
 def _arm(joints: bool, **more: Any) -> Record:
     """Return the type of a drawn arm; `joints`: its lists are as long as the summary's other lists over joints."""
     facts = {
-        "types": List(("revolute", "prismatic"), joints), "ell": List(NUMBER, joints), "rotation": List(_TURN, joints),
+        "types": List((*JOINT_TYPES,), joints), "ell": List(NUMBER, joints), "rotation": List(_TURN, joints),
         "offset": List(_PLACE, joints), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
         "shapes": List(Keyed(ANY)),
     }  # fmt: skip
@@ -139,6 +140,7 @@ KEYS: Mapping[str, Any] = {
     "plant_factors": Keyed(ANY),  # ratios of the plant's numbers to the model's, common or per joint
     "parameters": Keyed(ANY),  # parameters and inputs that were set for this run
     "units": Keyed(TEXT),  # units instead of the scenario's, by component
+    "connections": _LINES,  # connections that were added for this run, output -> input
     "backend": TEXT,  # kind of the FMUs
     "compiler": TEXT,  # C compiler of native FMUs
     "fmi": TEXT,  # version of FMI of the FMUs

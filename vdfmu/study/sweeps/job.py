@@ -21,7 +21,6 @@ from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.batch.engine import LANES, BatchProgram, Engine
 from vdfmu.study.sweeps.measures import Measure, measured
 
 Row = dict[str, Any]
@@ -63,7 +62,8 @@ class WiredSystem:
     inputs: Sequence[InputTable]
     input_hold: bool
     bindings: Mapping[str, AxisBinding]
-    program: BatchProgram | None = None
+    program: Any = None
+    """A :class:`vdfmu.extras.batch.engine.BatchProgram`, or None."""
     name: str = "system.ssp"
     """File name of the package, for messages."""
 
@@ -101,7 +101,7 @@ class Job:
     @property
     def together(self) -> list[int]:
         """Number of points of each system that are run side by side."""
-        return [1 if system.program is None else LANES for system in self.systems]
+        return [1 if system.program is None else system.program.lanes for system in self.systems]
 
     def packed(self) -> bytes:
         """Return its pickle; functions of a script go with their code, UsageError if they cannot."""
@@ -129,7 +129,7 @@ class Bench:
     def __init__(self, job: Job, folder: Path) -> None:
         self._job, self._folder = job, folder
         self._alive: OrderedDict[int, tuple[Simulator, ExitStack]] = OrderedDict()
-        self._engines: dict[int, Engine] = {}
+        self._engines: dict[int, Any] = {}
 
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
         """Run points of one system, `apart` each by the FMUs; failures are in their rows, except StorageError."""
@@ -191,11 +191,9 @@ class Bench:
             results.summary["loops"] = loops
         return results
 
-    def _engine(self, number: int) -> Engine:
+    def _engine(self, number: int) -> Any:
         if number not in self._engines:
-            program = self._job.systems[number].program
-            assert program is not None
-            self._engines[number] = Engine(program, self._job.record)
+            self._engines[number] = self._job.systems[number].program.engine(self._job.record)
         return self._engines[number]
 
     def _simulator(self, number: int) -> Simulator:

@@ -13,6 +13,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
@@ -23,7 +24,6 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.batch.engine import LANES, BatchProgram
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes
 from vdfmu.study.sweeps.digest import function_digest
@@ -135,7 +135,7 @@ def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[s
     return list(dict.fromkeys(record))
 
 
-_FEW = 2 * LANES
+_FEW = 16
 """Fewest points of a system for a program by default."""
 _MOST_SYSTEMS = 200
 
@@ -277,7 +277,7 @@ def _of_package(
     if engine == "batch":
         raise UsageError(f"engine: batch needs a scenario, whose equations are known; {package} is a package.")
     wrong = [target for target in switched if target not in ("algorithm", "step", "stop")]
-    wrong += [name for name in ("robot", "units") if options.get(name) is not None]
+    wrong += [name for name in ("robot", "units", "connections", "unfed") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:
@@ -326,13 +326,14 @@ def of_scenario(
     )
 
 
-def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool) -> BatchProgram | None:
+def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, needed: bool) -> Any:
     """Return the program that runs points of a scenario side by side, if possible; UsageError if it is `needed`."""
-    from vdfmu.study.batch.make import make_program
     from vdfmu.system.package.description import SystemDescription
 
     try:
-        return make_program(SystemDescription(scenario, values), names)
+        return module_of_extra("programs", "batch", "the engine").make_program(
+            SystemDescription(scenario, values), names
+        )
     except UsageError as error:
         if not needed:
             return None

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.study.options import WorkerOptions
 from vdfmu.study.sweeps.job import Job, Row, Task
@@ -107,9 +108,7 @@ class Study:
         self.ledger, self._together, self._chunk, self._missing = ledger, max(job.together), chunk, 0
         packed, limit = job.packed(), options["time_limit"]
         if (scheduler := options.get("scheduler")) is not None:
-            from vdfmu.study.sweeps.cluster import DaskWorkers
-
-            self._workers = DaskWorkers(packed, scheduler, limit)
+            self._workers = module_of_extra("workers", "cluster", "scheduler").DaskWorkers(packed, scheduler, limit)
         else:
             count = options["workers"] or processors()
             self._workers = LocalWorkers(packed, max(min(count, most or count), 1), limit)

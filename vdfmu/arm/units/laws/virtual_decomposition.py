@@ -73,8 +73,8 @@ def adaptive_torques(
     As the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, without a wrench of the tool
     and the rotors' part: tau_q (n,) [N m or N], link-side, of the drives, and s (n, 10), ``Y_B.T (V_B_r - V_B)``.
     """
-    U_AB, V_B, _, _ = link_velocities(robot, q, q_dot, base)
-    _, V_B_r, V_B_r_dot, _ = link_motion(robot, q, q_dot_r, q_ddot_r, base, q_dot)
+    U_AB, V_B, *_ = link_velocities(robot, q, q_dot, base)
+    _, V_B_r, V_B_r_dot, *_ = link_motion(robot, q, q_dot_r, q_ddot_r, base, q_dot)
     g_B = gravity_in_links(robot, U_AB, base)
     s: list[np.ndarray] = []
     F_B_r_star: list[np.ndarray] = []

@@ -61,6 +61,7 @@ function jointChips() {
       run.figures.flatMap((figure) => figure.curves.map(([, joint]) => joint)),
     ),
   );
+  if (!count) return "";
   const chips = Array.from({ length: count }, (_, i) => jointChip(i + 1, count));
   view.addEventListener("shown", () =>
     chips.forEach((chip, i) =>

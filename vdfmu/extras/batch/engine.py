@@ -28,7 +28,7 @@ class BatchProgram:
     """The compiled communication steps of a system."""
 
     libraries: tuple[bytes, ...]
-    """See :data:`vdfmu.study.batch.make.LEVELS`, as many as the platform has."""
+    """See :data:`vdfmu.extras.batch.programs.LEVELS`, as many as the platform has."""
     memory: Floats
     """Values before the start, (m,)."""
     parameters: Mapping[str, tuple[int, float, float]]
@@ -48,12 +48,21 @@ class BatchProgram:
     time: Floats
     """Times of the rows [s], (n + 1,)."""
 
+    @property
+    def lanes(self) -> int:
+        """Most points that run side by side."""
+        return LANES
+
+    def engine(self, record: Sequence[str]) -> Engine:
+        """Return what runs points of this program, and records signals."""
+        return Engine(self, record)
+
 
 class Engine:
     """Runs a program, with as many points side by side as this processor has lanes.
 
     The results have the signals of the patterns `record`. The `level` is a place in
-    :data:`~vdfmu.study.batch.make.LEVELS`, by default the highest that the processor runs.
+    :data:`~vdfmu.extras.batch.programs.LEVELS`, by default the highest that the processor runs.
     """
 
     def __init__(self, program: BatchProgram, record: Sequence[str], level: int | None = None) -> None:

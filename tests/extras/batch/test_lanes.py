@@ -12,7 +12,7 @@ from vdfmu.base.compile import SHOWN, compile_library, load_library
 from vdfmu.base.files import data_path
 from vdfmu.base.platforms import this_platform
 from vdfmu.compiler.c.text import elementary_files
-from vdfmu.study.batch.make import FLAGS, LEVELS
+from vdfmu.extras.batch.programs import FLAGS, LEVELS
 
 FUNCTIONS = ("sin", "cos", "exp", "expm1", "tanh", "atan", "tan", "log1p")
 

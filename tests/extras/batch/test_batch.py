@@ -9,7 +9,7 @@ import pytest
 
 import vdfmu
 from tests.conftest import heavy
-from tests.study.batch.scenarios import POSITION, REST, scenario_file, switched_file
+from tests.system.moving import POSITION, REST, scenario_file, switched_file
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.job import Bench

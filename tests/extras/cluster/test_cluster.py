@@ -15,7 +15,7 @@ import pytest
 import vdfmu
 from tests.study.sweeps.conftest import table
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.study.sweeps import cluster
+from vdfmu.extras.cluster import workers
 from vdfmu.study.sweeps.sweep import Sweep
 
 MEASURES = ["end=final(unit.y)"]
@@ -134,7 +134,7 @@ def test_a_point_that_crashes_is_a_row_there_too(wild, tmp_path, dask):
 
 @pytest.mark.heavy
 def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, local, monkeypatch):
-    monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
+    monkeypatch.setattr(workers, "_PATIENCE", 2.0)
     thread, outcome = begin(wild, tmp_path / "study", dask)
     dask.scheduler.kill()
     thread.join(120)
@@ -160,7 +160,7 @@ def test_a_scheduler_that_answers_late_is_waited_for(wild, tmp_path, dask, local
 
 @pytest.mark.heavy
 def test_no_scheduler_is_said(wild, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_CONNECTING", 2.0)
+    monkeypatch.setattr(workers, "_CONNECTING", 2.0)
     begin = time.monotonic()
     with pytest.raises(UsageError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
         vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.1, out=tmp_path / "study", scheduler="tcp://127.0.0.1:9")

@@ -15,7 +15,7 @@ from vdfmu.base.platforms import this_platform, zig
 from vdfmu.compiler.c.functions import kernel_source
 from vdfmu.compiler.c.text import elementary_files, head
 from vdfmu.compiler.unit.evaluate import Call, Evaluation, Traced
-from vdfmu.study.batch.engine import BatchProgram
+from vdfmu.extras.batch.engine import BatchProgram
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.reference import Code

@@ -11,7 +11,7 @@ import wasmtime
 import vdfmu
 from tests.compiler.wasm.linked import linked
 from tests.conftest import heavy
-from tests.study.batch.scenarios import POSITION, REST, switched_file
+from tests.system.moving import POSITION, REST, switched_file
 from vdfmu.study.run.prepare import prepare
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.program import SystemProgram, write_module

@@ -1,0 +1,132 @@
+"""Passes along a chain: what each part hands to the next, outward to the end or inward to the base.
+
+On floats, and in the trace of a short chain, a pass is a loop. In the trace of one part of a long chain, symbols take
+the place of what is handed over, so that the part is traced once for all parts that are alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.compiler.scalar.jet import Jet
+from vdfmu.compiler.scalar.symbol import from_sx, to_sx
+
+Step = Callable[[Any, int], tuple[Any, Any]]
+"""Function of what the part before hands over, and of the part's number; returns what it hands on, and its result."""
+
+
+def outward(step: Step, carry: Any, n: int) -> tuple[Any, list[Any]]:
+    """Run `step` from part 0 to part n - 1. Return what the last hands on, and the result of each."""
+    return _run(step, carry, n, inward=False)
+
+
+def inward(step: Step, carry: Any, n: int) -> tuple[Any, list[Any]]:
+    """Run `step` from part n - 1 to part 0. Return what part 0 hands on, and the result of each, part 0 first."""
+    return _run(step, carry, n, inward=True)
+
+
+def total(values: Any, first: Any = None) -> Any:
+    """Return the sum over the parts, from a first term on; a number is the sum already."""
+    if np.ndim(values) == 0:
+        return values if first is None else first + values
+    if _recorder.get() is None:
+        return np.sum(values) if first is None else sum(values, first)
+    return outward(lambda carry, i: (carry + values[i], None), 0.0 if first is None else first, len(values))[0]
+
+
+@dataclass(frozen=True)
+class HandedOn:
+    """What the parts of a chain hand on in a pass, as columns of SX."""
+
+    inward: bool
+    first: ca.SX
+    """What the pass begins with."""
+    before: ca.SX
+    """Symbols of what the part before hands over."""
+    after: ca.SX
+    """What the part hands on."""
+    last: ca.SX
+    """Symbols of what the last part hands on."""
+
+
+_recorder: ContextVar[list[HandedOn] | None] = ContextVar("recorder", default=None)
+
+
+@contextmanager
+def recording() -> Generator[list[HandedOn]]:
+    """Record the passes of a chain of one part, in their order."""
+    passes: list[HandedOn] = []
+    token = _recorder.set(passes)
+    try:
+        yield passes
+    finally:
+        _recorder.reset(token)
+
+
+def _run(step: Step, carry: Any, n: int, inward: bool) -> tuple[Any, list[Any]]:
+    passes = _recorder.get()
+    if passes is not None:
+        return _recorded(passes, step, carry, inward)
+    results: list[Any] = [None] * n
+    for i in reversed(range(n)) if inward else range(n):
+        carry, results[i] = step(carry, i)
+    return carry, results
+
+
+def _recorded(passes: list[HandedOn], step: Step, carry: Any, inward: bool) -> tuple[Any, list[Any]]:
+    form = _joined(step(carry, 0)[0], carry)
+    size = len(list(_scalars(form, form)))
+    before, last = ca.SX.sym("before", size), ca.SX.sym("last", size)
+    after, result = step(_filled(form, iter(from_sx(before))), 0)
+    first, after = (to_sx(list(_scalars(form, value))) for value in (carry, after))
+    passes.append(HandedOn(inward, first, before, after, last))
+    return _filled(form, iter(from_sx(last))), [result]
+
+
+def _joined(form: Any, carry: Any) -> Any:
+    """Return a form with the parts that only one of two has: a pass may begin without some, None."""
+    if form is None or carry is None:
+        return carry if form is None else form
+    if isinstance(form, tuple):
+        return _made(form, [_joined(*pair) for pair in zip(form, carry, strict=True)])
+    return form
+
+
+def _made(form: Any, parts: list[Any]) -> Any:
+    return type(form)(*parts) if hasattr(form, "_fields") else tuple(parts)
+
+
+def _scalars(form: Any, value: Any) -> Iterator[Any]:
+    """Yield the scalars of a value in a form, zeros for None."""
+    if isinstance(form, tuple):
+        for part, each in zip(form, [None] * len(form) if value is None else value, strict=True):
+            yield from _scalars(part, each)
+    elif form is not None:
+        elements = np.ravel(np.asarray(form, dtype=object))
+        values = [0.0] * len(elements) if value is None else np.ravel(np.asarray(value, dtype=object))
+        for element, scalar in zip(elements, values, strict=True):
+            if isinstance(element, Jet):
+                jet = scalar if isinstance(scalar, Jet) else Jet(scalar)
+                yield from (jet.x, jet.x_dot, jet.x_ddot)
+            else:
+                yield scalar
+
+
+def _filled(form: Any, scalars: Iterator[Any]) -> Any:
+    """Return a value in a form from its scalars."""
+    if isinstance(form, tuple):
+        return _made(form, [_filled(part, scalars) for part in form])
+    if form is None:
+        return None
+    array = np.empty(np.shape(form), dtype=object)
+    for index in np.ndindex(array.shape):
+        is_jet = isinstance(np.asarray(form, dtype=object)[index], Jet)
+        array[index] = Jet(next(scalars), next(scalars), next(scalars)) if is_jet else next(scalars)
+    return array[()]
