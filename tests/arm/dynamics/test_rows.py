@@ -61,9 +61,3 @@ def test_a_large_batch_is_compiled_says_the_same_and_is_checked(arm, tmp_path, m
     with pytest.raises(KernelError, match=r"q\[7, 1\]: expected a finite number, got nan"):
         vdfmu.dynamics.inverse_dynamics(arm, q, q_dot, q_ddot)
     assert vdfmu.dynamics.inverse_dynamics(arm, q[:0], q_dot[:0], q_ddot[:0]).shape == (0, arm.n)
-
-
-def test_a_large_batch_needs_no_compiler(arm, monkeypatch):
-    monkeypatch.setenv("VDFMU_COMPILER", "no_such_compiler")
-    tau = vdfmu.dynamics.gravity_torque(arm, np.zeros((LARGE, arm.n)))
-    np.testing.assert_array_equal(tau, np.tile(vdfmu.dynamics.gravity_torque(arm, np.zeros(arm.n)), (LARGE, 1)))
