@@ -172,7 +172,7 @@ def failed(name: str, fault: tuple[int, int, str]) -> None:
     require_whole(job, code, before, files(server.place), start.after, report)
     if code == 0:
         return
-    assert code in (1, 2) and "error" in said.lower(), report
+    assert code in (1, 2) and ("error" in said.lower() or "problem:" in said), report  # `check` lists problems
     again, words = server.command(job.words)
     report = f"{report}; again: exit code {again}: {words[-1500:]}"
     assert again == 0, report

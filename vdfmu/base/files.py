@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import json
 import os
 import secrets
+import shutil
 import stat
 import tempfile
 import zipfile
@@ -77,6 +79,12 @@ def sync(path: Path) -> None:
             error.filename = str(path)
             raise
     finally:
+        closed(handle)
+
+
+def closed(handle: int) -> None:
+    """Close a handle through which nothing was written. A full disk may report its fault here once more."""
+    with suppress(OSError):
         os.close(handle)
 
 
@@ -213,7 +221,11 @@ def _require_regular(status: os.stat_result, path: str | os.PathLike[str]) -> No
 def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> bytes:
     """Return the content of a file. OSError: see `open_regular`; EFBIG for more than `largest` bytes."""
     with open_regular(path) as stream:
-        content = stream.read(-1 if largest is None else largest + 1)
+        try:
+            content = stream.read(-1 if largest is None else largest + 1)
+        except OSError as error:
+            error.filename = os.fspath(path)  # an error of reading has none
+            raise
     if largest is not None and len(content) > largest:
         raise OSError(errno.EFBIG, f"it has more than the {largest / 2**20:g} MiB that are read", os.fspath(path))
     return content
@@ -264,10 +276,14 @@ def temporary_folder(prefix: str) -> Generator[str]:
 
 
 def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
-    """Remove a folder, twice, because a transient error ends the first try."""
+    """Remove a folder, twice, because a transient error ends the first try; short of memory, at the end of Python."""
     for _ in range(2):
-        with suppress(OSError):
+        try:
             folder.cleanup()
+        except OSError:
+            continue
+        except MemoryError:
+            atexit.register(shutil.rmtree, folder.name, ignore_errors=True)
 
 
 PACKAGE = Path(__file__).resolve().parents[1]

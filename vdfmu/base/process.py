@@ -28,6 +28,9 @@ from typing import IO, Any, NoReturn
 from vdfmu.base.files import read_json
 from vdfmu.base.text import shown
 
+with suppress(ImportError):  # Windows has none
+    import resource  # noqa: F401 - os.wait4 imports it, which fails when memory is short
+
 KEPT = 4096
 """Last bytes of the output that are kept."""
 SHOWN = 2**16

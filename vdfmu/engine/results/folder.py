@@ -12,7 +12,7 @@ from threading import Lock
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
-from vdfmu.base.files import exists, make_folder, read_json, sync
+from vdfmu.base.files import closed, exists, make_folder, read_json, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.measure import inches
 from vdfmu.base.text import to_json
@@ -83,7 +83,7 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
     finally:
         _TAKEN.remove(taken)
         if owned is not None:
-            os.close(owned)
+            closed(owned)
 
 
 _TAKEN: set[Path] = set()
@@ -99,7 +99,7 @@ def _one_process(folder: Path) -> Generator[None]:
         yield
     finally:
         if handle is not None:
-            os.close(handle)
+            closed(handle)
 
 
 def _locked(folder: Path, wait: bool = False) -> int | None:
@@ -112,7 +112,7 @@ def _locked(folder: Path, wait: bool = False) -> int | None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:  # or a file system without locks
-        os.close(handle)
+        closed(handle)
         return None
     return handle
 
@@ -129,7 +129,7 @@ def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
                     for path in orphan.iterdir():
                         path.unlink()
                     orphan.rmdir()
-            os.close(handle)
+            closed(handle)
 
 
 def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: bool) -> int | None:

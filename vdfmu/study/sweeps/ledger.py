@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.cache import seal
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import make_folder, read_json, read_regular, replacing, sync
+from vdfmu.base.files import closed, make_folder, read_json, read_regular, replacing, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import needed
@@ -70,7 +70,7 @@ class Ledger:
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._lock)
+        closed(self._lock)
         with suppress(OSError):  # parts are in it
             self._parts.rmdir()
 
@@ -335,7 +335,7 @@ def _locked(path: Path) -> int:
 
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        os.close(handle)
+        closed(handle)
         raise UsageError(
             f"{path.parent}: another process is at work on this study. Wait for it, or choose another with --out."
         ) from None

@@ -14,7 +14,7 @@ import numpy as np
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.extras import module_of_extra
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import read_regular, temporary_folder
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted
 from vdfmu.base.text import close_to, matching
@@ -285,7 +285,7 @@ def _of_package(
     chosen: dict[str, Any] = {name: value for name, value in {**options, **switched}.items() if value is not None}
     hold = bool(chosen.get("input_hold"))
     return WiredSystem(
-        Path(package).read_bytes(),
+        read_regular(Path(package)),
         {name: value for name, value in chosen.items() if name in _COUPLED},
         {name: chosen[name] for name in ("step", "stop") if name in chosen},
         read_inputs(chosen.get("inputs"), hold),
@@ -314,7 +314,7 @@ def of_scenario(
     with temporary_folder("vdfmu_sweep_") as folder:
         fmus = cached_fmus(loaded, folder, options.get("backend"))
         package = write_ssp(loaded, fmus, Path(folder, "system.ssp"), values, mixed=True)
-        content = package.read_bytes()
+        content = read_regular(package)
     return WiredSystem(
         content,
         loaded.coupling,
