@@ -9,6 +9,7 @@ from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
+from vdfmu.cli.parameters import TASKS
 from vdfmu.engine.rules import RULES
 from vdfmu.system.scenario.schema import scenario_schema
 
@@ -32,17 +33,17 @@ def _command(name: str, command: Any) -> Iterator[str]:
         if parameters:
             yield f"\n| {kind} | default | what it is |\n| --- | --- | --- |"
             for parameter in parameters:
-                text = _plain(f"{parameter.help} {_ROLE.sub('', getattr(parameter, 'more', ''))}")
+                group = getattr(parameter, "group", "")
+                role = f"{group}: " if group and group not in TASKS else ""
+                text = _plain(f"{role}{parameter.help} {_ROLE.sub('', getattr(parameter, 'more', ''))}")
                 yield f"| {_names(parameter)} | {_default(parameter)} | {text} |"
     for word, below in inner.items():
         yield from _command(f"{name} {word}", below)
-        if getattr(below, "of_files", None) is not None:
-            yield from _command(f"{name} {word} FILE", below.of_files)
 
 
 def _names(parameter: Any) -> str:
     if parameter.param_type_name == "argument":
-        return f"`{(parameter.metavar or parameter.name.upper()).strip('[]')}`"
+        return f"`{(parameter.metavar or parameter.name.upper()).strip('[].')}`"
     names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
     return names + (f" `{parameter.metavar}`" if parameter.metavar else "")
 

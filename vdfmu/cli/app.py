@@ -6,7 +6,6 @@ import inspect
 import logging
 import os
 import platform
-import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +13,6 @@ from contextlib import ExitStack
 from difflib import get_close_matches
 from functools import cached_property
 from glob import glob
-from itertools import pairwise
 from typing import Any, NoReturn, TypeVar
 
 import click
@@ -29,8 +27,6 @@ from vdfmu.cli import own_process
 from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
 
-_FMUS = re.compile(r"[^-].*\.(ssp|fmu)|\w+=.*\.(fmu|py)", re.IGNORECASE)
-"""A package, an FMU, or a component with its FMU or unit."""
 _words: list[str] = []
 """Words of the command line."""
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -67,8 +63,6 @@ class Described(click.Command):
 
     panel = "Commands"
     """Heading of its group in the list of commands."""
-    of_files: click.Command | None = None
-    """Command of the same name for files."""
     code: str = ""
     """Whether it runs code of files, or only looks at them."""
 
@@ -170,22 +164,6 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
             made = added if isinstance(added, App) else FunctionCommand(added.__name__, callback=added, example=example)
             made.panel = panel
             self.add_command(made)
-
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Return the command that the words name, of FMUs if an argument is one."""
-        name, command, rest = super().resolve_command(ctx, args)
-        of_files = getattr(command, "of_files", None)
-        if command is not None and of_files is not None:
-            options = [each for each in (*command.params, *of_files.params) if isinstance(each, click.Option)]
-            takes = {word for each in options if not each.is_flag for word in each.opts}
-            added = {w for each in of_files.params for w in each.opts} - {
-                w for each in command.params for w in each.opts
-            }
-            if not added.isdisjoint(word.partition("=")[0] for word in rest) or any(
-                _FMUS.fullmatch(word) and before not in takes for before, word in pairwise(["", *rest])
-            ):
-                command = of_files
-        return name, command, rest
 
     def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
         """Run the command that the words name; wrong usage is an error as any other."""

@@ -17,7 +17,7 @@ from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.extras import extra_modules
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, doctor, files, robots, runs, scenarios, studies, units
-from vdfmu.cli.app import COMPLETE, App, FunctionCommand
+from vdfmu.cli.app import COMPLETE, App
 from vdfmu.cli.terminal import console, fail, folder_is_gone, table
 
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
@@ -129,6 +129,3 @@ app = App(
 for added in (COMMANDS, *(module.COMMANDS for module in extra_modules("commands"))):
     for panel, listed in added.items():
         app.add(listed, panel)
-app.commands["run"].of_files = FunctionCommand(  # pyright: ignore[reportAttributeAccessIssue]
-    "run", callback=runs.run_package, example="vdfmu run a=A.fmu b=B.fmu --connect a.y=b.u --stop 1 --step 0.001"
-)

@@ -41,7 +41,7 @@ TrustOption = Annotated[bool, Option("Run the code that the file names.",
     more="It runs with your permissions.")]  # fmt: skip
 OverwriteOption = Annotated[bool, Option("Replace a file of this name.")]
 ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write too.")]
-OpenOption = Annotated[bool, Option("Open the page in a browser.", flag="--open")]
+OpenOption = Annotated[bool, Option("Open the page in a browser.", default=False, flag="--open")]
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
 SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "parameters")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import NoneType, UnionType
@@ -18,14 +18,14 @@ WIDTH = 80
 """Columns of the help."""
 _FLAGS = 29
 """Columns of the help before the text of an option."""
-_TASKS = {
-    "System": "robot set unit backend compiler fmi input input-hold variant",
-    "Time, coupling": "start stop step at algorithm adaptive stepper tolerance isolate memory-limit wait-limit "
+TASKS = {
+    "System": "robot set unit connect unfed backend compiler fmi input input-hold variant",
+    "Time, coupling": "start stop step at algorithm adaptive stepper tolerance pace isolate memory-limit wait-limit "
     "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
     "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
-    "Browser": "pace open simulate page",
+    "Browser": "open simulate page",
     "Output": "out overwrite format record pictures width json",
 }
 """Tasks, and their options in order. An option may name another; all others stand below "Options"."""
@@ -52,15 +52,23 @@ _KINDS: dict[Any, click.ParamType[Any]] = {
 
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
-    """Return the arguments and options of a command, also of its ``**options``."""
+    """Return the arguments and options of a command, also of its ``**options``.
+
+    A command may have ``forms``: heading to a TypedDict of options. An option that one form lacks is below a heading.
+    """
     parameters: list[click.Parameter] = []
     for argument in inspect.signature(function, eval_str=True).parameters.values():
         if argument.kind is not argument.VAR_KEYWORD:
             kind, option = get_args(argument.annotation)
             parameters.append(parameter(argument.name, option.typed or kind, replace(option, default=argument.default)))
-    taken = taken_options(function)
-    shown = [each for each in declared(taken) if each.option.flag is not None] if taken else []
-    return [*parameters, *(parameter(each.name, each.option.typed or each.type, each.option) for each in shown)]
+    forms: Mapping[str, Any] = getattr(function, "forms", {"": taken_options(function)})
+    options = {each.name: each for form in forms.values() if form for each in declared(form)}
+    for name, each in options.items():
+        headings = [heading for heading, form in forms.items() if name in form.__annotations__]
+        group = each.option.group or ("" if len(headings) == len(forms) else headings[0])
+        if each.option.flag is not None:
+            parameters.append(parameter(name, each.option.typed or each.type, replace(each.option, group=group)))
+    return parameters
 
 
 def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.Parameter:
@@ -106,21 +114,22 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
 
 def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[str, str]]]:
     """Return words and text of each parameter, grouped by task."""
-    places = {f"--{name}": (task, i) for task, names in _TASKS.items() for i, name in enumerate(names.split())}
+    listed = [(task, name) for task, names in TASKS.items() for name in names.split()]
+    places = {f"--{name}": (task, i) for i, (task, name) in enumerate(listed)}
     rows: dict[str, list[tuple[int, str, str]]] = {}
-    for k, each in enumerate(parameters):
+    for k, each in enumerate(parameters, len(places)):
         text = getattr(each, "help", None) or ""
         if isinstance(each.default, (str, int, float)) and each.default not in (True, False, ""):
             text = f"{text.rstrip('.')} [{each.default}]."
         if isinstance(each, click.Option):
             named = next((places[word] for word in each.opts if word in places), ("Options", k))
-            task, place = (group, k) if (group := getattr(each, "group", "")) else named
-            rows.setdefault(task, []).append((place, _words(each), text))
+            task, place = named
+            rows.setdefault(getattr(each, "group", "") or task, []).append((place, _words(each), text))
         else:
             words = each.make_metavar(click.get_current_context())
             rows.setdefault("Arguments", []).append((k, words, text))
-    groups = [task for task in rows if task not in (*_TASKS, "Arguments", "Options")]
-    order = [task for task in ("Arguments", *_TASKS, *groups, "Options") if task in rows]
+    groups = [task for task in rows if task not in (*TASKS, "Arguments", "Options")]
+    order = [task for task in ("Arguments", *TASKS, *groups, "Options") if task in rows]
     return {task: [(words, text) for _, words, text in sorted(rows[task])] for task in order}
 
 

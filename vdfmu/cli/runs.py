@@ -1,103 +1,149 @@
 """``vdfmu run`` and ``report``."""
 
-from __future__ import annotations
-
+# Types are written out, not quoted: the options of the forms of a run are read from them.
 import logging
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Unpack
+from typing import Annotated, Any
 
 import click
+from click.core import ParameterSource
 
 from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
-from vdfmu.cli.options import ForeignOption, OpenOption, ScenarioArgument, UnpackOption, load
+from vdfmu.cli.options import ForeignOption, OpenOption, UnpackOption, known_scenarios, load, refuse
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
 from vdfmu.engine.options import SystemOptions
 from vdfmu.study.options import JudgeOptions, ScenarioOptions, ScenarioRunOptions
 
-_POINT = "One point of a study"
+_FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
+"""A package, an FMU, or a component with its FMU or unit."""
+
+
+class ScenarioForm(ScenarioRunOptions, total=False):
+    """Options of the run of a scenario."""
+
+    opened: OpenOption
+    study: Annotated[
+        Path | None, Option("Run a point of this study: folder or sweep.parquet.", flag="--from", metavar="SWEEP")
+    ]
+    row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
+    by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
+    trust: Annotated[bool, Option("Run the code that a study of others names.", more="It runs with your permissions.",
+        default=False)]  # fmt: skip
+
+
+class FmusForm(SystemOptions, JudgeOptions, total=False):
+    """Options of the run of FMUs."""
+
+    connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
+    unpack_limit: UnpackOption
 
 
 @meets_code(RUNS)
 def run(
-    scenario: ScenarioArgument = "tracking", *,
-    study: Annotated[Path | None, Option(
-        "A study: sweep.parquet or its folder.", group=_POINT, flag="--from", metavar="SWEEP")] = None,
-    row: Annotated[str | None, Option(
-        "worst, best or a number (default worst).", group=_POINT, metavar="POINT")] = None,
-    by: Annotated[str | None, Option(
-        "Measure that ranks the points (default the first).", group=_POINT, metavar="NAME")] = None,
-    trust: Annotated[bool, Option(
-        "Run the code that a study of others names.", group=_POINT, more="It runs with your permissions.")] = False,
-    opened: OpenOption = False,
-    **options: Unpack[ScenarioRunOptions],
+    system: Annotated[list[str] | None, Positional(
+        "Scenario [tracking], x.ssp, x.fmu, a=A.fmu b=B.fmu.", names=known_scenarios)] = None,
+    **options: Any,
 ) -> None:  # fmt: skip
-    """Run a scenario and judge the run, or run FMUs.
+    """Run a scenario, a system package or FMUs, and judge the run.
 
-    Builds stale FMUs, co-simulates, compares with references, writes a page.
-    A failed run has exit code 1. For FMUs: `vdfmu run FILE.ssp --help`.
+    SYSTEM is a scenario (name, TOML file, or reach), a package, an FMU, or components that --connect joins, each an FMU
+    or a unit such as my_unit.py. A failed run has exit code 1.
     """
-    if Path(scenario).suffix.lower() == ".py":
-        way = "'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario"
-        raise UsageError(f"{scenario}: must be a scenario, got a unit. {way}.")
-    settings: dict[str, Any] = {**options, "simulate": options["simulate"] is not False}
-    if study is None:
-        if row is not None or by is not None or trust:
-            raise UsageError("row, by, trust: expected --from with a parameter study. They choose its point.")
-        settings["scenario"] = load(scenario, settings.pop("robot"))
+    parts = system or []
+    fmus = any(map(_FMUS.fullmatch, parts))
+    if fmus:
+        _refuse_others(FmusForm, f"is for a scenario, got {' '.join(parts)}")
     else:
+        _refuse_others(ScenarioForm, f"is for FMUs, got the scenario {' '.join(parts) or 'tracking'}")
+    try:
+        with unit_messages() as options["log"]:
+            results, outputs = (_run_fmus if fmus else _run_scenario)(parts, options)
+    except (CosimError, KeyboardInterrupt) as error:
+        if getattr(error, "results", None) is not None:
+            _say_failed(error, options)
+        raise
+    from vdfmu.engine.results.folder import written
+    from vdfmu.engine.results.verdict import FAILED, state_of
+    from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
+
+    summary = results.summary
+    folder, failed, verbose = _folder(options, summary), state_of(summary) == FAILED, LOG.isEnabledFor(logging.INFO)
+    _say_verdict(summary)
+    if fmus or verbose:
+        tell(run_panel(summary))
+    if not fmus:
+        tell(*map(sheet_table, sheets(summary) if verbose else ()))
+        (console.print if failed else tell)(verdict_table(summary, verbose))
+    say_written(*(folder / name for name in written(folder, outputs)))
+    if not fmus:
+        say_page(folder / outputs[-1], options["opened"])
+    if failed:
+        raise SystemExit(1)
+
+
+run.forms = {"Scenarios only": ScenarioForm, "FMUs only": FmusForm}  # type: ignore[attr-defined]
+
+
+def _refuse_others(form: type[Any], why: str) -> None:
+    """Raise UsageError for options on the command line of the other form of a run."""
+    context = click.get_current_context()
+    names = {"system", "compiler", "quiet", "verbose", *form.__annotations__}
+    further = [each for each in context.command.params if each.name not in names]
+    typed = [each for each in further if context.get_parameter_source(each.name or "") is ParameterSource.COMMANDLINE]
+    refuse({"/".join([each.opts[-1], *each.secondary_opts]): True for each in typed}, why)
+
+
+def _folder(options: Mapping[str, Any], summary: Mapping[str, Any]) -> Path:
+    return Path(options["out"] or Path("results", summary["scenario"]))
+
+
+def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any, Sequence[str]]:
+    """Run a scenario; return its results, and the names of its files, the page last."""
+    study = options["study"]
+    settings: dict[str, Any] = {**pick(ScenarioRunOptions, options), "simulate": options["simulate"] is not False}
+    if len(parts) > 1:
+        raise UsageError(f"{' '.join(parts)}: expected one scenario, got {len(parts)}. Run each by itself.")
+    if study is None:
+        refuse({f"--{name}": options[name] for name in ("row", "by", "trust")}, "goes with --from")
+        scenario = parts[0] if parts else "tracking"
+        if scenario.lower().endswith(".py"):
+            way = "'vdfmu build' makes its FMU, and --unit COMPONENT=FILE puts it into a scenario"
+            raise UsageError(f"{scenario}: must be a scenario, got a unit. {way}.")
+        settings["scenario"] = load(scenario, settings.pop("robot"))
+    elif parts:
+        raise UsageError(f"{parts[0]}: expected no scenario with --from: {study} has its own.")
+    else:
+        from vdfmu.engine.package.join import ends_of
         from vdfmu.study.sweeps.sweep import Sweep
 
-        source = click.get_current_context().get_parameter_source("scenario")
-        if source is click.core.ParameterSource.COMMANDLINE:
-            raise UsageError(f"{scenario}: expected no scenario with --from: {study} has its own.")
         sweep = Sweep(study)
-        point = sweep.options(row or "worst", by, trust=trust)
+        point = sweep.options(options["row"] or "worst", options["by"], trust=options["trust"])
         say_notes(sweep.notes)
         changed = pick(ScenarioOptions, options)
         settings |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "parameters"):
             settings[name] = point.get(name, {}) | (options[name] or {})
-    from vdfmu.engine.results.folder import written
-    from vdfmu.engine.results.verdict import FAILED, state_of
-    from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
-    from vdfmu.study.report.shown_run import NAME
+        settings["connections"] = [*ends_of(point.get("connections", ())), *(options["connections"] or ())]
     from vdfmu.study.runs import RUN_OUTPUTS
     from vdfmu.study.runs import run as run_study
 
-    try:
-        with unit_messages() as log:
-            settings["log"] = log
-            results = run_study(**settings)
-    except (CosimError, Interrupted) as error:
-        if error.results is not None:
-            _say_failed(error, Path(options["out"] or Path("results", error.results.summary["scenario"])), opened)
-        raise
-    summary = results.summary
-    failed = state_of(summary) == FAILED
-    _say_verdict(summary)
-    if LOG.isEnabledFor(logging.INFO):
-        tell(run_panel(summary), *map(sheet_table, sheets(summary)))
-    (console.print if failed else tell)(verdict_table(summary, LOG.isEnabledFor(logging.INFO)))
-    folder = Path(options["out"] or Path("results", summary["scenario"]))
-    say_written(*(folder / name for name in written(folder, RUN_OUTPUTS)))
-    say_page(folder / NAME, opened)
-    if failed:
-        raise SystemExit(1)
+    return run_study(**settings), RUN_OUTPUTS
 
 
-def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
+def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
     """Print the reason of a run's failure, or its verdict if it was stopped, and the page of its rows."""
     from vdfmu.engine.results.folder import PARTIAL
     from vdfmu.study.report.shown_run import NAME
 
-    page, summary = folder / PARTIAL / NAME, error.results.summary
+    summary = error.results.summary
+    page = _folder(options, summary) / PARTIAL / NAME
     if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
@@ -105,86 +151,56 @@ def _say_failed(error: Any, folder: Path, opened: bool = False) -> None:
         _say_verdict(summary)
     else:
         say_error(error)
-    say_page(page, opened)
+    say_page(page, options["opened"])
     if not stopped:
         raise SystemExit(1)
 
 
-@meets_code(RUNS)
-def run_package(
-    parts: Annotated[list[str], Positional(
-        "A package, an FMU, or components: a=A.fmu b=B.fmu.", metavar="FILE|NAME=FILE...")],
-    connect: Annotated[list[str] | None, Option(
-        "Connect components. Repeatable.", group="System", flag="--connect", metavar="a.y=b.u",
-        more="Vectors connect by name. A component may be a unit too: filter=low_pass.py.")] = None, *,
-    unpack_limit: UnpackOption = None,
-    judge: Annotated[float | None, option_of(JudgeOptions, "judge")] = None,
-    sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
-    **options: Unpack[SystemOptions],
-) -> None:  # fmt: skip
-    """Run FMUs or a system package and write their signals.
-
-    Start, stop, step and algorithm default to those of the package or the FMUs.
-    """
-    if judge is not None or sampled is not None:
+def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Sequence[str]]:
+    """Run FMUs; return their results, and the names of the files."""
+    wanted, sampled = options["judge"], options["sampled"]
+    if wanted is not None or sampled is not None:
         from vdfmu.study.judgement import check_wanted  # takes long to import
 
-        check_wanted(judge, sampled, options["adaptive"])
+        check_wanted(wanted, sampled, options["adaptive"])
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder, run_system
-    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS, written
-    from vdfmu.engine.results.verdict import FAILED, state_of
+    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS
     from vdfmu.engine.run import Interrupted
-    from vdfmu.study.report.sheets import run_panel
 
-    package, source, kept = _package_of(parts, connect or [])
-    folder = default_folder(package) if source is None else Path("results", package.stem)
-    options["out"] = folder = Path(options["out"] or folder)
+    package, source, kept = _package_of(parts, options["connections"])
+    options["out"] = folder = options["out"] or (Path("results", package.stem) if kept else default_folder(package))
+    settings = pick(SystemOptions, options)
     try:
-        with unit_messages() as log, package_limit(unpack_limit):
-            options["log"] = log
-            results = run_system(package, source, **options)
-            if judge is not None:
+        with package_limit(options["unpack_limit"]):
+            results = run_system(package, source, **settings)
+            if wanted is not None:
                 from vdfmu.study.runs import judge_run  # takes long to import
 
-                judge_run(package, results.summary, folder, judge, sampled, **options)
+                judge_run(package, results.summary, folder, wanted, sampled, **settings)
     except (CosimError, Interrupted) as error:
         if error.results is not None:
             from vdfmu.study.report.page import write_failed  # takes long to import
 
             write_failed(package.stem, package, folder / PARTIAL, error)
-            _say_failed(error, folder)
         raise
-    _say_verdict(results.summary)
-    tell(run_panel(results.summary))
-    say_written(*(folder / name for name in written(folder, SYSTEM_OUTPUTS)))
-    if state_of(results.summary) == FAILED:
-        raise SystemExit(1)
-    del kept
+    return results, SYSTEM_OUTPUTS
 
 
-def _package_of(parts: list[str], connections: list[str]) -> tuple[Path, str | None, Any]:
-    """Return the package of FMUs, its name in results, and the system that keeps it."""
-    pairs = [part.partition("=") for part in parts]
-    if not pairs[0][1] and len(parts) == 1:
-        if connections:
-            raise UsageError(f"{parts[0]}: must be NAME=FILE with --connect, such as a=A.fmu.")
-        if not parts[0].lower().endswith((".ssp", ".fmu")):
-            raise UsageError(f"{parts[0]}: must be FMUs or a package. 'vdfmu ssp' writes the package of a scenario.")
-        if parts[0].lower().endswith(".ssp"):
-            return Path(parts[0]), None, None
-    if wrong := [text for text in connections if text.count("=") != 1]:
-        raise UsageError(f"--connect {wrong[0]}: must be OUTPUT=INPUT, such as a.y=b.u.")
-    if len(parts) > 1 and (wrong := [part for part, (_, sign, _) in zip(parts, pairs, strict=True) if not sign]):
-        raise UsageError(f"{wrong[0]}: must be NAME=FILE if there are several. Write {Path(wrong[0]).stem}={wrong[0]}.")
-    from vdfmu.study.connected import connect as join
+def _package_of(parts: Sequence[str], connections: Sequence[tuple[str, str]] | None) -> tuple[Path, str | None, Any]:
+    """Return the package of FMUs; and if it was made for them their name in results, and the system that keeps it."""
+    first, unnamed = parts[0], [part for part in parts if "=" not in part]
+    if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
+        refuse({"--connect": connections}, f"is for a scenario or FMUs; {first} has its own connections")
+        return Path(first), None, None
+    if unnamed and len(parts) > 1:
+        wrong = unnamed[0]
+        raise UsageError(f"{wrong}: must be NAME=FILE if there are several. Write {Path(wrong).stem}={wrong}.")
+    from vdfmu.study.connected import connect
     from vdfmu.study.connected import load as load_system
 
-    if not pairs[0][1]:
-        system = load_system(parts[0])
-    else:
-        links = [tuple(text.split("=")) for text in connections]
-        system = join({name: file for name, _, file in pairs}, links)  # pyright: ignore[reportArgumentType]
+    components = dict(part.split("=", 1) for part in parts if part not in unnamed)
+    system = connect(components, connections or ()) if components else load_system(first, connections or ())
     return system.path, " ".join(parts), system
 
 

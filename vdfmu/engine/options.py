@@ -97,9 +97,9 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
     start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
         "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
     record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "``'*'`` records all. Default: outputs and inputs from outside; of an FMU without "
-        "outputs its local variables. Connected inputs have the values that components used. Text "
-        "is not recorded.", metavar="SIGNAL", typed=TEXTS)]
+        "sequence of str", "``'*'`` records all. Default: outputs and inputs from outside, which a run of a scenario "
+        "always records; of an FMU without outputs its local variables. Connected inputs have the values that "
+        "components used. Text is not recorded.", metavar="SIGNAL", typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
@@ -117,18 +117,6 @@ class LogOptions(TypedDict, total=False):
         "Receives each `LogMessage` of the units. Default: the logger ``vdfmu.engine.run``.", "callable", flag=None)]
 
 
-class MemberOptions(InputOptions, LogOptions, total=False):
-    """How components run, wherever they are."""
-
-    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
-        more="Default: that of each FMU.")]
-    ignore_unmatched: Annotated[bool, Option("Ignore values that no variable takes.",
-        more="They are values of the package's parameter sets.", default=False)]
-    wait_limit: Annotated[float | None, Option(
-        "Longest wait for a component in s (default 300).", "float [s]",
-        "For a step of isolated components, and for loading, initialization and freeing each.")]
-
-
 class StepperOptions(TypedDict, total=False):
     """What makes the steps."""
 
@@ -138,14 +126,27 @@ class StepperOptions(TypedDict, total=False):
         default=AUTO, choices=STEPPERS, read=read_stepper)]
 
 
-class LoadedOptions(CouplingOptions, MemberOptions, StepperOptions, total=False):
-    """How components run on this machine."""
+class IsolationOptions(TypedDict, total=False):
+    """Which process components run in, and its limits."""
 
     isolate: Annotated[bool | None, Option("Run components in a separate process.", "bool",
         "Default: if an FMU was not built by this project. Crashes, long calls and too much memory are a CosimError "
-        "then; otherwise components could end or block this process.", flag="--isolate/--no-isolate")]
+        "then; otherwise components could end or block this process. On the command line code of files has a process "
+        "of its own too, unless ``--no-isolate`` debugs it.", flag="--isolate/--no-isolate")]
     memory_limit: Annotated[float | None, Option(
         "Memory in MB of isolated components (default half).", "float [MB]", "Half of the machine's.")]
+    wait_limit: Annotated[float | None, Option(
+        "Longest wait for a component in s (default 300).", "float [s]",
+        "For a step of isolated components, and for loading, initialization and freeing each.")]
+
+
+class LoadedOptions(CouplingOptions, InputOptions, LogOptions, StepperOptions, IsolationOptions, total=False):
+    """How components run."""
+
+    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
+        more="Default: that of the scenario, or of each FMU.")]
+    ignore_unmatched: Annotated[bool, Option("Ignore values that no variable takes.",
+        more="They are values of the package's parameter sets.", default=False)]
 
 
 class AlgorithmOptions(LoadedOptions, total=False):
@@ -206,7 +207,8 @@ class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions,
     algorithm: Annotated[str | None, algorithm_option]
     parameters: Annotated[Mapping[str, Any] | None, parameters_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
-        "Folder of the results (default results/NAME_ssp).", "path",
-        "A complete run replaces the files of an earlier run.", typed=Path | None)]
+        "Folder of the results (default results/NAME).", "path",
+        "NAME is that of the scenario, of the FMU, or ``system``; of a package it is PACKAGE_ssp. A complete run "
+        "replaces the files of an earlier run.", typed=Path | None)]
     variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
         metavar="SSD")]

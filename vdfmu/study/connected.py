@@ -37,7 +37,7 @@ from vdfmu.study.options import JudgingOptions, LoopOptions, ScenarioOptions, Sw
 from vdfmu.study.run.conclude import judge_results
 from vdfmu.study.sweeps.sweep import Sweep, sweep
 from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.replace import unfolded
+from vdfmu.system.scenario.replace import unfolded, with_units
 
 Part = str | os.PathLike[str] | type[Unit]
 """An FMU, a unit's file, the name of a shipped unit, or a class of Unit."""
@@ -291,12 +291,14 @@ def connect(
 
 
 @checks_types
-def load(source: Scenario | str | os.PathLike[str]) -> System:
+def load(source: Scenario | str | os.PathLike[str], connections: Connections = ()) -> System:
     """Load a system: a package (``.ssp``), one FMU (``.fmu``), or a scenario by name or file.
 
     Parameters
     ----------
     source : Scenario, str or path
+    connections : mapping of output to input or inputs, or sequence of such pairs
+        Of a scenario: further connections, ``"plant.q": "controller.q"``, instead of those that these inputs have.
 
     Returns
     -------
@@ -310,10 +312,14 @@ def load(source: Scenario | str | os.PathLike[str]) -> System:
     ending = "" if isinstance(source, Scenario) else Path(source).suffix.lower()
     if ending == ".fmu":
         name = _word(Path(source).stem)  # pyright: ignore[reportArgumentType]
-        return connect({name: source}, name=name)  # pyright: ignore[reportArgumentType]
+        return connect({name: source}, connections, name=name)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
+        if connections:
+            raise UsageError(f"connections: expected a scenario, got the package {source}, which has its own.")
         return System(Path(source))  # pyright: ignore[reportArgumentType]
     scenario = source if isinstance(source, Scenario) else unfolded(scenario_of(source))
+    if connections:
+        scenario = with_units(scenario, {}, connections)
     with ExitStack() as stack:
         package, options = stack.enter_context(packaged(scenario))
         return System(package, options, keep=stack.pop_all(), scenario=scenario)

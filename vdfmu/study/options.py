@@ -14,6 +14,8 @@ from vdfmu.engine.options import (
     TEXTS,
     CouplingOptions,
     InputOptions,
+    IsolationOptions,
+    LoadedOptions,
     LogOptions,
     ObserverOptions,
     PictureOptions,
@@ -29,6 +31,7 @@ from vdfmu.engine.options import (
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
+    from vdfmu.engine.package.join import Connections
 
 
 def known_robots() -> Iterable[str]:
@@ -44,6 +47,12 @@ def read_percent(text: str) -> float:
         return float(text.strip().removesuffix("%")) / 100.0
     except ValueError:
         raise UsageError(f"percent must be a number, got {text!r}. Give 1 for 1 %.") from None
+
+
+def read_connections(texts: Iterable[str] | None) -> list[tuple[str, str]]:
+    """Return output and input of each text ``a.y=b.u``."""
+    form = "OUTPUT=INPUT, such as a.y=b.u"
+    return [pair for text in texts or () for pair in read_settings([text], "--connect", form).items()]
 
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
@@ -80,16 +89,25 @@ class LoopOptions(ValueOptions, CouplingOptions, total=False):
 class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, total=False):
     """Changes of a scenario, in a run or in all runs of a study."""
 
-    tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.")]
+    tolerance: Annotated[float | None, option_of(LoadedOptions, "tolerance")]
     algorithm: Annotated[str | None, algorithm_option]
     units: Annotated[Mapping[str, Any] | None, Option(
         "Replace COMPONENT by a unit or FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
         "package, or a class. Values of the scenario "
         "without a parameter in it are left out, and connections to signals that it lacks; its further inputs are "
-        "joined to outputs of their names, by terminals; with notes in the log, and ``left_out`` and ``joined`` in the "
-        "summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        "joined to outputs of their name, shape and unit of measurement; with notes in the log, and ``left_out`` and "
+        "``joined`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
+    connections: Annotated["Connections | None", Option(
+        "Connect output a.y to input b.u. Repeatable.", "mapping of output to input or inputs, or pairs of them",
+        "Names are those of the diagram, ``component.signal``; vectors connect as a whole, or by elements, "
+        "``plant.tau[1]``. The input loses the connection that the scenario gives it.", flag="--connect",
+        metavar="a.y=b.u", typed=TEXTS, read=read_connections)]
+    unfed: Annotated[str | None, Option(
+        "ok: keep start values of inputs that nothing feeds.",
+        more="Otherwise each input of a unit of `units` needs a connection or a value, except in plants.",
+        choices=("ok",))]
 
 
 class JudgeOptions(TypedDict, total=False):
@@ -114,14 +132,14 @@ class JudgingOptions(SpanOptions, SimulatorOptions, total=False):
 
 
 class ScenarioRunOptions(
-    ScenarioOptions, StepperOptions, JudgeOptions, ResultOptions, PictureOptions, LogOptions, ObserverOptions,
-    total=False,
+    ScenarioOptions, StepperOptions, IsolationOptions, JudgeOptions, ResultOptions, PictureOptions, LogOptions,
+    ObserverOptions, total=False,
 ):
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
-        "Folder of the results (default results/SCENARIO).", "path or False", "Of the scenario "
-        "reach it is results/ROBOT_reach. Files of an earlier run in it are replaced at the end of this run. False "
+        "Folder of the results (default results/NAME).", "path or False", "NAME is that of the scenario; of the "
+        "scenario reach it is ROBOT_reach. Files of an earlier run in it are replaced at the end of this run. False "
         "writes nothing: the returned object has results and summary.",
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
@@ -130,8 +148,7 @@ class ScenarioRunOptions(
         "mapping of str to float", "See the table in docs/report.md, or `--verbose`.", flag="--limit",
         metavar="NAME=VALUE", typed=TEXTS,
         read=partial(read_settings, option="--limit", form="NAME=VALUE, such as margin=0.3"))]
-    record: Annotated[Sequence[str], Option("Inputs to record: 'controller.q[*]'. Repeatable.",
-        "sequence of str", "Outputs and inputs from outside are always recorded.", (), metavar="SIGNAL", typed=TEXTS)]
+    record: Annotated[Sequence[str] | None, option_of(RecordOptions, "record")]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
     simulate: Annotated[bool | None, Option("Let report.html run it again, with sliders.",

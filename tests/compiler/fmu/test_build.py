@@ -19,21 +19,32 @@ from vdfmu.compiler.unit.variable import Variable
 
 BUILD = """
 import sys
+import fmpy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
-build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="python", folded=True)
+for fmu in sys.argv[1:]:
+    fmpy.simulate_fmu(fmu, stop_time=0.01)
+robot = load_robot("planar_2dof")
+build_fmus(robot, "python", backend="python", folded=True)
+build_fmus(robot, "native", units=["trajectory", "controller"], backend="native", folded=True)
 """
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize(
-    "environment", [{"PYTHONHASHSEED": "0"}, {"PYTHONHASHSEED": "12345"}, {"VDFMU_CACHE_DIR": "cache"}], ids=str
+    "environment", [{"PYTHONHASHSEED": "0"}, {"PYTHONHASHSEED": "12345", "VDFMU_CACHE_DIR": "{}/cache"}], ids=str
 )
-def test_another_process_in_another_folder_builds_the_same_bytes(fmus, tmp_path, run_python, environment):
-    """The seed decides the order of Python's sets, the folder all relative paths; an empty cache has no traces."""
-    run_python(BUILD, "out", cwd=tmp_path, **environment)
-    for path in fmus["planar_2dof"].values():
-        assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
+def test_another_process_in_another_folder_builds_the_same_bytes(built, tmp_path, run_python, environment):
+    """The seed decides the order of Python's sets, the folder all paths; an empty cache has no traces."""
+    folder = tmp_path / "a longer name of a folder"
+    folder.mkdir()
+    python, native = (built(backend, "planar_2dof") for backend in ("python", "native"))
+    environment = {name: value.format(folder) for name, value in environment.items()}
+    # what an FMU that ran has brought into the process must not take the place of the installed packages
+    run_python(BUILD, python["plant"], cwd=folder, TMPDIR=str(folder), **environment)
+    for path in (*python.values(), native["trajectory"], native["controller"]):
+        backend = "python" if path in python.values() else "native"
+        assert (folder / backend / path.name).read_bytes() == path.read_bytes(), (backend, path.name)
 
 
 def test_an_fmu_that_is_up_to_date_is_left_alone(planar, tmp_path):
@@ -104,19 +115,6 @@ def test_an_fmu_holds_what_it_needs_and_no_copy_of_pythonfmu(fmus, unit_name):
         f"binaries/win64/{path.stem}.dll", "resources/slavemodule.txt", "resources/vdfmu.json",
         f"resources/{script}.py",
     }  # fmt: skip
-
-
-@pytest.mark.heavy
-def test_a_process_that_ran_an_fmu_first_builds_the_same_bytes(fmus, tmp_path, run_python):
-    """What the FMU brought into the process must not take the place of the installed packages."""
-    script = f"""
-import fmpy, sys
-fmpy.simulate_fmu(sys.argv[2], stop_time=0.01)
-{BUILD}
-"""
-    run_python(script, tmp_path, fmus["planar_2dof"]["plant"])
-    for path in fmus["planar_2dof"].values():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
 def test_the_page_inside_describes_every_variable(planar, fmus, unit_name):

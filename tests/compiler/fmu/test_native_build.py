@@ -46,19 +46,6 @@ def cold(monkeypatch, tmp_path):
     return tmp_path / "cache"
 
 
-@pytest.mark.heavy
-def test_a_cold_build_in_another_process_and_folder_has_the_same_bytes(planar, tmp_path, run_python):
-    here = build_fmus(planar, tmp_path / "here", units=FAST, backend="native", folded=True)
-    folder = tmp_path / "a longer name of a folder"
-    folder.mkdir()
-    run_python(
-        BUILD, "out", cwd=folder, PYTHONHASHSEED="7", TMPDIR=str(folder),
-        VDFMU_CACHE_DIR=str(folder / "cache"),
-    )  # fmt: skip
-    for path in here.values():
-        assert (folder / "out" / path.name).read_bytes() == path.read_bytes(), path.name
-
-
 @pytest.mark.parametrize(
     "platform", [pytest.param(p, marks=[pytest.mark.heavy] * (p != this_platform())) for p in PLATFORMS]
 )

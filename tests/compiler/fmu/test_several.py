@@ -1,36 +1,23 @@
 """Several units, copies and robots in one process do not meet, and many runs leave nothing behind."""
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.compiler.conftest import EACH
+from tests.compiler.native.driven import drive
 from vdfmu.arm.units import shipped_units
-
-
-def stepped(unit: Any, seed: int, count: int = 15) -> list[np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return [moved(unit, rng).outputs() for _ in range(count)]
-
-
-def moved(unit: Any, rng: np.random.Generator) -> Any:
-    inputs = unit.model.of("input")
-    if inputs:
-        unit.inputs(0.02 * rng.normal(size=sum(len(v.names) for v in inputs)))
-    return unit.step()
 
 
 @EACH
 def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit):
     """Steps of all instances interleave; each must give the bits that it gives alone."""
-    alone = {(name, copy): stepped(open_unit(name).start(), copy) for name in shipped_units() for copy in (1, 2)}
+    alone = {(name, copy): drive(open_unit(name).start(), copy, 15) for name in shipped_units() for copy in (1, 2)}
     units = {key: open_unit(key[0], name=f"{key[0]}{key[1]}").start() for key in alone}
-    randoms = {key: np.random.default_rng(key[1]) for key in units}
     for k in range(15):
         for key, unit in reversed(units.items()):
-            assert np.array_equal(moved(unit, randoms[key]).outputs(), alone[key][k]), key
+            assert np.array_equal(drive(unit, key[1] + k, 1)[0], alone[key][k]), key
     assert not np.array_equal(alone["plant", 1], alone["plant", 2])
 
 
@@ -38,10 +25,10 @@ def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit):
 def test_robots_and_copies_in_one_process_do_not_meet(open_unit):
     """The scripts of their FMUs have the same names, and Python imports a name once."""
     robots = ("planar_2dof", "slider_3dof")
-    alone = {robot: stepped(open_unit("plant", robot).start(), 3) for robot in robots}
+    alone = {robot: drive(open_unit("plant", robot).start(), 3, 15) for robot in robots}
     units = {robot: open_unit("plant", robot).start() for robot in robots}
     for robot in reversed(robots):
-        assert np.array_equal(stepped(units[robot], 3), alone[robot])
+        assert np.array_equal(drive(units[robot], 3, 15), alone[robot])
     light, heavy = open_unit("plant").start(), open_unit("plant").start(mass=[4.0, 2.0])
     # planar arm at q = 0: tau_s is proportional to the masses, doubled here
     assert np.allclose(heavy.get("tau_s"), 2.0 * light.get("tau_s"), rtol=1e-15, atol=0.0)
@@ -52,10 +39,10 @@ def test_robots_and_copies_in_one_process_do_not_meet(open_unit):
 def test_instances_in_threads_compute_what_they_compute_in_turn(open_unit):
     """Ctypes lets go of the interpreter in every call."""
     names = ("plant", "plant", "feedforward", "plant", "feedforward", "plant")
-    expected = [stepped(open_unit(name).start(), seed, 40) for seed, name in enumerate(names)]
+    expected = [drive(open_unit(name).start(), seed, 40) for seed, name in enumerate(names)]
     units = [open_unit(name).start() for name in names]
     with ThreadPoolExecutor(len(names)) as pool:
-        results = list(pool.map(lambda seed: stepped(units[seed], seed, 40), range(len(names))))
+        results = list(pool.map(lambda seed: drive(units[seed], seed, 40), range(len(names))))
     assert all(np.array_equal(*pair) for pair in zip(results, expected, strict=True))
 
 

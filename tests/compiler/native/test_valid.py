@@ -13,6 +13,7 @@ from fmpy.validation import validate_fmu
 from tests.compiler.exports import REFERENCE, elf_exports
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.native.conftest import program, run
+from tests.compiler.native.driven import drive
 from tests.compiler.native.fmi_types import HEADERS, signatures
 from tests.conftest import heavy
 from vdfmu.engine.fmu.description import inspect_description
@@ -82,19 +83,6 @@ def test_the_sources_link_with_prefixes_into_one_program(model, tmp_path, versio
     assert run([tmp_path / "main"]).split() == [version, version]
 
 
-def steps(instance: Instance, count: int = 20) -> np.ndarray:
-    """Return the outputs of some steps from the start."""
-    instance.start()
-    rows = []
-    n = sum(len(v.names) for v in instance.model.of("input"))
-    for k in range(count):
-        if n:
-            instance.inputs(0.05 * np.sin(0.7 * k + 0.3 * np.arange(n)))
-        rows.append(instance.step().outputs())
-    instance.free()
-    return np.array(rows)
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["plant", "trajectory"])
 def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, model, tmp_path, unit, version):
@@ -105,15 +93,11 @@ def test_fmpy_compiles_the_sources_and_the_result_computes_the_same(native_fmu, 
     folder = Path(fmpy.extract(native_fmu(unit, version), tmp_path / "fmu"))
     for binary in (folder / "binaries").rglob("*.*"):
         binary.unlink()
-    build_platform_binary(folder, build_dir=_made(tmp_path / "build"))
-    actual = steps(Instance(Model(folder)))
-    expected = steps(Instance(model(unit, version)))
+    (tmp_path / "build").mkdir()
+    build_platform_binary(folder, build_dir=tmp_path / "build")
+    actual, expected = (Instance(each).start() for each in (Model(folder), model(unit, version)))
+    actual, expected = (drive(instance, 0, 20) for instance in (actual, expected))
     np.testing.assert_allclose(actual, expected, rtol=1e-11, atol=1e-11)
-
-
-def _made(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
 
 
 # The table has 12 digits: 5e-12. Rounding is less. The plant: its solver runs at 1e-9, and what amplifies a local error

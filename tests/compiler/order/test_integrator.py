@@ -1,4 +1,4 @@
-"""Error control of the integrator: error against tolerance, failure, and continuation from a copy."""
+"""Error control of the integrator: error against tolerance, and failure; states are saved in native/test_state.py."""
 
 import numpy as np
 import pytest
@@ -72,24 +72,6 @@ def test_error_is_within_the_tolerance_for_every_robot(robot, plant_function):
     assert np.abs((integrator.x - exact) / (1.0 + np.abs(exact))).max() < 100.0 * 1e-8
 
 
-def test_continuation_from_a_copy_of_state_and_step_is_bit_identical(robot):
-    first = integrator_of(robot, 1e-7)
-    first.advance(0.0, 0.01)
-    x, h = first.x.copy(), first.h
-    first.advance(0.01, 0.01)
-    second = integrator_of(robot, 1e-7)
-    second.advance(0.0, 0.003)  # another past
-    second.x[:], second.h = x, h
-    second.advance(0.01, 0.01)
-    np.testing.assert_array_equal(second.x, first.x)
-    assert second.h == first.h
-    # And the step matters: another one gives other roundings at least.
-    third = integrator_of(robot, 1e-7)
-    third.x[:], third.h = x, 0.37 * h
-    third.advance(0.01, 0.01)
-    assert (third.x != first.x).any()
-
-
 def test_short_communication_steps_change_nothing_but_the_time(planar):
     integrator = integrator_of(planar)
     x, h = integrator.x.copy(), integrator.h
@@ -124,31 +106,6 @@ def test_tolerance_that_cannot_be_met_names_time_and_state(planar):
     integrator.tolerance = 1e-6
     integrator.advance(0.25, 0.001)
     assert np.isfinite(integrator.x).all()
-
-
-@pytest.mark.parametrize(("field", "i"), [("tau", 1), ("F_e", 0)])
-@pytest.mark.parametrize("value", [1e308, np.inf, np.nan])
-def test_input_too_large_names_time_and_state(planar, field, i, value):
-    integrator = integrator_of(planar)
-    integrator.unit.group(field)[i] = value
-    fails(integrator, r"at t = 0\.25 s (state|the local error of state) (q|q_dot|kappa_dot|tau_s)\[[12]\]")
-
-
-def test_state_that_is_not_finite_is_named_with_its_time(planar):
-    integrator = integrator_of(planar)
-    integrator.x[3] = np.nan
-    x = integrator.x.copy()
-    with pytest.raises(KernelError, match=r"at t = 0 s state \S+ is not finite"):
-        integrator.advance(0.0, 0.001)
-    np.testing.assert_array_equal(integrator.x, x)
-    # A torque that grows the speed without bound: the state leaves the numbers at some time after the start.
-    integrator = integrator_of(planar.with_parameters(f_v=-1e4), 1e-3)
-    x, h = integrator.x.copy(), integrator.h
-    with pytest.raises(KernelError, match=r"at t = ") as error:
-        integrator.advance(2.0, 100.0)
-    assert 2.0 < float(str(error.value).split("at t = ")[1].split()[0]) < 102.0
-    np.testing.assert_array_equal(integrator.x, x)
-    assert integrator.h == h
 
 
 def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(planar, monkeypatch):

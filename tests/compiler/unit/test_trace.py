@@ -57,20 +57,6 @@ class Chosen(Unit):
         self.x_dot = self.u[0] if self.doubled else self.k * self.x
 
 
-def test_each_choice_that_a_method_reads_is_traced_by_itself():
-    program = Interface(Chosen, None).program
-    assert [(call.function, call.when) for call in program.outputs] == [
-        ("chosen_outputs_a", (("mode", 0),)),
-        ("chosen_outputs_b_not_doubled", (("mode", 1), ("doubled", 0))),
-        ("chosen_outputs_b_doubled", (("mode", 1), ("doubled", 1))),
-        ("chosen_outputs_c", (("mode", 2),)),
-    ]
-    assert [call.reads for call in program.outputs] == [("u",), ("u",), ("u",), ("k",)]
-    assert {call.sets for call in program.outputs} == {("y",)}
-    assert [call.function for call in program.step] == ["chosen_step_not_doubled", "chosen_step_doubled"]
-    assert [call.function for call in program.start] == ["chosen_start"] and program.update == ()
-
-
 @pytest.mark.parametrize("mode", range(3))
 @pytest.mark.parametrize("doubled", [0, 1])
 def test_a_choice_in_the_memory_decides(mode, doubled):

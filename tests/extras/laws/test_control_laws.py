@@ -17,7 +17,6 @@ from vdfmu.arm.equations.flexible_joint import rotor_position
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.run.prepare import prepare
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 
@@ -81,30 +80,7 @@ def test_the_sampled_loop_is_stable_along_the_motion(law, scenario):
     assert (loops.modulus > (0.05 if scenario == "tracking" else 0.33)).all()
 
 
-OWN = """from vdfmu.unit import JOINTS, Input, Output, Unit
-
-class Own(Unit):
-    q_des = Input("position", JOINTS, "desired position, by another name")
-    tau = Output("N.m", JOINTS, "torque of the motor")
-
-    def outputs(self) -> None:
-        self.tau = 0.0 * self.q_des
-"""
-
-
-@pytest.mark.parametrize("settings", [{}, {"controller.q_des[1]": 0.1}])
-def test_a_note_names_the_inputs_that_nothing_feeds_and_the_signals_left_out(tmp_path, settings):
-    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
-    chosen = prepare("planar_tracking", units={"controller": tmp_path / "own.py"}, parameters=settings)
-    assert list(chosen.system.unfed) == ["controller.q_des"]
-    said: list[Any] = []
-    vdfmu.run(chosen, parameters=settings, stop=0.001, reference=False, out=False, log=said.append)
-    notes = [message.text for message in said if message.text.startswith("controller.q_des: ")]
-    start = 'controller.q_des: not connected, keeps its start value. Did you mean "q_d"? There are: q_d, '
-    assert [note.startswith(start) for note in notes] == [True] * (not settings)
-
-
-def test_inputs_of_the_law_are_joined_by_terminals_of_one_name_and_each_of_two_arms_joins_its_own_plant():
+def test_inputs_of_the_law_are_joined_by_name_and_terminal_and_each_of_two_arms_joins_its_own_plant():
     scenario = with_units(load_scenario("planar_tracking"), {"controller": "joint_torque"})
     assert scenario.system.joined == ("plant.kappa -> controller.kappa", "plant.tau_s -> controller.tau_s")
     assert scenario.system.connections["plant.tau_s"] == ["controller.tau_s"]

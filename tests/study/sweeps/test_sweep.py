@@ -318,7 +318,7 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     mine.write_text(mine.read_text().replace("T = 2.0", "T = 3.0"))
     done = ran("run", "--from", swept.folder, "--no-reference", "--out", tmp_path / "again")
     assert "changed since the study" in done.output
-    assert "expected --from" in refused("run", "planar_tracking", "--row", "3")
+    assert "--row goes with --from" in refused("run", "planar_tracking", "--row", "3")
     assert "two_joint: expected no scenario with" in refused("run", "two_joint", "--from", swept.folder)
 
 

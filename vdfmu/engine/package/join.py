@@ -89,7 +89,7 @@ def join(
     read = ports.descriptions.values()
     stop = max((each.stop for each in read if each.stop is not None), default=1.0) if stop is None else stop
     step = min((each.step for each in read if each.step is not None), default=1e-3 * stop) if step is None else step
-    pairs = [pair for start, end in _ends(connections) for pair in ports.pairs(start, end)]
+    pairs = [pair for start, end in ends_of(connections) for pair in ports.pairs(start, end)]
     bound: Starts = {}
     try:
         bound = overrides(ports.descriptions, parameters or {})
@@ -106,7 +106,7 @@ def join(
     return path
 
 
-def _ends(connections: Any) -> list[tuple[str, str]]:
+def ends_of(connections: Any) -> list[tuple[str, str]]:
     """Return each output with an input; UsageError for anything else than texts."""
     items = connections.items() if isinstance(connections, Mapping) else connections
     try:

@@ -23,10 +23,7 @@ def tune(
         more="Of several elements the mean of their ratios to the start, each at most 1.")],
     **options: Unpack[TuneOptions],
 ) -> None:  # fmt: skip
-    """Search parameters that minimise a cost.
-
-    The cost may have limits. After Ctrl-C or a kill the same command continues.
-    """
+    """Search parameters for the least cost. The same command resumes after Ctrl-C."""
     from vdfmu.extras.tune.search import tune as run_tune
     from vdfmu.study.sweeps.sweep import Sweep
 

@@ -235,6 +235,9 @@ def run_command(summary: Mapping[str, Any]) -> str:
     limits = {key: entry["value"] for key, entry in entries if entry["by"] == "--limit"}
     words += [word for key, value in limits.items() for word in ("--limit", f"{key}={value!r}")]
     words += [word for component, unit in units.items() for word in ("--unit", f"{component}={unit}")]
+    words += ["--unfed", "ok"] if units and summary.get("unfed") else []
+    for connection in summary.get("connections") or ():
+        words += ["--connect", connection.replace(" -> ", "=")]
     words += [
         word for each in (summary.get("parameters") or {}).items() for word in ("--set", "=".join(map(str, each)))
     ]

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
-from vdfmu.base.text import nearest
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
+from vdfmu.engine.package.join import ends_of
 from vdfmu.engine.run import LogMessage
 from vdfmu.study.judgement import check_wanted
 from vdfmu.study.limits import Limit, own_limits, read_limits
@@ -22,7 +22,7 @@ from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.values import system_values
 
 _LEFT_OUT = "dropped: the replacement has no signal of that name"
-_JOINED = "connected automatically: the replacement has a signal of that name in a terminal of that name"
+_JOINED = "connected automatically: the only output that fits by name, terminal, shape and unit of measurement"
 
 
 class RunCase(NamedTuple):
@@ -77,13 +77,6 @@ def _notes(scenario: Scenario, options: ScenarioRunOptions, backend: str) -> Ite
     robot, parameters = scenario.robot, options["parameters"]
     yield from (f"{connection}: {_LEFT_OUT}" for connection in scenario.system.dropped)
     yield from (f"{connection}: {_JOINED}" for connection in scenario.system.joined)
-    with_values = {*(parameters or ()), *(name for table in scenario.inputs for name in table.names)}
-    with_values |= {f"{name}.{key}" for name, values in scenario.sections.items() for key in values}
-    groups = {name.partition("[")[0] for name in with_values}
-    for end, names in scenario.system.unfed.items():
-        if end not in groups:
-            way_out = nearest(end.partition(".")[2], names) if names else "Give it by --set or --input."
-            yield f"{end}: not connected, keeps its start value. {way_out}"
     for text in (*model_notes(scenario, parameters), *build_notes(robot, backend)):
         yield f"{(robot or scenario).name}: {text}"
 
@@ -92,13 +85,14 @@ def _facts(
     system: SystemDescription, options: ScenarioRunOptions, backend: str, limits: Mapping[str, Limit]
 ) -> dict[str, Any]:
     scenario, parameters = system.scenario, options["parameters"]
-    robot = scenario.robot
+    robot, connected = scenario.robot, ends_of(options["connections"] or ())
     return run_facts(scenario) | {
         "backend": backend,
         **({"compiler": compiler_version()} if backend == "native" else {}),
         "fmi": options["fmi_version"],
         "parameters": {key: str(value) for key, value in (parameters or {}).items()},
         "units": {name: str(unit) for name, unit in (options["units"] or {}).items()},
+        **({"connections": [" -> ".join(ends) for ends in connected]} if connected else {}),
         "left_out": list(scenario.system.dropped),
         "joined": list(scenario.system.joined),
         **({"own_limits": changed} if (changed := own_limits(limits)) else {}),

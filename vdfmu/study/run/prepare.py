@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Unpack
 
 from vdfmu.arm.robot import load_robot
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
@@ -18,6 +18,7 @@ from vdfmu.engine.run import check_coupling
 from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.check import unfed_inputs
 from vdfmu.system.scenario.replace import with_units
 
 
@@ -41,16 +42,43 @@ def prepare(
     if robot is not None and isinstance(scenario, Scenario):
         raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
     scenario = scenario_of(scenario, robot, [*names, *(options["parameters"] or ())])
-    if options["units"]:
-        scenario = with_units(scenario, options["units"])
+    if options["units"] or options["connections"]:
+        scenario = with_units(scenario, options["units"] or {}, options["connections"] or ())
     fields = {field.name for field in dataclasses.fields(Scenario)} - {"robot"}
     scenario = dataclasses.replace(scenario, **{name: changes[name] for name in fields & changes.keys()})
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     more = pick(CouplingOptions, {name: changes[name] for name in changes.keys() - fields})
     scenario = dataclasses.replace(scenario, inputs=tables, options={**scenario.options, **more})
+    if options["units"]:
+        _log_connections(scenario, options["units"])
+        _require_fed(scenario, [*names, *(options["parameters"] or ())], options["unfed"])
     if scenario.algorithm not in ALGORITHMS:
         ALGORITHMS.names()  # so that the choice has those of other packages
         raise UsageError(f"algorithm: expected {choice()}, got {scenario.algorithm!r}.")
     check_coupling(scenario.algorithm, scenario.adaptive)
     count_steps(scenario.step, scenario.stop)
     return scenario
+
+
+def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
+    """Write the connections of components into the log, as a table of outputs and inputs."""
+    links = [(source, target) for source, targets in scenario.system.connections.items() for target in targets]
+    rows = [link for link in links if any(end.partition(".")[0] in components for end in link)]
+    width = max((len(source) for source, _ in rows), default=0)
+    table = "\n".join(f"  {source:<{width}} -> {target}" for source, target in rows)
+    LOG.info("connections of %s:\n%s", ", ".join(components), table)
+
+
+def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
+    """Raise UsageError for inputs of controllers that nothing feeds, unless they are among the `names` that are set."""
+    if allowed not in (None, "ok"):
+        raise UsageError(f"unfed: expected ok, got {allowed}.")
+    lines: list[str] = []
+    for end in unfed_inputs(scenario, names):
+        if allowed is None and end.partition(".")[0] not in scenario.resolved.plants:
+            fitting = " or ".join(scenario.system.unfed.get(end, ()))
+            such = f", such as {fitting}" if fitting else ""
+            ways = f"--connect OUTPUT={end} connects it, --set {end}=VALUE sets it, --unfed ok keeps its start value."
+            lines.append(f"{end}: expected an output that feeds it{such}, got none. {ways}")
+    if lines:
+        raise UsageError("\n".join(lines))

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import CosimError
+from vdfmu.base.option import pick
 from vdfmu.base.progress import report
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.masters.observer import Tap
-from vdfmu.engine.options import SimulatorOptions
+from vdfmu.engine.options import IsolationOptions, SimulatorOptions
 from vdfmu.engine.results.folder import keep
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, Simulator
@@ -28,7 +29,7 @@ def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None 
     scenario = case.scenario
     settings: SimulatorOptions = {
         **scenario.coupling, "inputs": scenario.inputs, "parameters": {**case.parameters, **(parameters or {})},
-        "log": options.pop("log", None), "stepper": case.options["stepper"],
+        "log": options.pop("log", None), "stepper": case.options["stepper"], **pick(IsolationOptions, case.options),
     }  # fmt: skip
     with Simulator(package, **settings) as simulator:
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)

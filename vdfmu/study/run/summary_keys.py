@@ -140,6 +140,7 @@ KEYS: Mapping[str, Any] = {
     "plant_factors": Keyed(ANY),  # ratios of the plant's numbers to the model's, common or per joint
     "parameters": Keyed(ANY),  # parameters and inputs that were set for this run
     "units": Keyed(TEXT),  # units instead of the scenario's, by component
+    "connections": _LINES,  # connections that were added for this run, output -> input
     "backend": TEXT,  # kind of the FMUs
     "compiler": TEXT,  # C compiler of native FMUs
     "fmi": TEXT,  # version of FMI of the FMUs

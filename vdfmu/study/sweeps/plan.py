@@ -277,7 +277,7 @@ def _of_package(
     if engine == "batch":
         raise UsageError(f"engine: batch needs a scenario, whose equations are known; {package} is a package.")
     wrong = [target for target in switched if target not in ("algorithm", "step", "stop")]
-    wrong += [name for name in ("robot", "units") if options.get(name) is not None]
+    wrong += [name for name in ("robot", "units", "connections", "unfed") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
     if wrong:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from vdfmu.arm.motion.played import Played
@@ -63,15 +63,22 @@ def remarks(
     end = max((begin + length for _, begin, length in motions(scenario, values)), default=0.0)
     if end > scenario.stop + 0.5 * scenario.step:
         facts["cut"] = {"end": end, "stop": scenario.stop, "asked": asked}
-    tables = read_inputs(scenario.inputs, scenario.input_hold)
-    fed_or_set = {
-        name.partition("[")[0] for name in (*(parameters or ()), *(n for table in tables for n in table.names))
-    }
-    fed_or_set |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
-    lacking = [name for name in (*scenario.system.unfed, *_unmeasured(scenario)) if name not in fed_or_set]
-    facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in dict.fromkeys(lacking)]
+    lacking = unfed_inputs(scenario, parameters or ())
+    facts["unfed"] = [f"{name} is not connected, so it keeps its start value" for name in lacking]
     facts["implausible"] = implausible(scenario, parameters)
     return {key: value for key, value in facts.items() if value}
+
+
+def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
+    """Return inputs without a connection or a value: new ones of replaced units, and positions for a plant's control.
+
+    `names` are parameters that are set.
+    """
+    tables = read_inputs(scenario.inputs, scenario.input_hold)
+    fed_or_set = {name.partition("[")[0] for name in (*names, *(n for table in tables for n in table.names))}
+    fed_or_set |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
+    lacking = dict.fromkeys((*scenario.system.unfed, *_unmeasured(scenario)))
+    return [name for name in lacking if name not in fed_or_set]
 
 
 def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, float, float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit import JOINTS, Output, Unit
+from vdfmu.engine.package.join import Connections, ends_of
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
-from vdfmu.system.scenario.system_file import SystemFile
+from vdfmu.system.scenario.system_file import SystemFile, rewired
 from vdfmu.system.scenario.values import section_values
 
 _PAYLOAD = {row.name for row in section("payload")}
@@ -57,110 +58,95 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
     return robot
 
 
-def with_units(scenario: Scenario, units: Mapping[str, Any]) -> Scenario:
+def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connections = ()) -> Scenario:
     """Return the scenario with other units for some components, without connections and values that these lack.
 
-    A new input is connected to the output of the same name if both are in a terminal and their components were
-    connected. UsageError or UnitError for an unknown component or a value that is not a unit.
+    A new input is connected to the output of the same name, shape and unit of measurement, if of the components that
+    were connected with its own a single one has it. Last come the `connections`, output to input or inputs; these
+    inputs lose the connections that they had. UsageError or UnitError for an unknown component or signal, or a value
+    that is not a unit.
     """
-    system, parts = scenario.system, dict(scenario.system.parts)
+    before, parts = scenario.resolved, dict(scenario.system.parts)
     for name, unit in units.items():
         if name not in parts:
             way_out = f"There are: {', '.join(parts)}."
-            raise UsageError(f"units: the system {system.name} has no component {name!r}. {way_out}")
+            raise UsageError(f"units: the system {scenario.system.name} has no component {name!r}. {way_out}")
         if not (issubclass(unit, Unit) if isinstance(unit, type) else isinstance(unit, (str, os.PathLike))):
             raise UsageError(f"units: {name}: expected a unit, its name or its file, got {unit!r}.")
         value = unit if isinstance(unit, type) else os.fspath(unit)
         parts[name] = dataclasses.replace(parts[name], unit=value)
-    system = dataclasses.replace(system, parts=parts)
+    system = dataclasses.replace(scenario.system, parts=parts)
     resolved = resolve(system, scenario.robot)
-    tables = {name: table for name, table in resolved.tables.items() if name in units}
-    has = {
-        name: {(key, v.causality) for v in table if v.causality in ("input", "output") for key in (v.group, v.name)}
-        for name, table in tables.items()
-    }
-
-    def lacks(signal: str, causality: str) -> bool:
-        component, _, group = signal.partition(".")
-        return component in has and (group, causality) not in has[component]
-
-    kept: dict[str, list[str]] = {}
-    dropped: list[str] = []
-    for source, targets in system.connections.items():
-        for target in targets:
-            if lacks(source, "output") or lacks(target, "input"):
-                dropped.append(f"{source} -> {target}")
-            else:
-                kept.setdefault(source, []).append(target)
-    joined = _joined(scenario, resolved, tables)
-    for source, target in joined:
-        kept.setdefault(source, []).append(target)
-    ends = {end.partition(".")[0] for source, targets in kept.items() for end in (source, *targets)}
-    for name, signals in has.items():
-        if signals and name not in ends:
-            raise UsageError(f"{name}: {_unfit(name, signals, system.connections)}")
-    joints = tuple(" -> ".join(ends) for ends in joined)
-    written = section_values(scenario.resolved, scenario.sections)
+    links = [(source, target) for source, targets in system.connections.items() for target in targets]
+    kept = [link for link in links if resolved.elements(link[0], "output") and resolved.elements(link[1], "input")]
+    dropped = [link for link in links if link not in kept]
+    inputs = [(name, v.group) for name in units for v in resolved.tables[name] if v.causality == "input"]
+    new = [
+        f"{name}.{group}" for name, group in dict.fromkeys(inputs) if not before.elements(f"{name}.{group}", "input")
+    ]
+    free = [end for end in new if all(end != target for _, target in ends_of(connections))]
+    joined = [(sources[0], end) for end in free if len(sources := _sources(resolved, links, end)) == 1]
+    system = dataclasses.replace(system, connections=rewired(rewired({}, [*kept, *joined]), connections))
+    if connections:
+        resolve(system, scenario.robot).check_connections("connections")
+    for name in units:
+        _require_connected(system, resolved, name, links)
+    written = section_values(before, scenario.sections)
     sections = dict(scenario.sections)
-    for name, table in tables.items():
-        sections[name] = {v: value for v, value in written.get(name, {}).items() if v in table.reference}
+    for name in units:
+        values = written.get(name, {}).items()
+        sections[name] = {v: value for v, value in values if v in resolved.tables[name].reference}
     for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
-    system = dataclasses.replace(system, connections=kept, dropped=tuple(dropped), joined=joints)
-    lost = [connection.partition(" -> ")[2].partition(".") for connection in dropped]
-    unfed = {
-        f"{name}.{group}": list(dict.fromkeys(end for component, _, end in lost if component == name))
-        for name, table in tables.items() if name in scenario.resolved.units
-        for group in dict.fromkeys(v.group for v in table if v.causality == "input")
-        if not _has(scenario.resolved, name, group, "input")
-        and not any(end.partition("[")[0] == f"{name}.{group}" for end in system.fed)
-    }  # fmt: skip
-    system = dataclasses.replace(system, unfed=unfed)
+    fed = {end.partition("[")[0] for end in system.fed}
+    system = dataclasses.replace(
+        system, dropped=tuple(map(" -> ".join, dropped)), joined=tuple(map(" -> ".join, joined)),
+        unfed={end: [source for source, _ in dropped if resolved.fits(source, end)] for end in new if end not in fed},
+    )  # fmt: skip
     return dataclasses.replace(scenario, system=system, sections=sections)
 
 
-def _unfit(component: str, signals: Iterable[tuple[str, str]], connections: Mapping[str, Iterable[str]]) -> str:
-    """Return why a unit does not fit into a system: what it has, and what the system connects there."""
-    names = {
-        kind: ", ".join(sorted({name.partition("[")[0] for name, has in signals if has == kind})) or "none"
+def _sources(resolved: ResolvedSystem, links: Sequence[tuple[str, str]], end: str) -> list[str]:
+    """Return the outputs that fit an input by name, shape and unit, of components that are connected with its own.
+
+    Those of a terminal of the same name come alone.
+    """
+    component, _, name = end.partition(".")
+    pairs = [(source.partition(".")[0], target.partition(".")[0]) for source, target in links]
+    near = dict.fromkeys(other for pair in pairs if component in pair for other in pair if other != component)
+    fitting = [other for other in near if resolved.fits(f"{other}.{name}", end)]
+    beside = _terminals(resolved, component, name)
+    of_terminal = [other for other in fitting if beside & _terminals(resolved, other, name)]
+    return [f"{other}.{name}" for other in of_terminal or fitting]
+
+
+def _terminals(resolved: ResolvedSystem, component: str, group: str) -> set[str]:
+    unit = resolved.units.get(component, Unit)
+    return {terminal.name for terminal in unit.terminals if group in terminal.groups}
+
+
+def _require_connected(
+    system: SystemFile, resolved: ResolvedSystem, component: str, links: Sequence[tuple[str, str]]
+) -> None:
+    """Raise UsageError for a unit of which no signal is connected, with the connections that its system has there."""
+
+    def listed(ends: Iterable[str]) -> str:
+        return (
+            ", ".join(dict.fromkeys(end.partition(".")[2] for end in ends if end.startswith(f"{component}."))) or "none"
+        )
+
+    ends = [*system.connections, *system.fed]
+    signals = {
+        kind: [f"{component}.{v.group}" for v in resolved.tables[component] if v.causality == kind]
         for kind in ("input", "output")
     }
-    ends = [(source, target) for source, targets in connections.items() for target in targets]
-    reads, gives = (
-        ", ".join(dict.fromkeys(end.partition(".")[2] for end in part if end.partition(".")[0] == component))
-        for part in ([target for _, target in ends], [source for source, _ in ends])
-    )
-    return (
-        f"none of its signals fits the system. Its inputs are {names['input']}, its outputs {names['output']}; the "
-        f"system connects the inputs {reads or 'none'} and the outputs {gives or 'none'}. Give its signals these names."
-    )
-
-
-def _joined(scenario: Scenario, resolved: ResolvedSystem, new: Iterable[str]) -> list[tuple[str, str]]:
-    """Return the connections of new inputs of `new` components by terminals of the same name."""
-    old, ends = scenario.resolved, scenario.system.connections.items()
-    linked = {
-        frozenset(end.partition(".")[0] for end in (source, target)) for source, targets in ends for target in targets
-    }
-    joined: list[tuple[str, str]] = []
-    for name in (name for name in new if name in resolved.units and name in old.units):
-        for terminal in resolved.units[name].terminals:
-            for group in terminal.groups:
-                if not _has(resolved, name, group, "input") or _has(old, name, group, "input"):
-                    continue
-                sources = [
-                    f"{other}.{group}"
-                    for other, unit in resolved.units.items()
-                    if frozenset((name, other)) in linked and _has(resolved, other, group, "output")
-                    and any(t.name == terminal.name and group in t.groups for t in unit.terminals)
-                ]  # fmt: skip
-                if len(sources) == 1:
-                    joined.append((sources[0], f"{name}.{group}"))
-    return joined
-
-
-def _has(system: ResolvedSystem, component: str, group: str, causality: str) -> bool:
-    return any(v.group == group and v.causality == causality for v in system.tables[component])
+    if any(signals.values()) and listed(ends) == "none":
+        raise UsageError(
+            f"{component}: none of its signals fits the system. Its inputs are {listed(sorted(signals['input']))}, its "
+            f"outputs {listed(sorted(signals['output']))}; the system connects the inputs "
+            f"{listed(target for _, target in links)} and the outputs {listed(source for source, _ in links)}. Give "
+            "its signals these names, or connect them: --connect."
+        )
 
 
 def leaders(resolved: ResolvedSystem) -> dict[str, str]:

@@ -144,11 +144,23 @@ class ResolvedSystem:
 
     def joined(self, source: str, target: str) -> list[tuple[Variable, Variable]]:
         """Return the pairs of elements of a connection."""
-        (start, a), (end, b) = source.split(".", 1), target.split(".", 1)
-        return _pairs(_end(self.tables[start], a, "output"), _end(self.tables[end], b, "input"))
+        return _pairs(self.elements(source, "output"), self.elements(target, "input"))
 
-    def check_connections(self) -> None:
-        """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs."""
+    def elements(self, end: str, causality: str) -> dict[tuple[int, ...], Variable]:
+        """Return index to variable of ``component.signal``; nothing without such a signal."""
+        component, _, name = end.partition(".")
+        return _end(self.tables[component], name, causality)
+
+    def fits(self, source: str, target: str) -> bool:
+        """Whether an output and an input have one shape and one unit of measurement."""
+        starts, ends = self.elements(source, "output"), self.elements(target, "input")
+        return bool(ends) and starts.keys() == ends.keys() and all(_alike(starts[i], ends[i]) for i in ends)
+
+    def check_connections(self, where: str = "") -> None:
+        """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs.
+
+        `where` is the place of the connections in its lines, by default the system's file.
+        """
         problems: list[str] = []
         feeds: dict[tuple[str, str], str] = {}
         for source, targets in self.system.connections.items():
@@ -161,13 +173,13 @@ class ResolvedSystem:
                     got = f"{_shape(starts)} and {_shape(ends)}"
                     problems.append(f"{link}: expected signals of one shape, got {got}.")
                 for start, end in shared:
-                    if None not in (a := _dimension(start), b := _dimension(end)) and a != b:
+                    if not _alike(start, end):
                         problems.append(f"{link}: expected one unit of measurement, got {start.unit} and {end.unit}.")
                     fed = (target.partition(".")[0], end.name)
                     if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
                         problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
         if problems:
-            where = f"{self.system.path}: connections"
+            where = where or f"{self.system.path}: connections"
             raise UsageError("\n".join(f"{where}: {problem}" for problem in dict.fromkeys(problems)))
 
 
@@ -210,6 +222,9 @@ def _signals(
 ) -> dict[tuple[int, ...], Variable]:
     """Return index to variable at an end of a connection. Note a problem if empty."""
     component, _, name = end.partition(".")
+    if component not in tables:
+        problems.append(f"{end}: expected component.signal, got {component!r}. {nearest(component, list(tables))}")
+        return {}
     signals = _end(tables[component], name, causality)
     if not signals:
         groups = list(dict.fromkeys(v.group for v in tables[component] if v.causality == causality))
@@ -220,6 +235,12 @@ def _signals(
 
 def _shape(signals: Collection[tuple[int, ...]]) -> str:
     return str(tuple(1 + max(axis) for axis in zip(*signals, strict=True)))
+
+
+def _alike(start: Variable, end: Variable) -> bool:
+    """Whether two signals have the same base units, as far as these are defined."""
+    a, b = _dimension(start), _dimension(end)
+    return None in (a, b) or a == b
 
 
 def _dimension(variable: Variable) -> dict[str, int] | None:

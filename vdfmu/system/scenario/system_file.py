@@ -17,6 +17,7 @@ from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_tables import Problems, Table, as_number, value_text
+from vdfmu.engine.package.join import Connections, ends_of
 
 _KEYS = ("extends", "name", "description", "components", "shared", "connections")
 Box = tuple[float, float, float, float]
@@ -110,14 +111,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
                     nearest(component, list(parts)),
                 )  # fmt: skip
         connected[source] = ends
-    fed = {end for ends in connected.values() for end in ends}
-    kept = {
-        key: [end for end in ends if fed.isdisjoint((end, end.partition("[")[0]))]
-        for key, ends in (base.connections.items() if base else ())
-    }
-    connections = {key: ends for key, ends in kept.items() if ends}
-    for source, ends in connected.items():
-        connections[source] = [*connections.get(source, ()), *ends]
+    connections = rewired(base.connections if base is not None else {}, connected)
     shared = dict(base.shared) if base is not None else {}
     for key, members in file.optional_table("shared").data.items():
         where = f"shared.{key}"
@@ -132,6 +126,19 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
         else:
             shared[key] = members
     return SystemFile(name, description, path, parts, connections, shared)
+
+
+def rewired(connections: Mapping[str, list[str]], added: Connections) -> dict[str, list[str]]:
+    """Return connections with further ones. An input that these feed loses the connection that it had."""
+    pairs = ends_of(added)
+    fed = {end for _, end in pairs}
+    kept = {
+        source: [end for end in ends if fed.isdisjoint((end, end.partition("[")[0]))]
+        for source, ends in connections.items()
+    }
+    for source, end in pairs:
+        kept.setdefault(source, []).append(end)
+    return {source: ends for source, ends in kept.items() if ends}
 
 
 def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
