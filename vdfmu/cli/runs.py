@@ -43,6 +43,7 @@ class FmusForm(SystemOptions, JudgeOptions, total=False):
 
     connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
     unpack_limit: UnpackOption
+    opened: OpenOption
 
 
 @meets_code(RUNS)
@@ -82,8 +83,7 @@ def run(
         tell(*map(sheet_table, sheets(summary) if verbose else ()))
         (console.print if failed else tell)(verdict_table(summary, verbose))
     say_written(*(folder / name for name in written(folder, outputs)))
-    if not fmus:
-        say_page(folder / outputs[-1], options["opened"])
+    say_page(folder / outputs[-1], options["opened"])
     if failed:
         raise SystemExit(1)
 
@@ -157,39 +157,25 @@ def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
 
 
 def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Sequence[str]]:
-    """Run FMUs; return their results, and the names of the files."""
+    """Run FMUs; return their results, and the names of the files, the page last."""
     wanted, sampled = options["judge"], options["sampled"]
     if wanted is not None or sampled is not None:
         from vdfmu.study.judgement import check_wanted  # takes long to import
 
         check_wanted(wanted, sampled, options["adaptive"])
     from vdfmu.engine.package.limits import package_limit
-    from vdfmu.engine.package_run import default_folder, run_system
-    from vdfmu.engine.results.folder import PARTIAL, SYSTEM_OUTPUTS
-    from vdfmu.engine.run import Interrupted
+    from vdfmu.engine.package_run import default_folder
+    from vdfmu.study.runs import RUN_OUTPUTS, run_joined
 
-    package, source, kept = _package_of(parts, options["connections"])
-    options["out"] = folder = options["out"] or (Path("results", package.stem) if kept else default_folder(package))
-    settings = pick(SystemOptions, options)
-    try:
-        with package_limit(options["unpack_limit"]):
-            results = run_system(package, source, **settings)
-            if wanted is not None:
-                from vdfmu.study.runs import judge_run  # takes long to import
-
-                judge_run(package, results.summary, folder, wanted, sampled, **settings)
-    except (CosimError, Interrupted) as error:
-        if error.results is not None:
-            from vdfmu.study.report.page import write_failed  # takes long to import
-
-            write_failed(package.stem, package, folder / PARTIAL, error)
-        raise
-    return results, SYSTEM_OUTPUTS
+    package, source, kept = _package_of(parts, options)
+    options["out"] = options["out"] or (Path("results", package.stem) if kept else default_folder(package))
+    with package_limit(options["unpack_limit"]):
+        return run_joined(package, source, wanted, sampled, **pick(SystemOptions, options)), RUN_OUTPUTS
 
 
-def _package_of(parts: Sequence[str], connections: Sequence[tuple[str, str]] | None) -> tuple[Path, str | None, Any]:
+def _package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
     """Return the package of FMUs; and if it was made for them their name in results, and the system that keeps it."""
-    first, unnamed = parts[0], [part for part in parts if "=" not in part]
+    connections, first, unnamed = options["connections"], parts[0], [part for part in parts if "=" not in part]
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
         refuse({"--connect": connections}, f"is for a scenario or FMUs; {first} has its own connections")
         return Path(first), None, None
@@ -200,7 +186,10 @@ def _package_of(parts: Sequence[str], connections: Sequence[tuple[str, str]] | N
     from vdfmu.study.connected import load as load_system
 
     components = dict(part.split("=", 1) for part in parts if part not in unnamed)
-    system = connect(components, connections or ()) if components else load_system(first, connections or ())
+    if components:
+        system = connect(components, connections or (), algorithm=options["algorithm"])
+    else:
+        system = load_system(first, connections or ())
     return system.path, " ".join(parts), system
 
 

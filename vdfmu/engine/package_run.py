@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from functools import partial as bound
 from pathlib import Path
 from typing import Any, Unpack
@@ -33,7 +34,10 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
 
 @with_progress
 @with_options
-def run_system(package: str | os.PathLike[str], source: str | None = None, **options: Unpack[SystemOptions]) -> Results:
+def run_system(
+    package: str | os.PathLike[str], source: str | None = None, outputs: Sequence[str] = SYSTEM_OUTPUTS,
+    finish: Callable[[Path, Results], None] | None = None, **options: Unpack[SystemOptions],
+) -> Results:  # fmt: skip
     """Run an SSP, write its results and ``summary.json``, and return the results.
 
     Parameters
@@ -42,6 +46,11 @@ def run_system(package: str | os.PathLike[str], source: str | None = None, **opt
         The ``.ssp`` file.
     source : str, optional
         Its name in the summary, default the path.
+    outputs : sequence of str, optional
+        Names of the files of an earlier run that this run replaces.
+    finish : callable, optional
+        Is called with the folder and the results before the summary is written for the last time, to add further files
+        of `outputs`.
     **options
         :class:`vdfmu.engine.options.SystemOptions`.
 
@@ -68,7 +77,7 @@ def run_system(package: str | os.PathLike[str], source: str | None = None, **opt
     simulated = pick(SimulateOptions, options) | {
         "inputs": tables, "about": about, "progress": bound(report, "co-simulation"),
     }  # fmt: skip
-    with replacing_results(folder, SYSTEM_OUTPUTS, options["overwrite"]) as partial:
+    with replacing_results(folder, outputs, options["overwrite"]) as partial:
         simulated["stream"] = [partial / f"results.{form}" for form in options["formats"]]
         try:
             results = simulate(system, **simulated)
@@ -97,5 +106,7 @@ def run_system(package: str | os.PathLike[str], source: str | None = None, **opt
         except Exception as error:
             # foreign names and values may break the picture, not the results
             say(f"the picture could not be drawn: {error}")
+        if finish is not None:
+            finish(partial, results)
         write_summary(done, partial)
     return results

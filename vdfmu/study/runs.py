@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,15 @@ from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.engine.algorithms import DEFAULT, DELAYED
 from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.results.folder import SYSTEM_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
+from vdfmu.engine.package_run import default_folder, run_system
+from vdfmu.engine.results.folder import (
+    PARTIAL,
+    SYSTEM_OUTPUTS,
+    known_formats,
+    known_pictures,
+    replacing_results,
+    write_summary,
+)
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, simulate
@@ -107,19 +116,36 @@ def _folder_of(case: RunCase) -> Generator[Path]:
         yield Path(place)
 
 
-def judge_run(
-    package: Path, summary: dict[str, Any], folder: Path, wanted: float, sampled: bool | None,
-    **options: Unpack[SystemOptions],
-) -> None:  # fmt: skip
-    """Judge the run of a package by :func:`vdfmu.study.judgement.judge`; add the verdict to its summary."""
-    judgement = judge(
-        load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-        algorithm=summary["algorithm"], parameters=options["parameters"],
-        **pick(SpanOptions, options), **pick(LoadedOptions, options),
-    )  # fmt: skip
-    summary["judgement"] = judgement.to_dict()
-    summary["verdict"] = verdict_of([*calculated_checks(summary)])
-    write_summary(summary, folder)
+def run_joined(
+    package: Path, source: str | None, wanted: float | None, sampled: bool | None, **options: Unpack[SystemOptions]
+) -> Results:
+    """Run a package of any tool, judge the run if an error is `wanted` [%], and write its page.
+
+    `source` is the name of a package that was made for the run, which is kept as ``system.ssp``. Errors: see
+    :func:`vdfmu.engine.package_run.run_system` and :func:`vdfmu.study.judgement.judge`.
+    """
+    folder = Path(options["out"] or default_folder(package))
+
+    def finish(partial: Path, results: Results) -> None:
+        summary = results.summary
+        if source is not None:
+            shutil.copyfile(package, partial / "system.ssp")
+        if wanted is not None:
+            judgement = judge(
+                load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
+                algorithm=summary["algorithm"], parameters=options["parameters"],
+                **pick(SpanOptions, options), **pick(LoadedOptions, options),
+            )  # fmt: skip
+            summary["judgement"] = judgement.to_dict()
+            summary["verdict"] = verdict_of([*calculated_checks(summary)])
+        with doing("page"):
+            write_report([ShownRun(package.stem, results, summary, package)], partial / NAME)
+
+    try:
+        return run_system(package, source, RUN_OUTPUTS, finish, **{**options, "out": folder})
+    except (CosimError, Interrupted) as error:
+        write_failed(package.stem, package, folder / PARTIAL, error)
+        raise
 
 
 ROWS = 1001

@@ -113,8 +113,7 @@ class FeedforwardJoint(Piece):
         self.V_B_r_dot = driven_acceleration(z, U_AB, self.V_A_r_dot, V_B_r, self.q_dot, asked.q_ddot_r[0])
         self.g_B = R_AB.T @ self.g_A
         links = ChainMotion([U_AB], [self.V_B], [], Base(V_S=self.V_A))
-        base_r = Base(V_S=self.V_A_r, V_S_dot=self.V_A_r_dot)
-        links_r = ChainMotion([U_AB], [V_B_r], [self.V_B_r_dot], base_r)
+        links_r = ChainMotion([U_AB], [V_B_r], [self.V_B_r_dot], Base(V_S=self.V_A_r, V_S_dot=self.V_A_r_dot))
         F_D_r_star = required_rotor_forces(robot, links, links_r, kappa_dot, asked)
         self.F_A_r = U_AB @ self.F_B_r + rotor_reaction(robot, 0, F_D_r_star[0])
         if self.mode == "inverse":
