@@ -38,7 +38,9 @@ def test_each_works_on_the_command_line(acme, tmp_path):
     assert (summary["algorithm"], summary["robot"]) == ("halving", "acme_2")
     assert "results.npz" in summary["files"]
     (out / "results.csv").unlink()
-    assert command(tmp_path, acme, "report", str(out)).returncode == 0
+    refused = command(tmp_path, acme, "report", str(out))  # the package alone reads this format
+    assert (refused.returncode, "--trust runs it" in refused.stderr) == (2, True)
+    assert command(tmp_path, acme, "report", str(out), "--trust").returncode == 0
     # the next run replaces it
     again = command(tmp_path, acme, "run", "planar_tracking", "--stop", "0.1", "--no-reference")
     assert again.returncode == 0, again.stderr

@@ -15,7 +15,7 @@ from vdfmu.base.errors import LOG, CosimError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
-from vdfmu.cli.options import ForeignOption, OpenOption, UnpackOption, known_scenarios, load, refuse
+from vdfmu.cli.options import ForeignOption, OpenOption, TrustOption, UnpackOption, known_scenarios, load, refuse
 from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
 from vdfmu.engine.options import SystemOptions
@@ -202,7 +202,7 @@ def report(
         "Page, or FILE.tex for LaTeX (default report.html).",
         more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
     simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
-    opened: OpenOption = False, overwrite: ForeignOption = False,
+    opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
     from vdfmu.study.report.page import report_of
