@@ -151,7 +151,7 @@ def test_each_variable_is_that_of_the_table(interface):
 
 @OF_FMI_2
 def test_the_structure_of_fmi_2_is_that_of_the_layout(interface, root, form):
-    def known(i: int) -> bool:
+    def is_listed(i: int) -> bool:
         return i != interface.time and (form == "2.0" or interface.memory[i].causality in ("input", "parameter"))
 
     description = read(root)
@@ -172,7 +172,7 @@ def test_the_structure_of_fmi_2_is_that_of_the_layout(interface, root, form):
         elements = structure(root, f"{tag}/Unknown")
         assert [int(u.get("index", "")) - 1 for u in elements] == unknowns
         for element, unknown in zip(elements, unknowns, strict=True):
-            sources = [i for i in dependencies(unknown) if known(i)]
+            sources = [i for i in dependencies(unknown) if is_listed(i)]
             assert [i - 1 for i in numbers(element.get("dependencies"))] == sources
 
 
