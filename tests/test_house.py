@@ -115,11 +115,12 @@ def test_the_equations_know_numbers_and_nothing_else():
 
 
 def test_a_reader_with_the_paper_opens_few_files():
-    """The paper's algorithms import at most four modules of the package, in one statement each."""
+    """The paper's algorithms import at most four modules of the arm, in one statement each."""
     for name in ("inverse_dynamics", "forward_dynamics", "plant", "feedforward"):
         tree = _trees()[ROOT / "arm" / "equations" / f"{name}.py"]
-        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and "vdfmu" in str(node.module)]
-        assert len(imports) <= 4, [node.module for node in imports]
+        imported = [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        of_arm = [name for name in imported if name.startswith("vdfmu.arm.")]
+        assert len(of_arm) <= 4, of_arm
 
 
 def test_algorithms_are_named_in_their_rows_alone():

@@ -86,7 +86,7 @@ _COMMANDS = {
     "simulate": ((*SIMULATE, "2"), (*SIMULATE, "0.1")), "run": ((*RUN, "2", "--no-reference"), (*RUN, "0.1")),
 }  # fmt: skip
 """Each command, and the one that wrote the results before."""
-_WRITTEN = {"ssp": 400_000, "build": 50_000, "simulate": 200_000, "run": 400_000}
+_WRITTEN = {"ssp": 400_000, "build": 50_000, "simulate": 700_000, "run": 400_000}
 """Bytes of which each command writes more into one file."""
 _PYTHON = (*RUN, "0.02", "--no-reference", "--backend", "python")
 _CACHE = (("VDFMU_CACHE_DIR", "cache"),)

@@ -12,7 +12,6 @@ none, so that this run compiles nothing.
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 import json
 import os
@@ -21,7 +20,7 @@ import secrets
 import stat
 import tempfile
 from collections.abc import Callable, Generator, Hashable
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import lru_cache, wraps
 from hashlib import sha256
@@ -29,7 +28,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, TypeVar, TypeVarTuple, overload
 
 from vdfmu.base.errors import LOG, UsageError
-from vdfmu.base.files import PACKAGE, open_regular
+from vdfmu.base.files import PACKAGE, digest_of, open_regular
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.progress import warn_once
 
@@ -264,7 +263,7 @@ def is_own(text: object, *content: Any) -> bool:
 
 def keep_built(path: Path, guid: str) -> None:
     """Remember an FMU that was built here, to the byte, with its GUID or instantiation token."""
-    digest = _file_digest(path)
+    digest = digest_of(path)
     _built[digest] = guid
     store(cache_folder() / "built" / digest, guid.encode())
 
@@ -274,19 +273,13 @@ def built_as(file: Path | IO[bytes]) -> str | None:
 
     What an FMU says about itself does not prove it: the GUID stays the same when a library is changed.
     """
-    digest = _file_digest(file)
+    digest = digest_of(file)
     content = load(cache_folder() / "built" / digest)
     return _built.get(digest) if content is None else content.decode()
 
 
 def _sealed(key: bytes, content: Any) -> str:
-    return hmac.new(key, json.dumps(content, sort_keys=True, default=_file_digest).encode(), "sha256").hexdigest()
-
-
-def _file_digest(file: Path | IO[bytes]) -> str:
-    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
-        stream.seek(0)
-        return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
+    return hmac.new(key, json.dumps(content, sort_keys=True, default=digest_of).encode(), "sha256").hexdigest()
 
 
 def _keys() -> list[bytes]:

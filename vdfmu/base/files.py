@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import errno
+import hashlib
 import json
 import os
 import secrets
@@ -13,7 +14,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Generator, Iterable, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -229,6 +230,17 @@ def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> by
     if largest is not None and len(content) > largest:
         raise OSError(errno.EFBIG, f"it has more than the {largest / 2**20:g} MiB that are read", os.fspath(path))
     return content
+
+
+def digest_of(file: Path | BinaryIO) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits. OSError with its name."""
+    with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
+        try:
+            stream.seek(0)
+            return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
+        except OSError as error:
+            error.filename = str(file) if isinstance(file, Path) else stream.name  # an error of reading has none
+            raise
 
 
 def read_text(path: Path, largest: int | None = None) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from hashlib import sha256
 from html import escape
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.files import digest_of
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.page import table
 from vdfmu.engine.package.read import load_ssp
@@ -196,7 +196,7 @@ def _facts_of(run: ShownRun) -> Iterator[tuple[str, str]]:
     if "date" in summary:
         yield "Date", summary["date"]
     if run.package.is_file():
-        yield "system.ssp, SHA-256", sha256(run.package.read_bytes()).hexdigest()[:16]
+        yield "system.ssp, SHA-256", digest_of(run.package)[:16]
     if "scenario" in summary and "parameters" in summary and not summary["parameters"]:
         yield "Parameters", "none: all values are from the scenario"
     for key, factor in (summary.get("plant_factors") or {}).items():

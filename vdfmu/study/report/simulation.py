@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from hashlib import file_digest, sha256
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import distinct
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
+from vdfmu.base.files import digest_of
 from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
@@ -120,10 +121,8 @@ def _read(content: bytes) -> dict[str, Any]:
 
 
 def _kept(package: Path) -> Path:
-    digest = sha256(source_digest("system.program", "study.report.simulation").encode() + wasm.base_module())
-    with package.open("rb") as file:
-        digest.update(file_digest(file, "sha256").digest())
-    return cache_folder() / "programs" / digest.hexdigest()
+    code = source_digest("system.program", "study.report.simulation").encode() + wasm.base_module()
+    return cache_folder() / "programs" / sha256(code + digest_of(package).encode()).hexdigest()
 
 
 def _reason(error: VdfmuError) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError, VdfmuError
-from vdfmu.base.files import read_regular
+from vdfmu.base.files import digest_of
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.linear.growth import Poses, growth_of
 from vdfmu.engine.linear.linearise import can_change
@@ -79,7 +79,7 @@ def tracks(
     are the loops of the run, taken with `again`; without them, the run is repeated.
     """
     facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
-    digest = sha256(json.dumps(facts).encode() + sha256(read_regular(package)).digest()).hexdigest()
+    digest = sha256(json.dumps(facts).encode() + digest_of(package).encode()).hexdigest()
     path = cache_folder() / "tracks" / digest
     if (stored := load(path, json.loads)) is not None and len(stored) == len(knobs):
         return stored

@@ -11,7 +11,7 @@ import numpy as np
 
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError
-from vdfmu.base.files import read_regular, temporary_folder
+from vdfmu.base.files import digest_of, temporary_folder
 from vdfmu.compiler.fmu.build import choose_backend
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
@@ -70,7 +70,7 @@ def _place_of(case: RunCase, package: Path) -> Path | None:
     scenario, algorithm = case.scenario, ALGORITHMS[case.scenario.algorithm]
     if not algorithm.stepper.startswith("vdfmu."):
         return None
-    facts = [source_digest("study.runs"), np.__version__, sha256(read_regular(package)).hexdigest(), algorithm]
+    facts = [source_digest("study.runs"), np.__version__, digest_of(package), algorithm]
     facts += [table.digest for table in read_inputs(scenario.inputs, scenario.input_hold)]
     facts += [scenario.coupling, scenario.stop, scenario.step, bool(case.options["simulate"])]
     return cache_folder() / "loops" / sha256(repr(facts).encode()).hexdigest()
