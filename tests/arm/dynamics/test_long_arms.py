@@ -1,4 +1,4 @@
-"""The C and the dependencies of a long arm, which shorter ones tell, are those that its own trace has."""
+"""The dependencies of a long arm, which follow from shorter arms, are those of its own trace."""
 
 import dataclasses
 
@@ -7,8 +7,6 @@ import pytest
 
 from benchmarks.chains import repeated_link
 from vdfmu.arm.units import find_unit
-from vdfmu.compiler.c.generate import traced_files
-from vdfmu.compiler.c.grow import grown
 from vdfmu.compiler.unit.interface import Interface
 
 
@@ -18,30 +16,6 @@ def _from_shorter_ones():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vdfmu.arm.robot.robot._MANY", 0)
         yield
-
-
-def alternating(n):
-    return dataclasses.replace(repeated_link(n), joint_types=("revolute", "prismatic") * (n // 2))
-
-
-def check_files(unit, robot):
-    interface = Interface(find_unit(unit), robot)
-    assert len(interface.shorter) == 2
-    assert grown({arm.joints: traced_files(arm) for arm in interface.shorter}, robot.n) == traced_files(interface)
-
-
-@pytest.mark.parametrize(
-    "robot", [repeated_link(24), repeated_link(33), alternating(36)], ids=["24", "33", "two kinds"]
-)
-def test_the_c_of_a_long_arm_is_that_of_its_trace(robot):
-    check_files("controller", robot)
-    check_files("trajectory", robot)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("unit", ["plant", "feedforward"])
-def test_the_c_of_the_equations_of_a_long_arm_is_that_of_their_trace(unit):
-    check_files(unit, repeated_link(27))
 
 
 @pytest.mark.parametrize("unit", ["controller", pytest.param("plant", marks=pytest.mark.heavy)])
@@ -75,25 +49,7 @@ def test_arms_with_an_unlike_joint_or_of_less_time_have_no_shorter_ones(monkeypa
     assert [len(repeated_link(n).shorter()) for n in (28, 30, 31, 32, 33)] == [0, 2, 0, 2, 2]  # 14 + 16, 15 + 17
 
 
-def test_texts_and_variables_that_do_not_grow_evenly_are_refused():
-    def files(*texts):
-        return {n: {"a.c": text} for n, text in zip((10, 12, 14), texts, strict=True)}
-
-    made = grown(files("w[10] = -1.5 * p[21];", "w[12] = -1.5 * p[25];", "w[14] = -1.5 * p[29];"), 100)
-    assert made == {"a.c": "w[100] = -1.5 * p[201];"}
-    assert grown(files("w[-1];", "w[1];", "w[3];"), 20) == {"a.c": "w[9];"}
-    assert grown(files("w[1];", "w[2];", "w[4];"), 20) is None  # uneven
-    assert grown(files("w[1];", "w[2];", "w[3];"), 20) == {"a.c": "w[6];"}  # half a number a joint
-    assert grown(files("w[1];", "w[2];", "w[3];"), 21) is None
-    assert grown(files("w[1];", "w[1];", "v[1];"), 20) is None
-    assert grown(files("w / 10.0;", "w / 12.0;", "w / 14.0;"), 20) == {"a.c": "w / 20.0;"}
-    assert grown(files("w = 0.5;", "w = 0.6;", "w = 0.7;"), 20) is None  # else 0.10
-    assert grown(files("w = 0.5;", "w = 0.05;", "w = 0.05;"), 20) is None
-    assert grown(files("w = 1e-05;", "w = 1e-06;", "w = 1e-07;"), 20) is None
-    assert grown(files("w[1];", "w[1];", "w[1]; w[1];"), 20) is None
-    assert grown(files("w[3 * i + 10];", "w[3 * i + 12];", "w[3 * i + 14];"), 20) == {"a.c": "w[3 * i + 20];"}
-    assert grown(files("w[10 * i + 1];", "w[12 * i + 1];", "w[14 * i + 1];"), 20) is None  # a matrix of joints
-    assert grown({10: {"a.c": ""}, 12: {"b.c": ""}, 14: {"a.c": ""}}, 20) is None
+def test_variables_that_do_not_grow_evenly_are_refused():
     interface = Interface(find_unit("controller"), repeated_link(26))
     assert len(interface.shorter) == 2
     square = Interface(find_unit("controller"), repeated_link(26))

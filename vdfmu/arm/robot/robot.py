@@ -197,6 +197,16 @@ class Robot(Parameters):
         }  # fmt: skip
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
+    def joint(self, i: int) -> Self:
+        """Return the arm of joint `i` alone, counted from 0, without numbers that no equation reads."""
+        arrays = {name: read_only(getattr(self, name)[[i]]) for name, row in self.rows.items() if row.per_joint}
+        if self.friction == "lumped":
+            arrays["f_ck"] = read_only(np.zeros(1))
+        return dataclasses.replace(
+            self, joint_types=(self.joint_types[i],), joint_names=(), visuals=(),
+            payload=self.payload and i == self.n - 1, **arrays,
+        )  # fmt: skip
+
     def shorter(self) -> list[Self]:
         """Two robots without a middle that repeats after 1, 2 or 4 joints. Its functions follow from theirs."""
         n, entries = self.n, self.entries()

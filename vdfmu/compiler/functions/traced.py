@@ -113,6 +113,13 @@ class Functions:
         return KernelFunction(self.casadi_function(name), buffers)
 
 
+def renamed(function: ca.Function, name: str) -> ca.Function:
+    """Return a function with another name."""
+    symbols = (ca.SX if function.is_a("SXFunction") else ca.MX).sym
+    inputs = [symbols(each, function.sparsity_in(each)) for each in function.name_in()]
+    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
+
+
 def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
     """Make a function of named columns."""
     # cse finds terms that the equations compute more than once, such as the motion in all solver stages
