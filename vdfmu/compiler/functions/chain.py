@@ -122,7 +122,9 @@ def chain_of(
     ]
     # both ends of the chain have inputs and passes of their own: those of the last part replace those of the first
     outer = ends[1]
-    same = [(ends[0].inputs[group], outer.inputs[group]) for group in ends[0].inputs if group in outer.inputs]
+    varying = {group for group in outer.inputs if len({each.get(group) for each in places}) > 1}
+    common = {group: symbols for group, symbols in outer.inputs.items() if group not in varying}
+    same = [(ends[0].inputs[group], symbols) for group, symbols in common.items()]
     same += [(a.last, b.last) for a, b in zip(ends[0].passes, outer.passes, strict=True)]
 
     def begun(leaf: _Leaf) -> ca.SX:
@@ -135,10 +137,8 @@ def chain_of(
     first = {turn: _column(map(begun, leaves)) for turn, leaves in by_turn.items()}
     last = {turn: _column(outer.passes[p].last[e] for p, e in leaves) for turn, leaves in by_turn.items()}
     shared = dict(zip(outer.shared, merged.substituted(outer, [*outer.shared.values()]), strict=True))
-    varying = {group for group in outer.inputs if len({each.get(group) for each in places}) > 1}
-    common = {group: symbols for group, symbols in outer.inputs.items() if group not in varying or len(places) == 1}
-    used = {x.element_hash() for x in ca.symvar(_joined([*first.values(), *shared.values()]))}
-    allowed = {x.element_hash() for column in (*common.values(), *last.values()) for x in column.nonzeros()}
+    used = _symbols_of(_joined([*first.values(), *shared.values()]))
+    allowed = _elements_of([*common.values(), *last.values()])
     if not used <= allowed:
         raise ChainError("what a pass begins with depends on a part")
     return PartChain(name, parts, kinds, places, arguments, outputs, first, last, shared, common)
@@ -147,6 +147,16 @@ def chain_of(
 def _joined(columns: Iterable[ca.SX]) -> ca.SX:
     """Return columns as one; an empty column has its type too."""
     return ca.vertcat(ca.SX(0, 1), *map(ca.vec, columns))
+
+
+def _symbols_of(column: ca.SX) -> set[int]:
+    """Return keys of the symbols that an expression has."""
+    return {x.element_hash() for x in ca.symvar(column)}
+
+
+def _elements_of(columns: Iterable[Any]) -> set[int]:
+    """Return keys of the elements of columns of symbols."""
+    return {x.element_hash() for column in columns for x in column.nonzeros()}
 
 
 def _column(elements: Iterable[Any]) -> ca.SX:
@@ -239,7 +249,7 @@ def _needs(merged: _Merged, trace: PartTrace, leaves: Sequence[_Leaf]) -> dict[_
     )
     needs: dict[_Leaf, list[tuple[_Leaf, int]]] = {leaf: [] for leaf in leaves}
     symbols = ca.symvar(ca.vertcat(*results, before, last))
-    listed = {x.element_hash() for x in (*before.nonzeros(), *last.nonzeros())}
+    listed = _elements_of([before, last])
     rest = ca.vertcat(*(x for x in symbols if x.element_hash() not in listed))
     function = ca.Function("needs", [before, last, rest], [ca.vertcat(*results)])
     for plus in (0, 1):
@@ -304,7 +314,7 @@ class _Split:
         """Return the function of a pass, with inputs and results named as `inputs`, ``stored_<turn>``, ``after``."""
         listed = self.operations.listed
         stored = {t: ca.SX.sym(f"stored_{t}", len(self.stored[t])) for t in self._turns if t < turn}
-        values: dict[int, ca.SX] = {}
+        values: dict[int, Any] = {}
         for t, symbols in stored.items():
             values |= dict(zip(self.stored[t], symbols.elements(), strict=True))
         wanted = [name for name, at in self.made.items() if at == turn]
@@ -423,5 +433,5 @@ class ChainCalls:
 
 def read_of(inputs: Mapping[str, ca.SX], results: Iterable[ca.SX]) -> dict[str, ca.SX]:
     """Return the inputs that results depend on."""
-    free = {x.element_hash() for x in ca.symvar(_joined(results))}
-    return {name: c for name, c in inputs.items() if any(x.element_hash() in free for x in c.nonzeros())}
+    free = _symbols_of(_joined(results))
+    return {name: column for name, column in inputs.items() if not free.isdisjoint(_elements_of([column]))}

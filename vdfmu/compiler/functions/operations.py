@@ -55,5 +55,6 @@ class Operations:
         if operation.callee is not None:
             return ca.vertcat(*operation.callee.call([ca.vertcat(*operands)]))[operation.element]
         if operation.code == ca.OP_CONST:
+            assert isinstance(operation.leaf, float)
             return ca.SX(operation.leaf)
         return ca.SX.unary(operation.code, *operands) if len(operands) == 1 else ca.SX.binary(operation.code, *operands)

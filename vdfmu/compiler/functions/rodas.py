@@ -44,7 +44,7 @@ C = (
 class Stages(NamedTuple):
     """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized."""
 
-    factors: ca.SX
+    factors: Any
     """Elements (l, 1) of the factors, of E and of R_t that are not constant, each once."""
     solve: ca.Function
     """Increment as a function of `factors`, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -116,7 +117,7 @@ class Functions:
 def renamed(function: ca.Function, name: str) -> ca.Function:
     """Return a function with another name."""
     symbols = (ca.SX if function.is_a("SXFunction") else ca.MX).sym
-    inputs = [symbols(each, function.sparsity_in(each)) for each in function.name_in()]
+    inputs: list[Any] = [symbols(each, function.sparsity_in(each)) for each in function.name_in()]
     return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
 
 

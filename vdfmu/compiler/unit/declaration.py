@@ -343,10 +343,6 @@ class Machine(Protocol):
         """Return the machine of joint `i` alone, counted from 0."""
         ...
 
-    def shorter(self) -> Sequence[Self]:
-        """Return the same with fewer joints, if the joints left out are like their neighbours; else nothing."""
-        ...
-
     def requirements(self) -> list[Requirement]:
         """Return conditions on its run-time parameters."""
         ...

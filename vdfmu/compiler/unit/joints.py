@@ -16,15 +16,21 @@ from vdfmu.compiler.functions.chain import ChainError, PartChain, PartTrace, Pla
 from vdfmu.compiler.functions.chain_stages import ChainStages
 from vdfmu.compiler.scalar.passes import recording
 from vdfmu.compiler.scalar.symbol import to_sx
-from vdfmu.compiler.unit.base import BaseUnit, is_shipped
-from vdfmu.compiler.unit.declaration import JOINTS, Declared, Derivative, Machine
+from vdfmu.compiler.unit.base import BaseUnit
+from vdfmu.compiler.unit.declaration import JOINTS, PHASES, Declared, Derivative, Machine
 from vdfmu.compiler.unit.implicit import elimination_order, solver_step
 from vdfmu.compiler.unit.trace import Fixed, Symbols, argument_name, run, state_slices
 
 
 def is_long(unit: type[BaseUnit], robot: Machine | None) -> bool:
-    """Whether the joints of an arm call functions of their own, since there are many."""
-    return robot is not None and unit.chain is not None and is_shipped(unit) and robot.n >= unit.chain
+    """Whether the joints of an arm call functions of their own, since there are many.
+
+    Only methods of this package are known to hand on all that joints tell each other by passes.
+    """
+    if robot is None or unit.chain is None or robot.n < unit.chain:
+        return False
+    package = f"{__name__.partition('.')[0]}."
+    return all(getattr(unit, phase).__module__.startswith(package) for phase in (*PHASES, "balance"))
 
 
 def chain_trace(unit: type[BaseUnit], robot: Machine, name: str, phase: str, fixed: Fixed) -> PartChain:
@@ -101,7 +107,8 @@ class _Arm:
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
         self._unit, self._phase, self._fixed = unit, phase, fixed
         self._states = state_slices(unit)
-        self._entries = {(entry.field, entry.index): k for k, entry in enumerate(unit.of_robot.entries())}
+        robot: Any = unit.of_robot
+        self._entries = {(entry.field, entry.index): k for k, entry in enumerate(robot.entries())}
 
     def traced(self, unit: BaseUnit, joint: int) -> tuple[Symbols, PartTrace]:
         """Trace the method for one joint."""
