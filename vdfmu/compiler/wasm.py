@@ -107,6 +107,9 @@ IMPORTED = {
 """Functions of the shipped module, to types of arguments and results."""
 
 
+_CALLING = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CALL)
+
+
 class Assembler:
     """A module that works in memory and table of the shipped module, ``base``, and calls its functions."""
 
@@ -169,8 +172,12 @@ class Assembler:
         """
         key = function.__hash__()
         if key not in self._traced:
-            add = self._straight if function.is_a("SXFunction") else self._calling
-            self._traced[key] = function, add(function)
+            if function.is_a("SXFunction"):
+                self._traced[key] = function, self._straight(function)
+            elif all(operation in _CALLING for _, operation, *_ in instructions(function)):
+                self._traced[key] = function, self._calling(function)
+            else:
+                self._traced[key] = function, self._straight(function.expand(function.name()))
         return self._traced[key][1]
 
     def _calling(self, function: ca.Function) -> int:

@@ -6,13 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.compiler.native.loops import results_of
+from tests.compiler.native.compiled import results_of
 from vdfmu.arm.robot import check_robot
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.base.errors import KernelError, ModelError
 from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.c.loops import straight
 from vdfmu.compiler.c.operations import c_derivatives
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 from vdfmu.compiler.scalar.symbol import lookup_function
@@ -81,7 +80,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
 @pytest.mark.parametrize("ending", DIRECTIONS)
 def test_a_table_of_operations_has_the_derivatives_of_the_trace(robot, functions_of, name, ending, tmp_path):
     functions = functions_of(name.split("_")[0], robot)
-    text = f'#include "operations.h"\n{c_derivatives(straight(functions.casadi_function(name)))}'
+    text = f'#include "operations.h"\n{c_derivatives(functions.casadi_function(name))}'
     check_c_text(text, functions.casadi_function(f"{name}_{ending}"), robot.values(), tmp_path)
 
 
@@ -113,7 +112,6 @@ def test_an_operation_without_c_text_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(KernelError, match="erf: CasADi's operation OP_ERF has no text in C"):
         c_texts(ca.Function("erf", [x], [ca.erf(x)]))
-    assert straight(ca.Function("erf", [x], [ca.erf(x)])) is None
 
 
 @settings(max_examples=200, deadline=None)

@@ -16,8 +16,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
 )
 from vdfmu.arm.equations.kinematics import joint_placements, joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
-from vdfmu.arm.equations.spatial import blocks, cross_motion, joint_axis, transform_mass_matrix, whole
-from vdfmu.compiler.scalar import inward, outward
+from vdfmu.arm.equations.spatial import blocks, cross_motion, inward, joint_axis, outward, transform_mass_matrix, whole
 
 
 class Hanging(NamedTuple):

@@ -13,8 +13,7 @@ import numpy as np
 from vdfmu.arm.equations.flexible_joint import rotor_forces, rotor_reaction
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import net_force
-from vdfmu.arm.equations.spatial import cross_motion, joint_axis
-from vdfmu.compiler.scalar import cut, inward, outward
+from vdfmu.arm.equations.spatial import cross_motion, inward, joint_axis, outward
 
 NO_WRENCH = np.zeros(6)
 
@@ -68,8 +67,7 @@ def link_velocities(robot: Any, q: np.ndarray, q_dot: Any, base: Base = AT_REST)
     U_AB = joint_transforms(robot, q)
 
     def link(V_A: Any, i: int) -> tuple[Any, Any]:
-        z = joint_axis(robot.joint_types[i])
-        V_B = cut(i, driven_velocity(z, U_AB[i], V_A, q_dot[i]))  # (29)-(31), (48)-(49)
+        V_B = driven_velocity(joint_axis(robot.joint_types[i]), U_AB[i], V_A, q_dot[i])  # (29)-(31), (48)-(49)
         return V_B, V_B
 
     V_n, V_B = outward(link, base.V_S, robot.n)
@@ -89,7 +87,7 @@ def link_motion(
 
     def link(V_A_dot: Any, i: int) -> tuple[Any, Any]:
         z = joint_axis(robot.joint_types[i])
-        V_B_dot = cut(i, driven_acceleration(z, motion.U_AB[i], V_A_dot, motion.V_B[i], moving[i], q_ddot[i]))
+        V_B_dot = driven_acceleration(z, motion.U_AB[i], V_A_dot, motion.V_B[i], moving[i], q_ddot[i])
         return V_B_dot, V_B_dot
 
     V_n_dot, V_B_dot = outward(link, base.V_S_dot, robot.n)
@@ -100,7 +98,7 @@ def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -
     """Vector g of (62) in every link frame, ``R_BI @ g`` : n times (3,) [m/s2]."""
 
     def link(g_A: Any, i: int) -> tuple[Any, Any]:
-        g_B = cut(i, U_AB[i][:3, :3].T @ g_A)
+        g_B = U_AB[i][:3, :3].T @ g_A
         return g_B, g_B
 
     return outward(link, base.R_S.T @ robot.gravity, robot.n)[1]
@@ -137,7 +135,7 @@ def handed_back(
     def link(beyond: Any, i: int) -> tuple[Any, Any]:
         F_A, reaction = beyond
         F_B = F_B_star[i] + F_A
-        F_B = cut(i, F_B if reaction is None else F_B + reaction)  # (11), (19), (24)-(25)
+        F_B = F_B if reaction is None else F_B + reaction  # (11), (19), (24)-(25)
         reaction = None if F_Dk is None else rotor_reaction(robot, i, F_Dk[i])
         return (U_AB[i] @ F_B, reaction), F_B  # (46), (52)-(53)
 

@@ -9,6 +9,7 @@ import numpy as np
 from vdfmu.arm.equations.rigid_body import mass_matrix
 from vdfmu.arm.equations.spatial import force_transform, rotation_z
 from vdfmu.compiler.scalar import outward
+from vdfmu.compiler.scalar import total as total
 
 
 def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:

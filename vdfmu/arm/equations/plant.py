@@ -30,8 +30,7 @@ from vdfmu.arm.equations.inverse_dynamics import (
     link_motion,
     link_velocities,
 )
-from vdfmu.arm.equations.kinematics import link_outputs
-from vdfmu.compiler.scalar import total
+from vdfmu.arm.equations.kinematics import link_outputs, total
 
 
 class Outputs(NamedTuple):

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.compiler.scalar import inward as inward
+from vdfmu.compiler.scalar import outward as outward
 from vdfmu.compiler.scalar import zeros
 
 _AXES = {"revolute": np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "prismatic": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}

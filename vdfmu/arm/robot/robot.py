@@ -29,10 +29,6 @@ from vdfmu.compiler.scalar import ZERO, Symbol
 from vdfmu.compiler.unit.declaration import Entry
 
 FRICTION_ARRANGEMENTS = ("lumped", "split")
-_UNLIKE = 3
-"""Joints at each end that may differ from the others in a robot with shorter equivalents."""
-_MANY = 1.1
-"""Joints, over those of the shorter robots together, from which tracing these takes less time than the robot itself."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -197,32 +193,15 @@ class Robot(Parameters):
         }  # fmt: skip
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
-    def shorter(self) -> list[Self]:
-        """Two robots without a middle that repeats after 1, 2 or 4 joints. Its functions follow from theirs."""
-        n, entries = self.n, self.entries()
-        fixed = self.with_values([0.0] * len(entries))
-        arrays = {name: getattr(self, name) for name, row in self.rows.items() if row.per_joint}
-        free: list[list[tuple[str, tuple[int, ...]]]] = [[] for _ in range(n)]
-        for p in entries:
-            if p.field in arrays:
-                free[p.index[0]].append((p.field, p.index[1:]))
-        folded = [[getattr(fixed, name)[i].tobytes() for name in arrays] for i in range(n)]
-        inner = list(zip(self.joint_types, free, folded, strict=True))[_UNLIKE : n - _UNLIKE]
-        period = next((p for p in (1, 2, 4) if inner[p:] == inner[:-p]), None)
-        if period is None:
-            return []
-        step, least = (2, 14) if period == 1 else (4, 20)  # signs may alternate
-        first = least + (n - least) % step
-        sizes = [first, first + step]
-        if n < max(_MANY * sum(sizes), sizes[-1] + 3 * step):
-            return []
-        robots: list[Self] = []
-        for m in sizes:
-            kept = [*range(m // 2), *range(n - m + m // 2, n)]
-            parts: dict[str, Any] = {name: read_only(array[kept]) for name, array in arrays.items()}
-            joint_types = tuple(self.joint_types[i] for i in kept)
-            robots.append(dataclasses.replace(self, joint_types=joint_types, joint_names=(), visuals=(), **parts))
-        return robots
+    def joint(self, i: int) -> Self:
+        """Return the arm of joint `i` alone, counted from 0, without numbers that no equation reads."""
+        arrays = {name: read_only(getattr(self, name)[[i]]) for name, row in self.rows.items() if row.per_joint}
+        if self.friction == "lumped":
+            arrays["f_ck"] = read_only(np.zeros(1))
+        return dataclasses.replace(
+            self, joint_types=(self.joint_types[i],), joint_names=(), visuals=(),
+            payload=self.payload and i == self.n - 1, **arrays,
+        )  # fmt: skip
 
     @property
     def joint_labels(self) -> list[str]:

@@ -42,6 +42,7 @@ class Feedforward(Unit):
     """
 
     sampled = True
+    chain = 9
     q_d = Input(*DESIRED["q_d"])
     q_d_dot = Input(*DESIRED["q_d_dot"])
     q_d_ddot = Input(*DESIRED["q_d_ddot"])

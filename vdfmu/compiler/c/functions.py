@@ -14,12 +14,13 @@ import casadi as ca
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.calls import VectorText
 from vdfmu.compiler.c.grouping import Operation, grouped
-from vdfmu.compiler.c.loop_text import c_loops
-from vdfmu.compiler.c.loops import find_loops, straight
-from vdfmu.compiler.c.operations import c_derivatives, c_operations
+from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
+from vdfmu.compiler.functions.chain import LOCAL
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions, lookup_table
+from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
 _MOST_IN_C = 1_700
@@ -33,36 +34,30 @@ _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 
 
 def kernel_files(
-    function: ca.Function,
-    apart: Collection[str] = (),
-    joints: int = 0,
-    derivative: Callable[[str], ca.Function] | None = None,
+    function: ca.Function, apart: Collection[str] = (), derivative: Callable[[str], ca.Function] | None = None
 ) -> dict[str, str]:
-    """Return file name to text of a traced function, without its callees in `apart`. It loops over many `joints`.
+    """Return file name to text of a traced function, without its callees in `apart`.
 
     `derivative` traces a derivative by its direction. With it, the files of both derivatives are made too.
     """
-    loops = find_loops(function, joints)
     calls = not function.is_a("SXFunction")
-    texts = [c_loops(loops)] if loops is not None else c_texts(function, apart=apart, joints=joints if calls else 0)
+    texts = c_texts(function, apart)
     name = f"kernel_{function.name()}"
     top = head(f"The traced function {function.name()}, operation by operation.") + '#include "elementary.h"\n'
     files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
     files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
-    if not calls:
-        _sources()[function, joints] = "\n".join(files.values())
     if derivative is None:
         return files
-    if loops is None and function.n_instructions() > _MOST_IN_C:
-        loops = straight(function)
     text = head(f"The derivatives of the traced function {function.name()}.")
-    if loops is not None and not has_roundings(function):
-        text += f'#include "elementary.h"\n#include "operations.h"\n\n{c_derivatives(loops)}'
+    if not calls and function.n_instructions() > _MOST_IN_C and has_table(function) and not has_roundings(function):
+        text += f'#include "elementary.h"\n#include "operations.h"\n\n{c_derivatives(function)}'
         files |= c_operations()
     else:
         text += '#include "elementary.h"\n'
+        shared = {_name_in_c(function, callee.name()) for callee in function.find_functions(0)} if calls else set[str]()
         for ending in DIRECTIONS:
-            text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *c_texts(derivative(ending))])
+            texts = c_texts(derivative(ending), shared)
+            text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *texts])
     return files | {f"{name}_forward_reverse.c": text}
 
 
@@ -77,36 +72,32 @@ def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def kernel_source(function: ca.Function, joints: int = 0) -> str:
+def kernel_source(function: ca.Function) -> str:
     """Return the C text of a traced function in one file, see :func:`kernel_files`. A job makes it once."""
     sources = _sources()
-    if (function, joints) not in sources:
-        sources[function, joints] = "\n".join(kernel_files(function, joints=joints).values())
-    return sources[function, joints]
+    if function not in sources:
+        sources[function] = "\n".join(kernel_files(function).values())
+    return sources[function]
 
 
 @cached_per_command
-def _sources() -> dict[tuple[ca.Function, int], str]:
+def _sources() -> dict[ca.Function, str]:
     """Return the texts of the functions of a job. FMUs and references share them, and so their objects."""
     return {}
 
 
-def c_texts(function: ca.Function, apart: Collection[str] = (), joints: int = 0) -> list[str]:
+def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
     """Return a C11 function of a trace, as texts that can be compiled side by side. The last defines the function.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``elementary.h``.
 
-    The trace becomes loops over many `joints`, see :mod:`.loops`. If these have too little in common, a trace of more
-    than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time of register allocation in
-    compilers grows with the square of a function's length. The values are the same bits. Callees come first, except
-    for those in `apart`. KernelError for an unknown operation.
+    A trace of more than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time of register
+    allocation in compilers grows with the square of a function's length. The values are the same bits. Callees come
+    first, except for those in `apart`. KernelError for an unknown operation.
     """
     if not function.is_a("SXFunction"):
-        return _calling(function, apart, joints)
-    loops = find_loops(function, joints)
-    if loops is not None:
-        return [c_loops(loops)]
+        return _calling(function, apart)
     operations = operations_of(function)
     if len(operations) <= WHOLE:
         operations = grouped(operations)
@@ -122,43 +113,39 @@ WHOLE = 18_000
 _PART = 1_000
 """Operations of one part of a longer trace."""
 _LONG = 3_000
-"""Most operations, for ten joints of a long arm, of a callee without a separate text."""
+"""Most operations of a callee without a separate text."""
 _TOGETHER = 30
 """Parts in a file. A compiler takes some 200 MB for them."""
 
 
-def _calling(function: ca.Function, apart: Collection[str], joints: int) -> list[str]:
-    """Return the texts of a function of calls: one for each long callee, then the rest."""
-    places: dict[int, str] = {}  # part of CasADi's memory to the C name of its content
-    sizes: dict[str, int] = {}
+def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
+    """Return the texts of a function of vectors: one for each long callee, then the rest."""
     callees: dict[str, ca.Function] = {}
-    lines: list[str] = []
-    for k, operation, source, target in instructions(function):
-        if operation == ca.OP_INPUT:
-            places[target[0]] = function.name_in(source[0])
-        elif operation == ca.OP_OUTPUT:
-            size = function.numel_out(target[0])
-            name = f"{function.name_out(target[0])}_out"
-            lines.append(f"memcpy({name}, {places[source[0]]}, {size} * sizeof(double));")
-        elif operation == ca.OP_CALL:
+    for k, operation, *_ in instructions(function):
+        if operation == ca.OP_CALL:
             callee = function.instruction_MX(k).which_function()
             callees[callee.name()] = callee
-            read = [places[i] for i in source]
-            for i, place in enumerate(target):
-                places[place] = f"v{len(sizes)}"
-                sizes[places[place]] = callee.numel_out(i)
-            lines.append(f"{callee.name()}({', '.join([*read, *(places[i] for i in target)])});")
-        else:
-            raise KernelError(f"{function.name()}: expected calls only, got operation {operation}.")
-    declared = [f"double {name}[{size}];" for name, size in sizes.items()]
-    prototypes = "".join(f"{c_prototype(callee)};\n" for callee in callees.values())
+    names = {name: _name_in_c(function, name) for name in callees}
+    named = [callee if names[name] == name else renamed(callee, names[name]) for name, callee in callees.items()]
     texts: list[str] = []
-    together = [f"#include <string.h>\n\n{prototypes}"]
-    for callee in callees.values():
+    together = ["#include <string.h>\n", *(f"{c_prototype(callee)};" for callee in named), ""]
+    for callee in named:
         if callee.name() not in apart:
-            is_long = 10 * callee.n_instructions() > _LONG * max(joints, 10)
-            (texts if is_long else together).extend(c_texts(callee, joints=joints))
-    return [*texts, "\n".join([*together, definition(c_prototype(function), [*declared, *lines])])]
+            *parts, text = c_texts(callee, apart)
+            texts += parts
+            (texts if callee.n_instructions() > _LONG else together).append(text)
+    return [*texts, "\n".join([*together, definition(c_prototype(function), VectorText(function, names).lines())])]
+
+
+def _name_in_c(function: ca.Function, callee: str) -> str:
+    """Return the name in C of a function that another calls: with the name of a chain for a pass of it."""
+    before, is_local, rest = callee.partition(LOCAL)
+    if not is_local:
+        return callee
+    name = function.name()
+    for ending in DIRECTIONS:
+        name = name.removesuffix(f"_{ending}")
+    return f"{name}_{before}{rest}"
 
 
 def lookups(function: ca.Function) -> str:
@@ -224,7 +211,9 @@ C = Language(EXPRESSIONS, c_constant, "{}[{}]".format, "{}_out[{}]".format)
 
 
 def operations_of(function: ca.Function, language: Language = C) -> list[Operation]:
-    """Return the operations of a trace, a line each."""
+    """Return the operations of a trace, a line each; those of a function of vectors with its calls written out."""
+    if not function.is_a("SXFunction"):
+        function = function.expand(function.name())
     arguments, results = function.name_in(), function.name_out()
     lines: list[Operation] = []
     assign = language.assignment.format

@@ -16,7 +16,6 @@ import numpy as np
 from vdfmu.base.progress import counted
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.functions import avx2_copies, kernel_files
-from vdfmu.compiler.c.grow import grown
 from vdfmu.compiler.c.text import (
     array,
     c_constant,
@@ -54,17 +53,11 @@ static void add(double *target, const double *term, size_t n)
 
 def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
-    shorter = interface.shorter
-    files = grown({each.joints: traced_files(each) for each in shorter}, interface.joints) if shorter else None
-    traced = _TracedFunctions(interface if files is None else shorter[0])
+    traced = _TracedFunctions(interface)
     unit = _UnitGenerator(interface, guid, traced)
-    tables = {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source()}
-    return tables | (files or traced.files())
-
-
-def traced_files(interface: Interface) -> dict[str, str]:
-    """Return file name to text of the traced functions of a unit."""
-    return _TracedFunctions(interface).files()
+    return {
+        "config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source(), **traced.files(),
+    }  # fmt: skip
 
 
 class _TracedFunctions:
@@ -91,7 +84,7 @@ class _TracedFunctions:
         files: dict[str, str] = {}
         for name, function in self.functions.items():
             derivative = partial(self._derivative, name) if name in self.called else None
-            kernel = kernel_files(function, self.functions, self.interface.joints, derivative)
+            kernel = kernel_files(function, self.functions, derivative)
             files |= kernel | (avx2_copies(kernel) if name in self.steps else {})
         return files | elementary_files()
 
@@ -100,7 +93,7 @@ class _TracedFunctions:
 
 
 class _UnitGenerator:
-    """Generator of one unit, with its functions or a shorter arm's functions of the same names."""
+    """Generator of one unit."""
 
     def __init__(self, interface: Interface, guid: str, traced: _TracedFunctions) -> None:
         self.interface, self.guid = interface, guid

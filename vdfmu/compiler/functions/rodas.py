@@ -44,7 +44,7 @@ C = (
 class Stages(NamedTuple):
     """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized."""
 
-    factors: ca.SX
+    factors: Any
     """Elements (l, 1) of the factors, of E and of R_t that are not constant, each once."""
     solve: ca.Function
     """Increment as a function of `factors`, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t
@@ -78,7 +78,7 @@ def stage_equations(
     carried = np.flatnonzero(np.diff(rest.sparsity().colind())).tolist()
     columns, rows = zip(*sorted((j, i) for i, row in enumerate(factorized) for j in row), strict=True)
     elements = to_sx([factorized[i][j] for i, j in zip(rows, columns, strict=True)])
-    factors, symbols, (kept, rest, R_t) = _varying([elements, rest[:, carried], R_t])
+    factors, symbols, (kept, rest, R_t) = varying([elements, rest[:, carried], R_t])
     LU = sparse(size, zip(rows, columns, map(Symbol, kept.nonzeros()), strict=True))
     right, slope, delay = ca.SX.sym("right", m), ca.SX.sym("slope", len(carried)), ca.SX.sym("delay")
     u = np.empty(size, dtype=object)
@@ -97,7 +97,7 @@ def permuted(matrix: ca.SX, order: npt.NDArray[np.int_]) -> Rows:
     return sparse(len(order), zip(place[rows], place[columns], map(Symbol, matrix.nonzeros()), strict=True))
 
 
-def _varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+def varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
     """Return the different elements that are not constant, symbols for them, and the expressions of the symbols."""
     expressions = ca.cse(expressions)
     nonzeros: list[list[Any]] = [expression.nonzeros() for expression in expressions]
@@ -140,40 +140,66 @@ def rodas_step(
     error : (m, 1) difference to the embedded solution of order 3
     """
     m, l = x.numel(), len(stages.carried)
-    start, rate, size = ca.SX.sym("x", m), ca.SX.sym("x_dot", m), ca.SX.sym("h")
-    begin, point = ca.SX.sym("y_0", l), ca.SX.sym("y", l)
-    before: list[ca.SX] = []  # symbols of the increments u of x
-    rises: list[ca.SX] = []  # symbols of the increments w of carried y
+    vectors = StepVectors(name, stages)
+    start, rate, size = vectors.symbol("x", m), vectors.symbol("x_dot", m), vectors.symbol("h")
+    begin, point = vectors.symbol("y_0", l), vectors.symbol("y", l)
+    before: list[Any] = []  # symbols of the increments u of x
+    rises: list[Any] = []  # symbols of the increments w of carried y
     u: list[Any] = []
     w: list[Any] = []
-    explicit = ca.SX(stages.explicit)
-    value: Any = ca.Function(f"{name}_begin", [rate], [explicit * rate])(x_dot)
-    y_0: Any = ca.Function(f"{name}_carried", [rate], [rate[stages.carried]])(x_dot) if l else None
+    explicit = vectors.kind(stages.explicit)
+    value: Any = vectors.made("begin", [rate], [explicit * rate])(x_dot)
+    y_0: Any = vectors.made("carried", [rate], [rate[stages.carried]])(x_dot) if l else None
     x_i, y_i = x, y_0
     for k, (a_i, c_i, alpha, gamma) in enumerate(zip(A, C, ALPHA, GAMMA_I, strict=True), 1):
         if k > 1:
             at = start + _combined(a_i, before, m)
-            x_i, time = ca.Function(f"{name}_point_{k}", [start, size, *before], [at, alpha * size])(x, h, *u)
+            x_i, time = vectors.made(f"point_{k}", [start, size, *before], [at, alpha * size])(x, h, *u)
             if l:
                 moved = begin + _combined(a_i, rises, l)
-                y_i = ca.Function(f"{name}_slope_{k}", [begin, *rises], [moved])(y_0, *w)
+                y_i = vectors.made(f"slope_{k}", [begin, *rises], [moved])(y_0, *w)
             value = f(x_i, time, y_i) if l else f(x_i, time)
         past = _combined(c_i, before, m) / size
         right = [rate + explicit * past, gamma * size]
-        right_i, delay = ca.Function(f"{name}_right_{k}", [rate, size, *before], right)(value, h, *u)
+        right_i, delay = vectors.made(f"right_{k}", [rate, size, *before], right)(value, h, *u)
         if l:
-            slope = ca.Function(f"{name}_along_{k}", [point, size, *before], [point + past[stages.carried]])
+            slope = vectors.made(f"along_{k}", [point, size, *before], [point + past[stages.carried]])
             slope_i = slope(y_i, h, *u)
             u.append(stages.solve(factors, right_i, slope_i, delay))
-            rise = ca.Function(f"{name}_rise", [start, point, size], [start[stages.carried] / (size * GAMMA) - point])
+            rise = vectors.made("rise", [start, point, size], [start[stages.carried] / (size * GAMMA) - point])
             w.append(rise(u[-1], slope_i, h))
-            rises.append(ca.SX.sym(f"w_{k}", l))
+            rises.append(vectors.symbol(f"w_{k}", l))
         else:
             u.append(stages.solve(factors, right_i, delay))
-        before.append(ca.SX.sym(f"u_{k}", m))
+        before.append(vectors.symbol(f"u_{k}", m))
     # stiffly accurate: the last stage is the embedded solution of order 3, and its increment the error
-    return ca.Function(f"{name}_end", [start, rate], [start + rate])(x_i, u[5]), u[5]
+    return vectors.made("end", [start, rate], [start + rate])(x_i, u[5]), u[5]
 
 
-def _combined(coefficients: Sequence[float], vectors: Sequence[ca.SX], m: int) -> ca.SX:
-    return sum((c * v for c, v in zip(coefficients, vectors, strict=True)), start=ca.SX(m, 1))
+class StepVectors:
+    """Functions of the vectors of a step: traced for each element, or, for a chain, with loops over the elements."""
+
+    def __init__(self, name: str, stages: Stages) -> None:
+        self._name, self._in_loops = name, not stages.solve.is_a("SXFunction")
+        self.kind: Any = ca.MX if self._in_loops else ca.SX
+
+    def symbol(self, name: str, size: int = 1) -> Any:
+        """Return a vector of symbols."""
+        return self.kind.sym(name, size)
+
+    def made(self, name: str, symbols: Sequence[Any], results: Sequence[Any]) -> Callable[..., Any]:
+        """Return the function of symbols with these results."""
+        function = ca.Function(f"{self._name}_{name}", symbols, results)
+        if not self._in_loops:
+            return function
+
+        def inlined(*arguments: Any) -> Any:
+            made = function.call(list(arguments), True)
+            return made[0] if len(made) == 1 else made
+
+        return inlined
+
+
+def _combined(coefficients: Sequence[float], vectors: Sequence[Any], m: int) -> Any:
+    terms = [c * v for c, v in zip(coefficients, vectors, strict=True)]
+    return sum(terms[1:], start=terms[0]) if terms else ca.DM.zeros(m)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -111,6 +112,13 @@ class Functions:
     def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
         """Return a function with separate buffers, or with some of the caller, see :class:`KernelFunction`."""
         return KernelFunction(self.casadi_function(name), buffers)
+
+
+def renamed(function: ca.Function, name: str) -> ca.Function:
+    """Return a function with another name."""
+    symbols = (ca.SX if function.is_a("SXFunction") else ca.MX).sym
+    inputs: list[Any] = [symbols(each, function.sparsity_in(each)) for each in function.name_in()]
+    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
 
 
 def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:

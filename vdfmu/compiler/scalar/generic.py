@@ -6,9 +6,6 @@ symbols refuse comparisons. So they call a method of the element by name, and nu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -99,30 +96,6 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)
     return np.asarray(rows)[min(max(int(np.searchsorted(edges, x, "right")) - 1, 0), len(rows) - 1)]
-
-
-_Cutter = Callable[[int, Any], Any]
-_cutter: ContextVar[_Cutter | None] = ContextVar("cutter", default=None)
-
-
-def cut(part: int, value: Any) -> Any:
-    """Return `value`, passed from a part of a chain, counted from 0, to the next.
-
-    In the linearisation of a long chain symbols replace it. The system of the solver is then sparse, and its
-    elimination part by part takes O(n) operations.
-    """
-    cutter = _cutter.get()
-    return value if cutter is None else cutter(part, value)
-
-
-@contextmanager
-def cutting(cutter: _Cutter | None) -> Generator[None]:
-    """Have :func:`cut` return the result of a function of its arguments. None: the value."""
-    before = _cutter.set(cutter)
-    try:
-        yield
-    finally:
-        _cutter.reset(before)
 
 
 def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Units: their declaration, their variables for a robot, and their traced functions."""
 
-from vdfmu.compiler.scalar.generic import clip, cut, interpolate, lookup, maximum, minimum, sgn, where, zeros
+from vdfmu.compiler.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
 from vdfmu.compiler.scalar.random_numbers import normal, seeded, uniform
 from vdfmu.compiler.scalar.symbol import casadi_call
@@ -22,6 +22,6 @@ from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
     "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "casadi_call", "casadi_unit", "clip", "cut", "expm", "interpolate", "inv", "linear_unit",
+    "Terminal", "Unit", "casadi_call", "casadi_unit", "clip", "expm", "interpolate", "inv", "linear_unit",
     "lookup", "maximum", "minimum", "normal", "seeded", "sgn", "solve", "table_unit", "uniform", "where", "zeros",
 ]  # fmt: skip

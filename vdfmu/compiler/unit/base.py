@@ -81,7 +81,7 @@ class BaseUnit:
     exchange: ClassVar[bool] = False
     """Whether the native FMU has model exchange even without states. A written system then uses it so."""
     chain: ClassVar[int | None] = None
-    """Fewest joints with which the arguments of ``cut`` are unknowns in the linearisation of :meth:`balance`."""
+    """Fewest joints with which each joint calls functions of its own, see :mod:`.joints`. None: no such number."""
     sampled: ClassVar[bool | None] = None
     """True: the unit samples its inputs, every ``period`` or once in each of its steps, and holds its outputs. False: a
     law in continuous time, which a shorter communication step brings nearer. None: not declared."""

@@ -339,8 +339,8 @@ class Machine(Protocol):
         """Return an identifier of its traced functions. Machines that differ in run-time parameters only share it."""
         ...
 
-    def shorter(self) -> Sequence[Self]:
-        """Return the same with fewer joints, if the joints left out are like their neighbours; else nothing."""
+    def joint(self, i: int) -> Self:
+        """Return the machine of joint `i` alone, counted from 0."""
         ...
 
     def requirements(self) -> list[Requirement]:

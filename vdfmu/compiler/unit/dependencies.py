@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,10 +15,9 @@ from vdfmu.compiler.unit.trace import Call
 
 Pattern = npt.NDArray[np.bool_]
 """(N, N): row `i` marks the positions on which position `i` depends."""
-Rows = Sequence[npt.NDArray[np.bool_]] | Pattern
 
 
-def patterns(interface: Any) -> tuple[Rows, Rows, Rows]:
+def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     """Return three patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
 
     The first holds for outputs and derivatives after initialization: inputs, continuous states and time. A continuous
@@ -28,27 +26,6 @@ def patterns(interface: Any) -> tuple[Rows, Rows, Rows]:
     the next, while sampled states are held. A Python unit may depend on everything, except for states that start at
     parameters.
     """
-    return _long(interface) or _traced(interface)
-
-
-def _long(interface: Any) -> tuple[Rows, Rows, Rows] | None:
-    """Return patterns extended from a shorter machine; None if this fails for a second shorter machine."""
-    if not interface.shorter:
-        return None
-    short, check, *_ = interface.shorter
-    period = check.joints - short.joints
-    try:
-        for expected, pattern in zip(check.patterns, short.patterns, strict=True):
-            extended = LongPattern(check, short, pattern, period)
-            if any((extended[row] != expected[row]).any() for row in range(check.size)):
-                return None
-        step, start, between = (LongPattern(interface, short, pattern, period) for pattern in short.patterns)
-    except LookupError:  # of a variable that the short machine does not have
-        return None
-    return step, start, between
-
-
-def _traced(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     if interface.unit.backend == "python":
         between = np.ones((interface.size, interface.size), dtype=bool)
         states = np.array([v.variability == "discrete" for v in interface.memory])
@@ -80,55 +57,6 @@ def _traced(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
         pattern[~calculated] = False
         pattern[:, ~knowns] = False
     return step, start, between
-
-
-class LongPattern(Sequence[npt.NDArray[np.bool_]]):
-    """The pattern of a long machine by the `pattern` of a `shorter`, calculated row by row on demand.
-
-    Two joints of the long machine depend on each other as two joints of the short machine with the same distances from
-    both ends and from each other, if a distance is small. A large distance shrinks by multiples of `period`, the
-    number of joints after which both machines repeat.
-    """
-
-    def __init__(self, interface: Any, shorter: Any, pattern: Pattern, period: int) -> None:
-        self._pattern, self._period = pattern, period
-        self._n, self._m = interface.joints, shorter.joints
-        self._near = (self._m - 1) // 3 - period + 1
-        names, self._joint = _places(interface, shorter)
-        short_names, short_joints = _places(shorter, interface)
-        kinds = {name: k for k, name in enumerate(dict.fromkeys(short_names))}
-        self._kind = np.array([kinds[name] for name in names])
-        self._at = np.full((len(kinds), self._m), len(short_names), np.intp)  # out of range of all patterns
-        for position, (name, joint) in enumerate(zip(short_names, short_joints, strict=True)):
-            self._at[kinds[name], joint if joint >= 0 else slice(None)] = position
-
-    def __len__(self) -> int:
-        return len(self._joint)
-
-    def __getitem__(self, position: Any) -> Any:
-        """Row of a position."""
-        joint = self._joint[position]
-        columns = np.append(np.arange(self._n), max(joint, 0))  # the last is for joint -1
-        joint = columns if joint < 0 else joint
-        low, high = np.minimum(joint, columns), np.maximum(joint, columns)
-        left = self._n - self._m
-        gaps: list[Any] = []
-        for gap in (low, high - low, self._n - 1 - high):  # shrink large gaps until the length is right
-            out = np.minimum(np.maximum(gap - self._near, 0) // self._period * self._period, left)
-            gaps.append(gap - out)
-            left = left - out
-        first, second = gaps[0], gaps[0] + gaps[1]
-        here, there = np.where(joint <= columns, (first, second), (second, first))
-        rows = self._at[self._kind[position], here]
-        return self._pattern[rows[self._joint], self._at[self._kind, there[self._joint]]]
-
-
-def _places(interface: Any, other: Any) -> tuple[list[tuple[Any, ...]], npt.NDArray[np.intp]]:
-    """Return the name of each position without the joint, and its joint; -1 for groups of one size in both."""
-    sizes, other_sizes = (Counter(v.group for v in each.memory) for each in (interface, other))
-    grows = [sizes[v.group] != other_sizes[v.group] for v in interface.memory]
-    both = list(zip(interface.memory, grows, strict=True))
-    return [(v.group, v.index[g:]) for v, g in both], np.array([v.index[0] if g else -1 for v, g in both])
 
 
 def _after(interface: Any, calls: Sequence[Call]) -> Pattern:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,10 +18,10 @@ import numpy as np
 
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
+from vdfmu.compiler.unit.base import BaseUnit, unit_name
 from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.declaration_check import check_unit
-from vdfmu.compiler.unit.dependencies import Rows, patterns
+from vdfmu.compiler.unit.dependencies import Pattern, patterns
 from vdfmu.compiler.unit.program import Program, UnitFunctions
 from vdfmu.compiler.unit.trace import argument_name
 from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_variables
@@ -143,21 +142,6 @@ class Interface:
         return {g: where for g, where in self.groups.items() if self.memory[where.start].causality in causalities}
 
     @cached_property
-    def shorter(self) -> tuple[Interface, ...]:
-        """The unit for shorter machines, from which this one can be extended; empty for most.
-
-        Only units of the package whose variables grow evenly are known to calculate the same for each joint.
-        """
-        robots = self.robot.shorter() if self.robot is not None and is_shipped(self.unit) else ()
-        if not robots:
-            return ()
-        shorter = tuple(interface_of(self.unit, robot) for robot in robots)
-        sizes = [Counter(v.group for v in each.memory) for each in (*shorter, self)]
-        joints = np.diff([each.joints for each in (*shorter, self)])
-        grows = (np.diff([size[group] for size in sizes]) / joints for group in sizes[-1])
-        return shorter if all(np.ptp(growth) == 0.0 for growth in grows) else ()
-
-    @cached_property
     def arguments(self) -> dict[str, slice]:
         """Argument of traced functions to its positions: groups, ``p`` of a robot, ``x``, ``x_dot`` and ``t``."""
         slices = {argument_name(group): where for group, where in self.groups.items()}
@@ -201,7 +185,7 @@ class Interface:
         return np.flatnonzero(self.patterns[1][position]).tolist()
 
     @cached_property
-    def patterns(self) -> tuple[Rows, Rows, Rows]:
+    def patterns(self) -> tuple[Pattern, Pattern, Pattern]:
         """See :func:`~vdfmu.compiler.unit.dependencies.patterns`."""
         return patterns(self)
 

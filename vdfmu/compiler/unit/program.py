@@ -13,12 +13,14 @@ from pathlib import Path
 import casadi as ca
 
 from vdfmu.base.errors import KernelError, UnitError
+from vdfmu.compiler.functions.chain import ChainError
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER, derivative, time_left
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import Functions, traced_function
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import PHASES, Machine
 from vdfmu.compiler.unit.implicit import ImplicitEquations
+from vdfmu.compiler.unit.joints import chain_step, chain_trace, is_long
 from vdfmu.compiler.unit.place import place, shown, source_file
 from vdfmu.compiler.unit.trace import Call, Symbols, argument_name, calls_of, run
 from vdfmu.compiler.unit.variable import scalar_variables
@@ -128,19 +130,43 @@ class UnitFunctions(Functions):
     def made(self, name: str) -> ca.Function:
         """Trace a function."""
         if name in self._traced:
+            if is_long(self.unit, self.robot):
+                return self._chain(name)
             record = self._record(name)
             return traced_function(name, record.symbols, record.expressions())
         kind, derivatives = self._related[name]
         if kind == "left":
             return self._left(derivatives)[1]
+        if kind == "step" and is_long(self.unit, self.robot):
+            try:
+                return self._chain_step(name, derivatives)
+            except ChainError:
+                pass
         try:
-            stiff = ImplicitEquations(self._record(derivatives), cut=kind == "step")
+            stiff = ImplicitEquations(self._record(derivatives))
             return stiff.jacobian(name) if kind == "jacobian" else stiff.step(name, self.casadi_function(derivatives))
         except KernelError as error:
             raise UnitError(
                 f"{place(self.unit, 'balance')}: balance() of {self.unit.__name__} has no derivatives: {error} "
                 "Return the rows in the order of the states, each with the derivative of its state."
             ) from None
+
+    def _chain(self, name: str) -> ca.Function:
+        """Trace a function of a long arm."""
+        assert self.robot is not None
+        phase, call = self._traced[name]
+        try:
+            return chain_trace(self.unit, self.robot, name, phase, dict(call.when)).function()
+        except ChainError:
+            record = self._record(name)
+            return traced_function(name, record.symbols, record.expressions())
+
+    def _chain_step(self, name: str, derivatives: str) -> ca.Function:
+        """Trace the step of the solver of a long arm."""
+        assert self.robot is not None
+        _, call = self._traced[derivatives]
+        chain = chain_trace(self.unit, self.robot, f"{name}_residual", "balance", dict(call.when))
+        return chain_step(self.unit, self.robot, name, self.casadi_function(derivatives), chain)
 
     def switches(self, derivatives: str) -> bool:
         """Whether derivatives switch by time; UnitError if the time cannot be found."""

@@ -161,32 +161,19 @@ class _RobotPart:
 class Symbols(Recording):
     """Record of a method that runs on symbols, new or of another record.
 
-    `symbols` are columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``. `cuts` are
-    expressions that :meth:`cut` has replaced, in the order of calculation: joint, symbols, values.
+    `symbols` are columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed, other: Symbols | None = None) -> None:
         super().__init__(unit, phase, fixed)
         self.symbols: dict[str, ca.SX] = {} if other is None else dict(other.symbols)
         self._robot: Any = None if other is None else other._robot
-        self.cuts: list[tuple[int, ca.SX, ca.SX]] = []
 
     def symbol(self, name: str, size: int) -> ca.SX:
         """Column of a name."""
         if name not in self.symbols:
             self.symbols[name] = ca.SX.sym(name, size)
         return self.symbols[name]
-
-    def cut(self, joint: int, value: Any) -> Any:
-        """Replace the elements of an array that are not constant by symbols, for :func:`.generic.cut`."""
-        column = to_sx(value)
-        free = [k for k in range(column.numel()) if not column[k].is_constant()]
-        symbols = ca.SX.sym("cut", len(free))
-        self.cuts.append((joint, symbols, column[free]))
-        out = np.array(value, dtype=object)
-        for symbol, k in enumerate(free):
-            out.flat[k] = from_sx(symbols[symbol])[0]
-        return out
 
     def value(self, declared: Declared) -> Any:
         """Return the symbols of a variable."""

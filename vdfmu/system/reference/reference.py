@@ -235,7 +235,7 @@ class Code:
         def make() -> bytes:
             from vdfmu.compiler.c.functions import kernel_source  # takes long to import
 
-            return kernel_source(self.called[name], joints).encode()
+            return kernel_source(self.called[name]).encode()
 
         path = cache_folder() / "kernels" / sha256(repr((name, joints, identity)).encode()).hexdigest()
 

@@ -1,17 +1,14 @@
-"""Functions in C, compiled and called: loops against straight lines, and derivatives against those of CasADi."""
+"""Functions in C, compiled and called: values, and derivatives by tables against those of CasADi."""
 
 import ctypes
 import subprocess
-from functools import partial
 
 import numpy as np
 
 from tests.cc import CC
-from vdfmu.compiler.c.functions import c_texts
-from vdfmu.compiler.c.loop_text import c_loops
 from vdfmu.compiler.c.operations import c_derivatives, c_operations
 from vdfmu.compiler.c.text import c_prototype, elementary_files
-from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
+from vdfmu.compiler.functions.derivatives import derivative
 
 
 def results_of(text, function, inputs, tmp_path, name="kernel", level="-O1"):
@@ -34,28 +31,10 @@ def results_of(text, function, inputs, tmp_path, name="kernel", level="-O1"):
     return first
 
 
-def check_bits(function, loops, tmp_path):
-    assert loops is not None
-    text = c_loops(loops)
-    rng = np.random.default_rng(1)
-    inputs = [rng.uniform(0.5, 1.5, function.numel_in(i)) for i in range(function.n_in())]
-    expected = results_of("\n".join(c_texts(function)), function, inputs, tmp_path, "line", "-O0")
-    np.testing.assert_array_equal(results_of(text, function, inputs, tmp_path, "loops"), expected)
-    return text
-
-
-def derivatives(function, loops, direction, random, tmp_path):
+def derivatives(function, direction, random, tmp_path):
     """Return the results of a derivative at random arguments, of the table and by CasADi."""
     traced = derivative(function, direction)
     inputs = [random(traced.numel_in(i)) for i in range(traced.n_in())]
-    text = f'#include "operations.h"\n{c_derivatives(loops)}'
+    text = f'#include "operations.h"\n{c_derivatives(function)}'
     actual = results_of(text, traced, inputs, tmp_path, direction)
     return actual, np.concatenate([each.full().ravel() for each in traced.call(inputs)])
-
-
-def check_derivatives(function, loops, tmp_path):
-    """Compare the derivatives of the table with CasADi's, which add the same terms in another order."""
-    rng = np.random.default_rng(2)
-    for direction in DIRECTIONS:
-        actual, expected = derivatives(function, loops, direction, partial(rng.uniform, 0.5, 1.5), tmp_path)
-        np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12 * np.abs(actual).max())

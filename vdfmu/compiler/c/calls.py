@@ -1,0 +1,321 @@
+"""C text of functions of vectors: calls, slices and columns of vectors, and elementwise arithmetic in loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from vdfmu.base.errors import KernelError
+from vdfmu.compiler.c.rolled import rolled
+from vdfmu.compiler.c.text import EXPRESSIONS, c_constant
+from vdfmu.compiler.functions.derivatives import instructions
+
+STACK = 32_768
+"""Most numbers of a memory on the stack: threads have 512 kB on some systems."""
+
+
+_KEEPING = (ca.OP_OUTPUT, ca.OP_VERTCAT, ca.OP_VERTSPLIT, ca.OP_RESHAPE, ca.OP_GETNONZEROS)
+
+
+@dataclass
+class _Vector:
+    """A vector of a function: its place is an array and an offset in it."""
+
+    size: int
+    array: str = ""
+    offset: int = 0
+    is_made: bool = False
+    """Whether an operation writes it, so that its place can be chosen."""
+    after: _Vector | None = None
+    """Vector whose place it takes over: an operation in place."""
+
+    def place(self) -> str:
+        return f"{self.array} + {self.offset}" if self.offset else self.array
+
+    def put(self, array: str, offset: int) -> bool:
+        """Choose the place. Return whether it was free."""
+        root = self
+        while root.after is not None:
+            root = root.after
+        if not root.is_made or root.array:
+            return False
+        vector: _Vector | None = self
+        while vector is not None:
+            vector.array, vector.offset = array, offset
+            vector = vector.after
+        return True
+
+
+@dataclass
+class _VectorOperation:
+    code: int
+    reads: list[_Vector]
+    writes: list[_Vector | None]
+    number: int
+    argument: int = 0
+    """Argument of an input, or result of an output."""
+    begin: int = 0
+    """First element of the part of a result."""
+
+
+class VectorText:
+    """The lines of a function of MX. `names` are the names in C of the functions that it calls."""
+
+    def __init__(self, function: ca.Function, names: Mapping[str, str]) -> None:
+        self._function, self._names = function, names
+        self._zeros = 0
+        self._size = 0
+        self._end = 0
+        """End of the memory, with results that nothing reads."""
+        self._operations = self._read()
+        self._place()
+
+    def _read(self) -> list[_VectorOperation]:
+        """Return the operations, each with vectors of its own."""
+        function = self._function
+        held: dict[int, _Vector] = {}
+        written = [0] * function.n_out()
+        made: list[_VectorOperation] = []
+        self._last: dict[int, int] = {}  # vector to the last operation that reads it
+        self._kept: set[int] = set()  # vectors with parts of others, or that are parts of others
+        for k, code, source, target in instructions(function):
+            reads = [held[i] for i in source] if code != ca.OP_INPUT else []
+            for vector in reads:
+                self._last[id(vector)] = k
+            if code in _KEEPING:
+                self._kept |= set(map(id, reads))
+            if code == ca.OP_OUTPUT:
+                made.append(_VectorOperation(code, reads, [], k, target[0], written[target[0]]))
+                written[target[0]] += reads[0].size  # the parts of a result come in their order
+                continue
+            writes = [
+                _Vector(size) if place >= 0 else None for place, size in zip(target, self._sizes(k, code), strict=True)
+            ]
+            operation = _VectorOperation(code, reads, writes, k, source[0] if code == ca.OP_INPUT else 0)
+            made.append(operation)
+            held |= {place: vector for place, vector in zip(target, writes, strict=True) if vector is not None}
+        for operation in made:
+            self._bind(operation)
+        return made
+
+    def _sizes(self, k: int, code: int) -> Iterator[int]:
+        if code == ca.OP_CALL:
+            callee = self._function.instruction_MX(k).which_function()
+            yield from (callee.nnz_out(i) for i in range(callee.n_out()))
+        elif code == ca.OP_VERTSPLIT:
+            yield from np.diff(self._info(k)["offset"]).tolist()
+        else:
+            yield self._function.instruction_MX(k).nnz()
+
+    def _info(self, k: int) -> dict[str, Any]:
+        return self._function.instruction_MX(k).info()
+
+    def _bind(self, operation: _VectorOperation) -> None:
+        """Give places to vectors that are parts of others, and mark those that are made."""
+        code, reads = operation.code, operation.reads
+        first = next((vector for vector in operation.writes if vector is not None), None)
+        if first is None:
+            return
+        if code == ca.OP_INPUT:
+            first.array = self._function.name_in(operation.argument)
+        elif code == ca.OP_CONST:
+            if any(self._values(operation.number)):
+                first.is_made = True
+            else:
+                first.array = "zeros" if first.size else "0"
+                self._zeros = max(self._zeros, first.size)
+        elif code in (ca.OP_SETNONZEROS, ca.OP_ADDNONZEROS):
+            first.is_made = True
+            changed = reads[0]
+            if changed.is_made and id(changed) not in self._kept and self._last[id(changed)] == operation.number:
+                first.after = changed
+        elif code != ca.OP_RESHAPE and self._slice(operation) is None:
+            for vector in operation.writes:
+                if vector is not None:
+                    vector.is_made = True
+
+    def _slice(self, operation: _VectorOperation) -> list[int] | None:
+        """Return where each vector of a plain slice begins in the vector that is read."""
+        if operation.code == ca.OP_VERTSPLIT:
+            return list(self._info(operation.number)["offset"][:-1])
+        if operation.code == ca.OP_RESHAPE:
+            return [0]
+        if operation.code == ca.OP_GETNONZEROS:
+            taken = _elements(self._info(operation.number))
+            if taken == list(range(taken[0], taken[0] + len(taken))):
+                return [taken[0]]
+        return None
+
+    def _values(self, k: int) -> list[float]:
+        return self._function.instruction_MX(k).to_DM().nonzeros()
+
+    def _place(self) -> None:
+        """Choose the places of the vectors: in a result or a column if they become a part of it, else in a memory."""
+        for operation in reversed(self._operations):
+            if operation.code == ca.OP_OUTPUT:
+                operation.reads[0].put(self._result(operation), operation.begin)
+            elif operation.code == ca.OP_VERTCAT:
+                (column,) = operation.writes
+                assert column is not None
+                self._reserve(column)
+                begin = column.offset
+                for vector in operation.reads:
+                    vector.put(column.array, begin)
+                    begin += vector.size
+        for operation in self._operations:
+            begins = self._slice(operation)
+            for k, vector in enumerate(operation.writes):
+                if vector is None:
+                    continue
+                if begins is not None:
+                    vector.array = operation.reads[0].array
+                    vector.offset = operation.reads[0].offset + begins[k]
+                elif not vector.array:
+                    self._reserve(vector)
+
+    def _result(self, operation: _VectorOperation) -> str:
+        return f"{self._function.name_out(operation.argument)}_out"
+
+    def _reserve(self, vector: _Vector) -> None:
+        root = vector
+        while root.after is not None:
+            root = root.after
+        if root.array:
+            vector.array, vector.offset = root.array, root.offset
+        elif vector.put("w", self._size):
+            self._size += vector.size
+
+    def lines(self) -> list[str]:
+        """Return the lines of the definition."""
+        body = rolled([line for operation in self._operations for line in self._lines(operation)])
+        declared = [f"static const double zeros[{self._zeros}] = {{0.0}};"] if self._zeros else []
+        size = max(self._size, self._end)
+        if size:
+            declared += [*([f"#if {size} > {STACK}", "static _Thread_local", "#endif"]), f"double w[{size}];"]
+        text = "\n".join(body)
+        unused = [f"(void){name};" for name in self._function.name_in() if name not in text]
+        return [*declared, *unused, *body]
+
+    def _lines(self, operation: _VectorOperation) -> Iterator[str]:
+        code, reads = operation.code, operation.reads
+        if code == ca.OP_OUTPUT:
+            target = _Vector(reads[0].size, self._result(operation), operation.begin)
+            if reads[0].place() != target.place():
+                yield from _copy(target.place(), reads[0].place(), target.size)
+        elif code == ca.OP_CALL:
+            yield self._call(operation)
+        elif code == ca.OP_VERTCAT:
+            (column,) = operation.writes
+            assert column is not None
+            target = _Vector(0, column.array, column.offset)
+            for vector in reads:
+                if vector.place() != target.place():
+                    yield from _copy(target.place(), vector.place(), vector.size)
+                target.offset += vector.size
+        elif code == ca.OP_CONST:
+            yield from self._numbers(operation)
+        elif code == ca.OP_INPUT or self._slice(operation) is not None:
+            return
+        else:
+            yield from self._loops(operation)
+
+    def _numbers(self, operation: _VectorOperation) -> Iterator[str]:
+        (vector,) = operation.writes
+        if vector is not None and vector.is_made:
+            for k, value in enumerate(self._values(operation.number)):
+                yield f"{_element(vector, str(k))} = {c_constant(value)};"
+
+    def _call(self, operation: _VectorOperation) -> str:
+        callee = self._function.instruction_MX(operation.number).which_function()
+        places = [vector.place() for vector in operation.reads]
+        end = self._size
+        for k, vector in enumerate(operation.writes):
+            if vector is None:
+                places.append(f"w + {end}")
+                end += callee.nnz_out(k)
+                self._end = max(self._end, end)
+            else:
+                places.append(vector.place())
+        return f"{self._names[callee.name()]}({', '.join(places)});"
+
+    def _loops(self, operation: _VectorOperation) -> Iterator[str]:
+        code, reads = operation.code, operation.reads
+        (target,) = operation.writes
+        assert target is not None
+        if code == ca.OP_GETNONZEROS:
+            yield from _moves(target, 1, reads[0], _elements(self._info(operation.number)), "=")
+        elif code in (ca.OP_SETNONZEROS, ca.OP_ADDNONZEROS):
+            if reads[0].place() != target.place():
+                yield from _copy(target.place(), reads[0].place(), target.size)
+            yield from _added(target, reads[1], _elements(self._info(operation.number)), code == ca.OP_ADDNONZEROS)
+        elif code == ca.OP_MTIMES:
+            yield from self._product(operation, target)
+        elif code == ca.OP_DOT:
+            yield f"{_element(target, '0')} = 0.0;"
+            terms = f"{_element(reads[0], 'i')} * {_element(reads[1], 'i')}"
+            yield f"for (int i = 0; i < {reads[0].size}; i++) {_element(target, '0')} += {terms};"
+        elif code in EXPRESSIONS:
+            yield from _each(code, target, reads)
+        else:
+            raise KernelError(f"{self._function.name()}: expected calls and vectors, got operation {code}.")
+
+    def _product(self, operation: _VectorOperation, target: _Vector) -> Iterator[str]:
+        """Yield the lines of a sum ``z + A @ x``, column by column: in the order of a trace, several rows at once."""
+        z, A, x = operation.reads
+        if z.place() != target.place():
+            yield from _copy(target.place(), z.place(), target.size)
+        yield f"for (int j = 0; j < {x.size}; j++)"
+        yield f"    for (int i = 0; i < {target.size}; i++)"
+        yield f"        {_element(target, 'i')} += {_element(A, f'{target.size} * j + i')} * {_element(x, 'j')};"
+
+
+def _elements(info: Mapping[str, Any]) -> list[int]:
+    """Return the elements of a slice."""
+    if "slice" in info:
+        part = info["slice"]
+        return list(range(part["start"], part["stop"], part["step"]))
+    if "nz" in info:
+        return list(info["nz"])
+    inner, outer = info["inner"], info["outer"]
+    return [
+        i + j
+        for j in range(outer["start"], outer["stop"], outer["step"])
+        for i in range(inner["start"], inner["stop"], inner["step"])
+    ]
+
+
+def _element(vector: _Vector, index: str) -> str:
+    return f"{vector.array}[{f'{vector.offset} + ' if vector.offset else ''}{index}]"
+
+
+def _copy(target: str, source: str, size: int) -> Iterator[str]:
+    if size:
+        yield f"memcpy({target}, {source}, {size} * sizeof(double));"
+
+
+def _moves(target: _Vector, step: int, source: _Vector, elements: Sequence[int], sign: str) -> Iterator[str]:
+    for k, element in enumerate(elements):
+        yield f"{_element(target, str(k * step))} {sign} {_element(source, str(element))};"
+
+
+def _added(target: _Vector, source: _Vector, elements: Sequence[int], is_sum: bool) -> Iterator[str]:
+    sign = "+=" if is_sum else "="
+    if len(elements) > 2 and elements == [*range(elements[0], elements[0] + len(elements))]:
+        place = _element(target, f"{elements[0]} + i" if elements[0] else "i")
+        yield f"for (int i = 0; i < {len(elements)}; i++) {place} {sign} {_element(source, 'i')};"
+        return
+    for k, element in enumerate(elements):
+        if element >= 0:
+            yield f"{_element(target, str(element))} {sign} {_element(source, str(k))};"
+
+
+def _each(code: int, target: _Vector, reads: Sequence[_Vector]) -> Iterator[str]:
+    """Yield the loop of an elementwise operation; a vector of one element goes with each element of another."""
+    index = "i" if target.size > 1 else "0"
+    operands = [_element(vector, index if vector.size > 1 else "0") for vector in reads]
+    line = f"{_element(target, index)} = {EXPRESSIONS[code].format(*operands)};"
+    yield f"for (int i = 0; i < {target.size}; i++) {line}" if target.size > 1 else line

@@ -1,0 +1,76 @@
+"""Lines of C that repeat with places that move on evenly, as loops."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+_NUMBER = re.compile(r"(?<![\w.])(?<!\* )(\d+)(?![\w.]| \*)")
+"""A whole number that may move on; a factor does not."""
+_INDEX = re.compile(r"\bj\b")
+_MOST = 64
+"""Most lines that a loop repeats."""
+_LEAST = 3
+"""Fewest rounds of a loop."""
+
+
+def rolled(lines: Sequence[str]) -> list[str]:
+    """Return lines with loops over ``j`` for lines that differ in whole numbers alone, by the same from time to time.
+
+    The order of the lines stays.
+    """
+    parts = [_NUMBER.split(line) for line in lines]
+    kinds: dict[tuple[str, ...], int] = {}
+    texts = [kinds.setdefault(tuple(part[::2]), len(kinds)) for part in parts]
+    numbers = [tuple(map(int, part[1::2])) for part in parts]
+    texts = [-1 - k if _INDEX.search(lines[k]) else text for k, text in enumerate(texts)]
+    made: list[str] = []
+    begin = 0
+    while begin < len(lines):
+        period, rounds = _longest(texts, numbers, begin)
+        if rounds < _LEAST:
+            made.append(lines[begin])
+            begin += 1
+            continue
+        steps = [_step(numbers, k, period) for k in range(begin, begin + period)]
+        body = [_moving(parts[begin + k], steps[k]) for k in range(period)]
+        head = f"for (int j = 0; j < {rounds}; j++)"
+        made += [f"{head} {{", *(f"    {line}" for line in body), "}"] if period > 1 else [head, f"    {body[0]}"]
+        begin += period * rounds
+    return made
+
+
+def _longest(texts: Sequence[int], numbers: Sequence[tuple[int, ...]], begin: int) -> tuple[int, int]:
+    """Return the lines of the loop from a line on that covers most lines, and its rounds."""
+    best = (1, 1)
+    for period in range(1, min(_MOST, (len(texts) - begin) // _LEAST) + 1):
+        if texts[begin] != texts[begin + period]:
+            continue
+        end = begin + period
+        while end < len(texts) and texts[end] == texts[end - period] and _is_even(numbers, begin, end, period):
+            end += 1
+        rounds = (end - begin) // period
+        if rounds >= _LEAST and period * rounds > best[0] * best[1]:
+            best = period, rounds
+    return best
+
+
+def _is_even(numbers: Sequence[tuple[int, ...]], begin: int, end: int, period: int) -> bool:
+    return end - period < begin + period or _step(numbers, end - 2 * period, period) == _step(
+        numbers, end - period, period
+    )
+
+
+def _step(numbers: Sequence[tuple[int, ...]], k: int, period: int) -> tuple[int, ...]:
+    return tuple([b - a for a, b in zip(numbers[k], numbers[k + period], strict=True)])
+
+
+def _moving(part: Sequence[str], step: Sequence[int]) -> str:
+    """Return a line whose numbers move on with ``j``."""
+    text = part[0]
+    for k, change in enumerate(step):
+        number = part[2 * k + 1]
+        if change:
+            number = f"{number} {'+' if change > 0 else '-'} {abs(change)} * j"
+        text += number + part[2 * k + 2]
+    return text

@@ -1,0 +1,60 @@
+"""The operations of a traced function, each with a value of its own, and their evaluation on other symbols."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from vdfmu.compiler.functions.derivatives import instructions
+
+
+class TracedOperation(NamedTuple):
+    """An operation of SX: its code and the operations that it reads."""
+
+    code: int
+    reads: tuple[int, ...] = ()
+    leaf: tuple[int, int] | float | None = None
+    """Argument and element of an input, or the value of a constant."""
+    callee: ca.Function | None = None
+    """Function of a call; `element` of all its results is the value."""
+    element: int = 0
+
+
+class Operations:
+    """The operations of a function of SX, in their order."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self.listed: list[TracedOperation] = []
+        self.results: list[list[int]] = [[-1] * function.numel_out(i) for i in range(function.n_out())]
+        """Operation of each element of each result."""
+        held: dict[int, int] = {}
+        for k, code, source, target in instructions(function):
+            if code == ca.OP_OUTPUT:
+                self.results[target[0]][target[1]] = held[source[0]]
+            elif code == ca.OP_CALL:
+                callee = function.instructions_sx()[k].which_function()
+                reads = tuple([held[place] for place in source])
+                for element, place in enumerate(target):
+                    if place >= 0:
+                        held[place] = self._append(TracedOperation(code, reads, None, callee, element))
+            elif code == ca.OP_INPUT:
+                held[target[0]] = self._append(TracedOperation(code, (), (source[0], source[1])))
+            elif code == ca.OP_CONST:
+                held[target[0]] = self._append(TracedOperation(code, (), function.instruction_constant(k)))
+            else:
+                held[target[0]] = self._append(TracedOperation(code, tuple([held[place] for place in source])))
+
+    def _append(self, operation: TracedOperation) -> int:
+        self.listed.append(operation)
+        return len(self.listed) - 1
+
+    def value(self, k: int, operands: list[ca.SX]) -> ca.SX:
+        """Return an operation that is no input on the values of its operands."""
+        operation = self.listed[k]
+        if operation.callee is not None:
+            return ca.vertcat(*operation.callee.call([ca.vertcat(*operands)]))[operation.element]
+        if operation.code == ca.OP_CONST:
+            assert isinstance(operation.leaf, float)
+            return ca.SX(operation.leaf)
+        return ca.SX.unary(operation.code, *operands) if len(operands) == 1 else ca.SX.binary(operation.code, *operands)
