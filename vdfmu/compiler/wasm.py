@@ -228,6 +228,11 @@ class Assembler:
                 for k, place in enumerate(text.elements(operation)):
                     value = address(reads[0]) + LOAD + unsigned(8 * place)
                     code += address(target) + value + STORE + unsigned(8 * k)
+            elif operation.code == ca.OP_SETNONZEROS:
+                code += copied(target, reads[0])
+                for k, place in enumerate(text.elements(operation)):
+                    value = address(reads[1]) + LOAD + unsigned(8 * k)
+                    code += address(target) + value + STORE + unsigned(8 * place)
             elif operation.code == ca.OP_DOT:
                 code += address(target) + _ZERO + STORE + b"\0"
                 added = address(target) + LOAD + b"\0" + b"".join(operands) + b"\xa2\xa0"

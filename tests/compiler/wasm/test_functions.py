@@ -147,8 +147,10 @@ def test_functions_of_vectors_have_the_bits_of_casadi():
     c, d = inner(x[1:3], y[2])
     e, _ = inner(c, d)
     moved = ca.fmax(2.0 * ca.vertcat(c, e), y[0]) - ca.MX(ca.DM([0.5, 1.5, 0.0, -2.0]))
-    results = [ca.vertcat(moved, x[[4, 0]]), ca.sqrt(ca.sumsqr(moved)), x[2:4]]
-    function = ca.Function("vectors", [x, y], results, ["x", "y"], ["u", "v", "w"])
+    put = ca.MX(y)
+    put[[2, 0]] = x[1:3]
+    results = [ca.vertcat(moved, x[[4, 0]]), ca.sqrt(ca.sumsqr(moved)), x[2:4], put]
+    function = ca.Function("vectors", [x, y], results, ["x", "y"], ["u", "v", "w", "z"])
     instance = Instance([function])
     rng = np.random.default_rng(3)
     for _ in range(2):  # the second time with what the first has left in memory
