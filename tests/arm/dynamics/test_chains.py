@@ -104,10 +104,8 @@ def test_the_step_of_calls_is_the_step_of_the_trace(arm, tmp_path):
     expected = whole.call(list(arguments.values()))
     compiled = results_of("\n".join(c_texts(calls)), calls, list(arguments.values()), tmp_path)
     m = len(arguments["x"])
-    for x_new, ratio in (
-        [np.ravel(each) for each in (made[0], made[2])]
-        for made in (calls.call(list(arguments.values())), np.split(compiled, [m, m + 1]))
-    ):
+    called = [result.full().ravel() for result in calls.call(list(arguments.values()))]
+    for x_new, _, ratio in (called, np.split(compiled, [m, m + 1])):
         moved = np.abs(expected[0].full().ravel() - arguments["x"]).max()
         # some thousand roundings of the elimination
         np.testing.assert_allclose(x_new, expected[0].full().ravel(), rtol=0, atol=1e-12 * (moved + 1.0))
