@@ -2,10 +2,13 @@
 
 from html import escape
 
+import numpy as np
 import pytest
 
 from tests.engine.reference import models
+from tests.study.run.conftest import members
 from tests.warm import command
+from vdfmu.base.files import pack_zip
 from vdfmu.study.report.shown_run import read_run
 
 
@@ -76,3 +79,20 @@ def test_an_algebraic_loop_is_solved_by_the_algorithm_that_the_message_names(pla
     assert done.returncode == 0, done.stderr
     results = read_run(place[0] / "loop").results
     assert results["a.y"] == pytest.approx(2.0) and results["b.y"] == pytest.approx(2.0)  # y = y/2 + 1
+
+
+def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
+    content = members(place[1])
+    faulty = content["modelDescription.xml"].replace(b"<ScalarVariable ", b'<ScalarVariable colour="red" ')
+    pack_zip(place[0] / "odd.fmu", content | {"modelDescription.xml": faulty})
+    words = ("run", "odd.fmu", "--stop", "1", "--step", "0.1", "--out", "odd")
+    refused = command(*words, cwd=place[0])
+    assert refused.returncode == 2 and "The FMUs can run in spite of this: --run-anyway." in refused.stderr
+    done = command(*words, "--run-anyway", cwd=place[0])
+    assert done.returncode == 0 and "odd: resources/odd.fmu: faulty model description" in done.stderr
+    plain = command("run", place[1].name, *words[2:-1], "plain", cwd=place[0])
+    assert plain.returncode == 0
+    assert np.array_equal(read_run(place[0] / "odd").results["odd.x"], read_run(place[0] / "plain").results["Lag_2.x"])
+    del content["modelDescription.xml"]
+    pack_zip(place[0] / "none.fmu", content)  # nothing can be run
+    assert command("run", "none.fmu", "--run-anyway", cwd=place[0]).returncode == 2
