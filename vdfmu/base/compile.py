@@ -52,6 +52,10 @@ _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
 """For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
 Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
 is not rare: a run of a long arm took 35 % longer."""
+_PASSES = re.compile(r"kernel_\w+_forward_reverse_passes\.c")
+"""File of the derivatives of a long arm, with a function for each pass."""
+_SMALL = ("-O1", "-fno-inline")
+"""For functions that each joint calls: as quick to compile as rare code, and a tenth of its size."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
@@ -119,6 +123,8 @@ class Compilation:
         chosen = () if _STEP.fullmatch(name) else (_SINGLY,)
         if self._is_rare(name):
             chosen = _QUICKLY
+        elif _PASSES.fullmatch(name):
+            chosen += _SMALL
         elif name == WRITTEN:
             chosen += _COMPACT
         return [*_FLAGS, *chosen, *self.target.flags, *self.flags]

@@ -14,6 +14,7 @@ import casadi as ca
 
 from vdfmu.base.errors import KernelError
 from vdfmu.base.files import data_path
+from vdfmu.compiler.c.calls import Vector, VectorText
 from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.functions.derivatives import instructions, lookup_table
 from vdfmu.compiler.scalar.symbol import LOOKUP
@@ -26,6 +27,10 @@ SET = b"\x21"
 """Set a local. Its number follows."""
 COPY = b"\xfc\x0a\0\0"
 """Copy bytes: target, source, number."""
+_ADD, _TEE, _LOOP = b"\x6a", b"\x22", b"\x03\x40"
+"""Add integers; set a local and keep its value; begin a loop."""
+_REPEAT_BELOW = b"\x49\x0d\0\x0b"
+"""Repeat the loop while an integer is below another, then end it."""
 _PAGE = 65536
 BASE_PAGES, BASE_SLOTS = 2, 1
 """Pages of memory and slots of the table that the shipped module has by itself."""
@@ -107,9 +112,6 @@ IMPORTED = {
 """Functions of the shipped module, to types of arguments and results."""
 
 
-_CALLING = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CALL)
-
-
 class Assembler:
     """A module that works in memory and table of the shipped module, ``base``, and calls its functions."""
 
@@ -172,33 +174,76 @@ class Assembler:
         """
         key = function.__hash__()
         if key not in self._traced:
-            if function.is_a("SXFunction"):
-                self._traced[key] = function, self._straight(function)
-            elif all(operation in _CALLING for _, operation, *_ in instructions(function)):
-                self._traced[key] = function, self._calling(function)
-            else:
-                self._traced[key] = function, self._straight(function.expand(function.name()))
+            add = self._straight if function.is_a("SXFunction") else self._vectors
+            self._traced[key] = function, add(function)
         return self._traced[key][1]
 
-    def _calling(self, function: ca.Function) -> int:
-        """Add a function of calls."""
+    def _vectors(self, function: ca.Function) -> int:
+        """Add a function of vectors: of calls, copies, and loops over elements."""
+        text = VectorText(function, {})
+        arrays = {name: local(k) for k, name in enumerate(function.name_in())}
+        arrays |= {f"{name}_out": local(function.n_in() + k) for k, name in enumerate(function.name_out())}
+        arrays |= {"w": constant(self.room(8 * text.size)), "zeros": constant(self.room(8 * text.zeros))}
+        index = function.n_in() + function.n_out()
+
+        def address(vector: Vector) -> bytes:
+            if not vector.array.isidentifier():  # of an argument without elements
+                return constant(0)
+            return arrays[vector.array] + (constant(8 * vector.offset) + _ADD if vector.offset else b"")
+
+        def copied(target: Vector, source: Vector) -> bytes:
+            if target.place() == source.place():
+                return b""
+            return address(target) + address(source) + constant(8 * source.size) + COPY
+
+        def element(vector: Vector) -> bytes:
+            return address(vector) + (local(index) + _ADD if vector.size > 1 else b"")
+
+        def loop(size: int, body: bytes) -> bytes:
+            following = local(index) + constant(8) + _ADD + _TEE + unsigned(index)
+            return constant(0) + SET + unsigned(index) + _LOOP + body + following + constant(8 * size) + _REPEAT_BELOW
+
         code = bytearray()
-        places: dict[int, bytes] = {}
-        for k, operation, source, target in instructions(function):
-            if operation == ca.OP_INPUT:
-                places[target[0]] = local(source[0])
-            elif operation == ca.OP_OUTPUT:
-                size = constant(8 * function.numel_out(target[0]))
-                code += local(function.n_in() + target[0]) + places[source[0]] + size + COPY
-            elif operation == ca.OP_CALL:
-                callee = function.instruction_MX(k).which_function()
-                read = [places[i] for i in source]
-                for i, place in enumerate(target):
-                    places[place] = constant(self.room(8 * callee.numel_out(i)))
-                code += b"".join([*read, *(places[i] for i in target), call(self.traced(callee))])
+        for operation in text.operations:
+            reads, operands = operation.reads, [element(each) + LOAD + b"\0" for each in operation.reads]
+            target = next((vector for vector in operation.writes if vector is not None), None)
+            if operation.code == ca.OP_OUTPUT:
+                code += copied(text.result(operation), reads[0])
+            elif target is None or operation.code == ca.OP_INPUT or text.parts_of(operation) is not None:
+                continue
+            elif operation.code == ca.OP_CALL:
+                callee = text.callee(operation)
+                spare = [constant(self.room(8 * callee.nnz_out(k))) for k in range(callee.n_out())]
+                made = [b if each is None else address(each) for each, b in zip(operation.writes, spare, strict=True)]
+                code += b"".join([*map(address, reads), *made, call(self.traced(callee))])
+            elif operation.code == ca.OP_CONST:
+                for k, value in enumerate(text.values(operation.number) if target.is_made else ()):
+                    code += address(target) + number(value) + STORE + unsigned(8 * k)
+            elif operation.code == ca.OP_VERTCAT:
+                part = Vector(0, target.array, target.offset)
+                for each in reads:
+                    code += copied(part, each)
+                    part.offset += each.size
+            elif operation.code == ca.OP_GETNONZEROS:
+                for k, place in enumerate(text.elements(operation)):
+                    value = address(reads[0]) + LOAD + unsigned(8 * place)
+                    code += address(target) + value + STORE + unsigned(8 * k)
+            elif operation.code == ca.OP_SETNONZEROS:
+                code += copied(target, reads[0])
+                for k, place in enumerate(text.elements(operation)):
+                    value = address(reads[1]) + LOAD + unsigned(8 * k)
+                    code += address(target) + value + STORE + unsigned(8 * place)
+            elif operation.code == ca.OP_DOT:
+                code += address(target) + _ZERO + STORE + b"\0"
+                added = address(target) + LOAD + b"\0" + b"".join(operands) + b"\xa2\xa0"
+                code += loop(reads[0].size, address(target) + added + STORE + b"\0")
+            elif operation.code in self._codes:
+                pieces = self._codes[operation.code]
+                value = b"".join(operands[p] if isinstance(p, int) else p for p in pieces)
+                code += loop(target.size, element(target) + value + STORE + b"\0")
             else:
-                raise KernelError(f"{function.name()}: expected calls only, got operation {operation}.")
-        return self.function(INTEGER * (function.n_in() + function.n_out()), b"", (), bytes(code))
+                raise KernelError(f"{function.name()}: operation {operation.code} has no code in WebAssembly.")
+        return self.function(INTEGER * index, b"", [(1, INTEGER)], bytes(code))
 
     def _straight(self, function: ca.Function) -> int:
         """Add a function of operations.

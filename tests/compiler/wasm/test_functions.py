@@ -137,3 +137,25 @@ def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
                 inputs.append(typical * random.uniform(0.9, 1.1, size) + 1e-3 * random.uniform(size=size))
             for actual, value in zip(instance(k, *inputs), expected(function, *inputs), strict=True):
                 assert_same_bits(actual, value, f"{name} {function.name()}")
+
+
+def test_functions_of_vectors_have_the_bits_of_casadi():
+    """Calls, slices, columns, constants, and elementwise operations with a scalar among vectors."""
+    a, b = ca.SX.sym("a", 2), ca.SX.sym("b")
+    inner = ca.Function("inner", [a, b], [a * b, ca.sin(a[1]) + b], ["a", "b"], ["c", "d"])
+    x, y = ca.MX.sym("x", 5), ca.MX.sym("y", 3)
+    c, d = inner(x[1:3], y[2])
+    e, _ = inner(c, d)
+    moved = ca.fmax(2.0 * ca.vertcat(c, e), y[0]) - ca.MX(ca.DM([0.5, 1.5, 0.0, -2.0]))
+    put = ca.MX(y)
+    put[[2, 0]] = x[1:3]
+    results = [ca.vertcat(moved, x[[4, 0]]), ca.sqrt(ca.sumsqr(moved)), x[2:4], put]
+    function = ca.Function("vectors", [x, y], results, ["x", "y"], ["u", "v", "w", "z"])
+    instance = Instance([function])
+    rng = np.random.default_rng(3)
+    for _ in range(2):  # the second time with what the first has left in memory
+        arguments = [rng.uniform(-2.0, 2.0, 5), rng.uniform(-2.0, 2.0, 3)]
+        for actual, expected in zip(instance(0, *arguments), function.call(arguments), strict=True):
+            np.testing.assert_array_equal(actual, expected.full().ravel())
+    with pytest.raises(KernelError, match="operation .* has no code in WebAssembly"):
+        Assembler().traced(ca.Function("norm", [x], [ca.norm_1(x)]))

@@ -22,7 +22,7 @@ _KEEPING = (ca.OP_OUTPUT, ca.OP_VERTCAT, ca.OP_VERTSPLIT, ca.OP_RESHAPE, ca.OP_G
 
 
 @dataclass
-class _Vector:
+class Vector:
     """A vector of a function: its place is an array and an offset in it."""
 
     size: int
@@ -30,10 +30,11 @@ class _Vector:
     offset: int = 0
     is_made: bool = False
     """Whether an operation writes it, so that its place can be chosen."""
-    after: _Vector | None = None
+    after: Vector | None = None
     """Vector whose place it takes over: an operation in place."""
 
     def place(self) -> str:
+        """Return the place as C."""
         return f"{self.array} + {self.offset}" if self.offset else self.array
 
     def put(self, array: str, offset: int) -> bool:
@@ -43,7 +44,7 @@ class _Vector:
             root = root.after
         if not root.is_made or root.array:
             return False
-        vector: _Vector | None = self
+        vector: Vector | None = self
         while vector is not None:
             vector.array, vector.offset = array, offset
             vector = vector.after
@@ -51,10 +52,12 @@ class _Vector:
 
 
 @dataclass
-class _VectorOperation:
+class VectorOperation:
+    """An operation of a function of vectors; a result that nothing reads is None."""
+
     code: int
-    reads: list[_Vector]
-    writes: list[_Vector | None]
+    reads: list[Vector]
+    writes: list[Vector | None]
     number: int
     argument: int = 0
     """Argument of an input, or result of an output."""
@@ -67,19 +70,19 @@ class VectorText:
 
     def __init__(self, function: ca.Function, names: Mapping[str, str]) -> None:
         self._function, self._names = function, names
-        self._zeros = 0
+        self.zeros = 0
         self._size = 0
         self._end = 0
         """End of the memory, with results that nothing reads."""
-        self._operations = self._read()
+        self.operations = self._read()
         self._place()
 
-    def _read(self) -> list[_VectorOperation]:
+    def _read(self) -> list[VectorOperation]:
         """Return the operations, each with vectors of its own."""
         function = self._function
-        held: dict[int, _Vector] = {}
+        held: dict[int, Vector] = {}
         written = [0] * function.n_out()
-        made: list[_VectorOperation] = []
+        made: list[VectorOperation] = []
         self._last: dict[int, int] = {}  # vector to the last operation that reads it
         self._kept: set[int] = set()  # vectors with parts of others, or that are parts of others
         for k, code, source, target in instructions(function):
@@ -89,13 +92,13 @@ class VectorText:
             if code in _KEEPING:
                 self._kept |= set(map(id, reads))
             if code == ca.OP_OUTPUT:
-                made.append(_VectorOperation(code, reads, [], k, target[0], written[target[0]]))
+                made.append(VectorOperation(code, reads, [], k, target[0], written[target[0]]))
                 written[target[0]] += reads[0].size  # the parts of a result come in their order
                 continue
             writes = [
-                _Vector(size) if place >= 0 else None for place, size in zip(target, self._sizes(k, code), strict=True)
+                Vector(size) if place >= 0 else None for place, size in zip(target, self._sizes(k, code), strict=True)
             ]
-            operation = _VectorOperation(code, reads, writes, k, source[0] if code == ca.OP_INPUT else 0)
+            operation = VectorOperation(code, reads, writes, k, source[0] if code == ca.OP_INPUT else 0)
             made.append(operation)
             held |= {place: vector for place, vector in zip(target, writes, strict=True) if vector is not None}
         for operation in made:
@@ -114,7 +117,7 @@ class VectorText:
     def _info(self, k: int) -> dict[str, Any]:
         return self._function.instruction_MX(k).info()
 
-    def _bind(self, operation: _VectorOperation) -> None:
+    def _bind(self, operation: VectorOperation) -> None:
         """Give places to vectors that are parts of others, and mark those that are made."""
         code, reads = operation.code, operation.reads
         first = next((vector for vector in operation.writes if vector is not None), None)
@@ -123,22 +126,22 @@ class VectorText:
         if code == ca.OP_INPUT:
             first.array = self._function.name_in(operation.argument)
         elif code == ca.OP_CONST:
-            if any(self._values(operation.number)):
+            if any(self.values(operation.number)):
                 first.is_made = True
             else:
                 first.array = "zeros" if first.size else "0"
-                self._zeros = max(self._zeros, first.size)
+                self.zeros = max(self.zeros, first.size)
         elif code in (ca.OP_SETNONZEROS, ca.OP_ADDNONZEROS):
             first.is_made = True
             changed = reads[0]
             if changed.is_made and id(changed) not in self._kept and self._last[id(changed)] == operation.number:
                 first.after = changed
-        elif code != ca.OP_RESHAPE and self._slice(operation) is None:
+        elif code != ca.OP_RESHAPE and self.parts_of(operation) is None:
             for vector in operation.writes:
                 if vector is not None:
                     vector.is_made = True
 
-    def _slice(self, operation: _VectorOperation) -> list[int] | None:
+    def parts_of(self, operation: VectorOperation) -> list[int] | None:
         """Return where each vector of a plain slice begins in the vector that is read."""
         if operation.code == ca.OP_VERTSPLIT:
             return list(self._info(operation.number)["offset"][:-1])
@@ -150,12 +153,13 @@ class VectorText:
                 return [taken[0]]
         return None
 
-    def _values(self, k: int) -> list[float]:
+    def values(self, k: int) -> list[float]:
+        """Return the numbers of a constant, operation `k`."""
         return self._function.instruction_MX(k).to_DM().nonzeros()
 
     def _place(self) -> None:
         """Choose the places of the vectors: in a result or a column if they become a part of it, else in a memory."""
-        for operation in reversed(self._operations):
+        for operation in reversed(self.operations):
             if operation.code == ca.OP_OUTPUT:
                 operation.reads[0].put(self._result(operation), operation.begin)
             elif operation.code == ca.OP_VERTCAT:
@@ -166,8 +170,8 @@ class VectorText:
                 for vector in operation.reads:
                     vector.put(column.array, begin)
                     begin += vector.size
-        for operation in self._operations:
-            begins = self._slice(operation)
+        for operation in self.operations:
+            begins = self.parts_of(operation)
             for k, vector in enumerate(operation.writes):
                 if vector is None:
                     continue
@@ -177,10 +181,10 @@ class VectorText:
                 elif not vector.array:
                     self._reserve(vector)
 
-    def _result(self, operation: _VectorOperation) -> str:
+    def _result(self, operation: VectorOperation) -> str:
         return f"{self._function.name_out(operation.argument)}_out"
 
-    def _reserve(self, vector: _Vector) -> None:
+    def _reserve(self, vector: Vector) -> None:
         root = vector
         while root.after is not None:
             root = root.after
@@ -191,8 +195,8 @@ class VectorText:
 
     def lines(self) -> list[str]:
         """Return the lines of the definition."""
-        body = rolled([line for operation in self._operations for line in self._lines(operation)])
-        declared = [f"static const double zeros[{self._zeros}] = {{0.0}};"] if self._zeros else []
+        body = rolled([line for operation in self.operations for line in self._lines(operation)])
+        declared = [f"static const double zeros[{self.zeros}] = {{0.0}};"] if self.zeros else []
         size = max(self._size, self._end)
         if size:
             declared += [*([f"#if {size} > {STACK}", "static _Thread_local", "#endif"]), f"double w[{size}];"]
@@ -200,10 +204,10 @@ class VectorText:
         unused = [f"(void){name};" for name in self._function.name_in() if name not in text]
         return [*declared, *unused, *body]
 
-    def _lines(self, operation: _VectorOperation) -> Iterator[str]:
+    def _lines(self, operation: VectorOperation) -> Iterator[str]:
         code, reads = operation.code, operation.reads
         if code == ca.OP_OUTPUT:
-            target = _Vector(reads[0].size, self._result(operation), operation.begin)
+            target = self.result(operation)
             if reads[0].place() != target.place():
                 yield from _copy(target.place(), reads[0].place(), target.size)
         elif code == ca.OP_CALL:
@@ -211,26 +215,43 @@ class VectorText:
         elif code == ca.OP_VERTCAT:
             (column,) = operation.writes
             assert column is not None
-            target = _Vector(0, column.array, column.offset)
+            target = Vector(0, column.array, column.offset)
             for vector in reads:
                 if vector.place() != target.place():
                     yield from _copy(target.place(), vector.place(), vector.size)
                 target.offset += vector.size
         elif code == ca.OP_CONST:
             yield from self._numbers(operation)
-        elif code == ca.OP_INPUT or self._slice(operation) is not None:
+        elif code == ca.OP_INPUT or self.parts_of(operation) is not None:
             return
         else:
             yield from self._loops(operation)
 
-    def _numbers(self, operation: _VectorOperation) -> Iterator[str]:
+    def _numbers(self, operation: VectorOperation) -> Iterator[str]:
         (vector,) = operation.writes
         if vector is not None and vector.is_made:
-            for k, value in enumerate(self._values(operation.number)):
+            for k, value in enumerate(self.values(operation.number)):
                 yield f"{_element(vector, str(k))} = {c_constant(value)};"
 
-    def _call(self, operation: _VectorOperation) -> str:
-        callee = self._function.instruction_MX(operation.number).which_function()
+    @property
+    def size(self) -> int:
+        """Numbers of the memory ``w``, without results that nothing reads."""
+        return self._size
+
+    def callee(self, operation: VectorOperation) -> ca.Function:
+        """Return the function of a call."""
+        return self._function.instruction_MX(operation.number).which_function()
+
+    def elements(self, operation: VectorOperation) -> list[int]:
+        """Return the elements that an operation takes, or sets."""
+        return _elements(self._info(operation.number))
+
+    def result(self, operation: VectorOperation) -> Vector:
+        """Return the part of a result that an output is copied to."""
+        return Vector(operation.reads[0].size, self._result(operation), operation.begin)
+
+    def _call(self, operation: VectorOperation) -> str:
+        callee = self.callee(operation)
         places = [vector.place() for vector in operation.reads]
         end = self._size
         for k, vector in enumerate(operation.writes):
@@ -242,7 +263,7 @@ class VectorText:
                 places.append(vector.place())
         return f"{self._names[callee.name()]}({', '.join(places)});"
 
-    def _loops(self, operation: _VectorOperation) -> Iterator[str]:
+    def _loops(self, operation: VectorOperation) -> Iterator[str]:
         code, reads = operation.code, operation.reads
         (target,) = operation.writes
         assert target is not None
@@ -263,7 +284,7 @@ class VectorText:
         else:
             raise KernelError(f"{self._function.name()}: expected calls and vectors, got operation {code}.")
 
-    def _product(self, operation: _VectorOperation, target: _Vector) -> Iterator[str]:
+    def _product(self, operation: VectorOperation, target: Vector) -> Iterator[str]:
         """Yield the lines of a sum ``z + A @ x``, column by column: in the order of a trace, several rows at once."""
         z, A, x = operation.reads
         if z.place() != target.place():
@@ -288,7 +309,7 @@ def _elements(info: Mapping[str, Any]) -> list[int]:
     ]
 
 
-def _element(vector: _Vector, index: str) -> str:
+def _element(vector: Vector, index: str) -> str:
     return f"{vector.array}[{f'{vector.offset} + ' if vector.offset else ''}{index}]"
 
 
@@ -297,12 +318,12 @@ def _copy(target: str, source: str, size: int) -> Iterator[str]:
         yield f"memcpy({target}, {source}, {size} * sizeof(double));"
 
 
-def _moves(target: _Vector, step: int, source: _Vector, elements: Sequence[int], sign: str) -> Iterator[str]:
+def _moves(target: Vector, step: int, source: Vector, elements: Sequence[int], sign: str) -> Iterator[str]:
     for k, element in enumerate(elements):
         yield f"{_element(target, str(k * step))} {sign} {_element(source, str(element))};"
 
 
-def _added(target: _Vector, source: _Vector, elements: Sequence[int], is_sum: bool) -> Iterator[str]:
+def _added(target: Vector, source: Vector, elements: Sequence[int], is_sum: bool) -> Iterator[str]:
     sign = "+=" if is_sum else "="
     if len(elements) > 2 and elements == [*range(elements[0], elements[0] + len(elements))]:
         place = _element(target, f"{elements[0]} + i" if elements[0] else "i")
@@ -313,7 +334,7 @@ def _added(target: _Vector, source: _Vector, elements: Sequence[int], is_sum: bo
             yield f"{_element(target, str(element))} {sign} {_element(source, str(k))};"
 
 
-def _each(code: int, target: _Vector, reads: Sequence[_Vector]) -> Iterator[str]:
+def _each(code: int, target: Vector, reads: Sequence[Vector]) -> Iterator[str]:
     """Yield the loop of an elementwise operation; a vector of one element goes with each element of another."""
     index = "i" if target.size > 1 else "0"
     operands = [_element(vector, index if vector.size > 1 else "0") for vector in reads]

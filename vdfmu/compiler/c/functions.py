@@ -58,7 +58,7 @@ def kernel_files(
         for ending in DIRECTIONS:
             texts = c_texts(derivative(ending), shared)
             text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *texts])
-    return files | {f"{name}_forward_reverse.c": text}
+    return files | {f"{name}_forward_reverse{'_passes' if calls else ''}.c": text}
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
@@ -100,7 +100,8 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
         return _calling(function, apart)
     operations = operations_of(function)
     if len(operations) <= WHOLE:
-        operations = grouped(operations)
+        if _RARE.search(function.name()) is None:
+            operations = grouped(operations)
         read = {name for operation in operations for name in operation.arguments}
         unused = [f"(void){name};" for name in function.name_in() if name not in read]
         return [lookups(function) + _definition(c_prototype(function), operations, unused)]
@@ -108,6 +109,8 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
     return [lookups(function) + first, *parts]
 
 
+_RARE = re.compile(r"_(fwd|adj)1_")
+"""In the name of a derivative of a pass, which is compiled quickly: calls in groups would gain little."""
 WHOLE = 18_000
 """Most operations in a C function. The traces of the shipped arms are shorter."""
 _PART = 1_000
