@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import lzma
 import os
 import re
 import shutil
@@ -141,7 +140,7 @@ def _write_platform_wheel(out: Path, environment: Mapping[str, str]) -> None:
         run = [sys.executable, "-m", "vdfmu.cli", "run", "tracking", "--quiet", "--out", str(Path(folder, "run"))]
         subprocess.run(run, cwd=ROOT, env={**environment, "VDFMU_CACHE_DIR": str(cache)}, check=True)
         for kind in (each for each in sorted(cache.iterdir()) if PREBUILT.fullmatch(each.name)):
-            with tarfile.open(packed / f"{kind.name}.tar.xz", "w:xz", preset=9 | lzma.PRESET_EXTREME) as archive:
+            with tarfile.open(packed / f"{kind.name}.tar.xz", "w:xz", preset=9) as archive:
                 for entry in sorted(kind.iterdir()):
                     member = tarfile.TarInfo(entry.name)  # without the times and the user of this machine
                     member.size = entry.stat().st_size

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.engine.reference import models
 from vdfmu.compiler.functions.sources import imported
 
 ROOT = Path(__file__).parents[1]
@@ -89,3 +90,26 @@ def test_no_build_imports_efmi_and_the_digest_of_an_own_fmu_knows_no_arm():
     assert python(ROOT, "-c", code).strip() == "[]"
     # Else a comment in a motion changes the GUID of a filter.
     assert not [name for name in imported("compiler") if name.startswith(("arm", "system", "study", "cli"))]
+
+
+JOIN = """
+import sys
+
+import vdfmu
+
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("casadi", "scipy", "matplotlib"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+sys.meta_path.insert(0, Missing())
+system = vdfmu.connect({"a": "Lag_2.fmu", "b": "Lag_2.fmu"}, {"a.x": "b.u"}, step=1e-2, stop=1.0)
+print(system.run(parameters={"a.u": 1.0})["a.x"][-1])
+"""
+
+
+def test_fmus_are_connected_and_run_without_casadi_scipy_and_matplotlib(tmp_path):
+    models.build(models.LAG, "2.0", tmp_path)
+    assert float(python(tmp_path, "-c", JOIN)) == pytest.approx(1.0 - np.exp(-1.0), rel=1e-2)  # Euler, 100 steps

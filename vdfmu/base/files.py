@@ -17,7 +17,7 @@ from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import IO, Any, BinaryIO, Literal
 
 from vdfmu.base.errors import LOG, StorageError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
@@ -232,7 +232,7 @@ def read_regular(path: str | os.PathLike[str], largest: int | None = None) -> by
     return content
 
 
-def digest_of(file: Path | BinaryIO) -> str:
+def digest_of(file: Path | IO[bytes]) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits. OSError with its name."""
     with file.open("rb") if isinstance(file, Path) else nullcontext(file) as stream:
         try:

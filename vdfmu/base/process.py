@@ -22,6 +22,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
+from importlib import import_module
 from time import monotonic
 from typing import IO, Any, NoReturn
 
@@ -29,7 +30,7 @@ from vdfmu.base.files import read_json
 from vdfmu.base.text import shown
 
 with suppress(ImportError):  # Windows has none
-    import resource  # noqa: F401 - os.wait4 imports it, which fails when memory is short
+    import_module("resource")  # os.wait4 imports it, which fails when memory is short
 
 KEPT = 4096
 """Last bytes of the output that are kept."""

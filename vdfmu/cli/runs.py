@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from vdfmu.base.bars import errors
-from vdfmu.base.errors import LOG, CosimError, UsageError
+from vdfmu.base.errors import LOG, CosimError, SspError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
@@ -43,6 +43,7 @@ class FmusForm(SystemOptions, JudgeOptions, total=False):
 
     connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
     unpack_limit: UnpackOption
+    run_anyway: Annotated[bool, Option("Run FMUs in spite of faults of their files.", default=False)]
     opened: OpenOption
 
 
@@ -165,12 +166,18 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
         check_wanted(wanted, sampled, options["adaptive"])
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder
+    from vdfmu.engine.rules import can_run, run_anyway
     from vdfmu.study.runs import RUN_OUTPUTS, run_joined
 
-    package, source, kept = _package_of(parts, options)
-    options["out"] = options["out"] or (Path("results", package.stem) if kept else default_folder(package))
-    with package_limit(options["unpack_limit"]):
-        return run_joined(package, source, wanted, sampled, **pick(SystemOptions, options)), RUN_OUTPUTS
+    with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
+        try:
+            package, source, kept = _package_of(parts, options)
+            options["out"] = options["out"] or (Path("results", package.stem) if kept else default_folder(package))
+            return run_joined(package, source, wanted, sampled, **pick(SystemOptions, options)), RUN_OUTPUTS
+        except SspError as error:
+            if all(map(can_run, error.problems)):
+                error.add_note("The FMUs can run in spite of this: --run-anyway.")
+            raise
 
 
 def _package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:

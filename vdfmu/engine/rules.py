@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -68,14 +70,39 @@ def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
     return Finding(text, RULES[number], str(file), int(line))
 
 
+_UNUSABLE = ("FMI001", "FMI002", "FMI017", "FMI018")
+"""Rules without which an FMU has nothing to run."""
+_anyway: ContextVar[bool] = ContextVar("_anyway", default=False)
+
+
+@contextmanager
+def run_anyway(chosen: bool = True) -> Generator[None]:
+    """Make faults of FMUs that can run in spite of them notes in a ``with`` block, so that they refuse no run."""
+    token = _anyway.set(chosen)
+    try:
+        yield
+    finally:
+        _anyway.reset(token)
+
+
+def can_run(problem: str) -> bool:
+    """Whether an FMU can run in spite of a problem of its description or its files."""
+    number = problem.rule.number if isinstance(problem, Finding) else ""
+    return number.startswith("FMI") and number not in _UNUSABLE
+
+
+def _is_problem(each: Finding) -> bool:
+    return each.rule.severity == "problem" and not (_anyway.get() and can_run(each))
+
+
 def problems_in(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings whose rule makes them problems."""
-    return [each for each in findings if each.rule.severity == "problem"]
+    """Return the findings whose rule makes them problems; see `run_anyway`."""
+    return [each for each in findings if _is_problem(each)]
 
 
 def notes_in(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings whose rule makes them notes."""
-    return [each for each in findings if each.rule.severity == "note"]
+    """Return the other findings: notes."""
+    return [each for each in findings if not _is_problem(each)]
 
 
 def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:

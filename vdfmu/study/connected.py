@@ -12,16 +12,11 @@ from contextlib import ExitStack
 from functools import partial
 from multiprocessing import process, util
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
-from vdfmu.arm.fmus import build
-from vdfmu.arm.robot import Robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
 from vdfmu.base.option import checks_types, pick, with_options
-from vdfmu.compiler.unit import Unit
-from vdfmu.engine.container import write_container
-from vdfmu.engine.inspect.inspection import Report, inspect_file
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
 from vdfmu.engine.package.join import Connections, join
@@ -29,17 +24,17 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator, simulate
-from vdfmu.study.analysis.arm_space import packaged
-from vdfmu.study.analysis.loops import SystemMargins, margins_along
-from vdfmu.study.analysis.reach import scenario_of
-from vdfmu.study.judgement import Judgement, judge
 from vdfmu.study.options import JudgingOptions, LoopOptions, ScenarioOptions, SweepOptions
-from vdfmu.study.run.conclude import judge_results
-from vdfmu.study.sweeps.sweep import Sweep, sweep
-from vdfmu.system.scenario import Scenario
-from vdfmu.system.scenario.replace import unfolded, with_units
 
-Part = str | os.PathLike[str] | type[Unit]
+if TYPE_CHECKING:  # FMUs are connected and run without what builds, judges and checks them
+    from vdfmu.arm.robot import Robot
+    from vdfmu.engine.inspect.inspection import Report
+    from vdfmu.study.analysis.loops import SystemMargins
+    from vdfmu.study.judgement import Judgement
+    from vdfmu.study.sweeps.sweep import Sweep
+    from vdfmu.system.scenario import Scenario
+
+Part = str | os.PathLike[str] | type
 """An FMU, a unit's file, the name of a shipped unit, or a class of Unit."""
 
 _PLAIN = (str, int, float, type(None))
@@ -170,6 +165,8 @@ class System:
         self._loaded.close()
 
     def _judge_run(self, scenario: Scenario, options: Any, results: Results) -> None:
+        from vdfmu.study.run.conclude import judge_results  # takes long to import
+
         judge_results(results, scenario, self.path, **options)  # a method, so that the package lives as long as results
 
     @with_options
@@ -182,6 +179,8 @@ class System:
     @checks_types
     def check(self, run: bool = True) -> Report:
         """Check FMUs and system by the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
+        from vdfmu.engine.inspect.inspection import inspect_file  # takes long to import
+
         return inspect_file(self.path, run)
 
     @with_options
@@ -189,16 +188,22 @@ class System:
         self, opened: Sequence[str] = (), at: Sequence[float] = (), **options: Unpack[LoopOptions]
     ) -> SystemMargins:
         """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
+        from vdfmu.study.analysis.loops import margins_along  # takes long to import
+
         return margins_along(self.path, opened, at, **options)
 
     @with_options
     def judge(self, wanted: float = 0.01, **options: Unpack[JudgingOptions]) -> Judgement:
         """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.judgement.judge`."""
+        from vdfmu.study.judgement import judge  # takes long to import
+
         return judge(self.path, wanted, **self._with(options))
 
     @with_options
     def sweep(self, vary: Mapping[str, Any] | Sequence[str], **options: Unpack[SweepOptions]) -> Sweep:
         """Run the system at many points, see :func:`vdfmu.sweep`. `parameters` are the same at all points."""
+        from vdfmu.study.sweeps.sweep import sweep  # takes long to import
+
         return sweep(self.path, vary, **self._with(options))
 
     @checks_types
@@ -219,6 +224,8 @@ class System:
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")
+        from vdfmu.engine.container import write_container  # takes long to import
+
         return write_container(self.path, path, step=chosen)
 
     def _with(self, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -281,8 +288,12 @@ def connect(
     folder = tempfile.TemporaryDirectory(prefix="vdfmu_")
     fmus: dict[str, str | os.PathLike[str]] = {}
     for each, part in components.items():
-        is_fmu = isinstance(part, str | os.PathLike) and Path(part).suffix.lower() == ".fmu"
-        fmus[each] = part if is_fmu else build(part, Path(folder.name, each, f"{each}.fmu"), robot=robot, fmi=fmi)  # pyright: ignore[reportArgumentType]
+        if isinstance(part, str | os.PathLike) and Path(part).suffix.lower() == ".fmu":
+            fmus[each] = part
+            continue
+        from vdfmu.arm.fmus import build  # takes long to import
+
+        fmus[each] = build(part, Path(folder.name, each, f"{each}.fmu"), robot=robot, fmi=fmi)  # pyright: ignore[reportArgumentType]
     path = Path(folder.name, f"{name}.ssp")
     package = join(
         fmus, connections, path, name=name, stop=stop, step=step, algorithm=algorithm, parameters=parameters
@@ -309,7 +320,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
     UsageError, SspError, ModelError
         If it does not exist or cannot be read.
     """
-    ending = "" if isinstance(source, Scenario) else Path(source).suffix.lower()
+    ending = Path(source).suffix.lower() if isinstance(source, str | os.PathLike) else ""
     if ending == ".fmu":
         name = _word(Path(source).stem)  # pyright: ignore[reportArgumentType]
         return connect({name: source}, connections, name=name)  # pyright: ignore[reportArgumentType]
@@ -317,7 +328,11 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
         if connections:
             raise UsageError(f"connections: expected a scenario, got the package {source}, which has its own.")
         return System(Path(source))  # pyright: ignore[reportArgumentType]
-    scenario = source if isinstance(source, Scenario) else unfolded(scenario_of(source))
+    from vdfmu.study.analysis.arm_space import packaged  # takes long to import
+    from vdfmu.study.analysis.reach import scenario_of
+    from vdfmu.system.scenario.replace import unfolded, with_units
+
+    scenario = unfolded(scenario_of(source)) if isinstance(source, str | os.PathLike) else source
     if connections:
         scenario = with_units(scenario, {}, connections)
     with ExitStack() as stack:

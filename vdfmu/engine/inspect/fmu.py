@@ -29,7 +29,7 @@ from vdfmu.engine.inspect.description import (
 )  # fmt: skip
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import parse_xml
-from vdfmu.engine.rules import Finding, Findings, breach, finding, line_of
+from vdfmu.engine.rules import Finding, Findings, breach, can_run, finding, line_of
 
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
@@ -39,8 +39,6 @@ _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """fmiVersion: fixed texts in FMI 1.0 and 2.0, with an optional third number in FMI 3.0."""
 NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; mend them first")
 RUN_ANYWAY = finding("RUN006", "run in spite of its problems (--run-anyway)")
-_UNUSABLE = ("FMI001", "FMI002", "FMI017", "FMI018")
-"""Rules without which an FMU has nothing to run."""
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 _MAGIC = {
     ".so": (b"\x7fELF",),
@@ -78,11 +76,11 @@ def store(archive: Archive, source: str, folder: Path) -> Path:
 
 def note_run(findings: Findings, anyway: bool) -> bool:
     """Return whether to run a file with these findings, and note the reason; `anyway` ignores faults of FMUs."""
-    numbers = [problem.rule.number for problem in findings.problems]
-    if not all(anyway and n.startswith("FMI") and n not in _UNUSABLE for n in numbers):
+    problems = findings.problems
+    if not all(anyway and can_run(problem) for problem in problems):
         findings.entries.append(NOT_RUN)
         return False
-    findings.entries += [RUN_ANYWAY] if numbers else []
+    findings.entries += [RUN_ANYWAY] if problems else []
     return True
 
 

@@ -71,8 +71,8 @@ _FIGURES = (
 
 WRENCHES = {"F_e": "of the arm on its surroundings in {O}", "F_S": "of the base on the arm in {S}"}
 """Six signals, force and moment: words for a title."""
-_CURVES, _NAMED = 12, 4
-"""Most curves of a figure of unlike signals, and names in its title."""
+_CURVES = 12
+"""Most curves of a figure of unlike signals."""
 BLOCK = 20_000
 """Rows that are in memory at a time."""
 
@@ -219,15 +219,19 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
 
 def _overlaid(results: Results) -> Iterator[Figure]:
     """Yield the outputs of a system without an arm, those of one unit of measurement in one figure."""
-    alike: dict[str, list[str]] = {}
-    for name in results.names:
-        alike.setdefault(results.units[name], []).append(name)
+    alike: dict[str, dict[str, str]] = {}
+    for group, members in results.groups.items():
+        for _, name in sorted(members.items()):
+            alike.setdefault(results.units[name], {})[name] = group
     for unit, names in alike.items():
-        if len(names) <= _CURVES:
-            curves = [Curve(name, 0, [(1.0, name)]) for name in names]
-            yield Figure(
-                f"unit.{unit}", f"{', '.join(names[:_NAMED])}{', …' * (len(names) > _NAMED)}", Shown(unit), curves
-            )
+        if len(names) > _CURVES:
+            continue
+        groups = list(dict.fromkeys(names.values()))
+        curves = [
+            Curve(name.removeprefix(groups[0]) if len(groups) == 1 < len(names) else name, 0, [(1.0, name)])
+            for name in names
+        ]
+        yield Figure(f"unit.{unit}", ", ".join(groups), Shown(unit), curves)
 
 
 def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
