@@ -273,8 +273,6 @@ class VectorText:
             if reads[0].place() != target.place():
                 yield from _copy(target.place(), reads[0].place(), target.size)
             yield from _added(target, reads[1], _elements(self._info(operation.number)), code == ca.OP_ADDNONZEROS)
-        elif code == ca.OP_MTIMES:
-            yield from self._product(operation, target)
         elif code == ca.OP_DOT:
             yield f"{_element(target, '0')} = 0.0;"
             terms = f"{_element(reads[0], 'i')} * {_element(reads[1], 'i')}"
@@ -283,15 +281,6 @@ class VectorText:
             yield from _each(code, target, reads)
         else:
             raise KernelError(f"{self._function.name()}: expected calls and vectors, got operation {code}.")
-
-    def _product(self, operation: VectorOperation, target: Vector) -> Iterator[str]:
-        """Yield the lines of a sum ``z + A @ x``, column by column: in the order of a trace, several rows at once."""
-        z, A, x = operation.reads
-        if z.place() != target.place():
-            yield from _copy(target.place(), z.place(), target.size)
-        yield f"for (int j = 0; j < {x.size}; j++)"
-        yield f"    for (int i = 0; i < {target.size}; i++)"
-        yield f"        {_element(target, 'i')} += {_element(A, f'{target.size} * j + i')} * {_element(x, 'j')};"
 
 
 def _elements(info: Mapping[str, Any]) -> list[int]:

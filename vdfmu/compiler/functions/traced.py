@@ -118,7 +118,7 @@ def renamed(function: ca.Function, name: str) -> ca.Function:
     """Return a function with another name."""
     symbols = (ca.SX if function.is_a("SXFunction") else ca.MX).sym
     inputs: list[Any] = [symbols(each, function.sparsity_in(each)) for each in function.name_in()]
-    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
+    return ca.Function(name, inputs, function.call(inputs, True), function.name_in(), function.name_out())
 
 
 def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:

@@ -33,6 +33,7 @@ from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
 from vdfmu.base.platforms import native_available
 from vdfmu.compiler.c.text import c_prototype, elementary_files, setting_lines
 from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import read_inputs
@@ -187,8 +188,8 @@ class Code:
     def __init__(self, system: WiredUnits) -> None:
         self.system = system
         self.called: dict[str, ca.Function] = {}
-        self._origins: dict[str, tuple[int, str]] = {}
-        """Called function to the joints of its robot and its identity."""
+        self._origins: dict[str, str] = {}
+        """Called function to its identity."""
         self._taken: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
@@ -221,7 +222,7 @@ class Code:
         """Yield the lines of a call."""
         interface, begin = unit.interface, self.system.begin(name)
         function = self.take(interface.functions.casadi_function(call.function))
-        self._origins[function.name()] = interface.joints, f"{interface.functions.identity} {call.function}"
+        self._origins[function.name()] = f"{interface.functions.identity} {call.function}"
         names = (*function.name_in(), *function.name_out())
         places = {name: f"m + {begin + interface.arguments[call.group(name)].start}" for name in names}
         arguments = [places[name] for name in function.name_in()]
@@ -230,14 +231,14 @@ class Code:
 
     def kernel(self, name: str) -> str:
         """Return the C text of a called function, from the cache if present. The text of a long arm takes 1 s."""
-        joints, identity = self._origins[name]
+        identity = self._origins[name]
 
         def make() -> bytes:
             from vdfmu.compiler.c.functions import kernel_source  # takes long to import
 
             return kernel_source(self.called[name]).encode()
 
-        path = cache_folder() / "kernels" / sha256(repr((name, joints, identity)).encode()).hexdigest()
+        path = cache_folder() / "kernels" / sha256(repr((name, identity)).encode()).hexdigest()
 
         def read(content: bytes) -> str:
             if name.encode() not in content:
@@ -255,10 +256,5 @@ class Code:
             number += 1
             name = f"{function.name()}_{number}"
         if name not in self.called:
-            self.called[name] = first if name == first.name() else _named(first, name)
+            self.called[name] = first if name == first.name() else renamed(first, name)
         return self.called[name]
-
-
-def _named(function: ca.Function, name: str) -> ca.Function:
-    inputs = [ca.SX.sym(each, *function.size_in(each)) for each in function.name_in()]
-    return ca.Function(name, inputs, function.call(inputs), function.name_in(), function.name_out())
