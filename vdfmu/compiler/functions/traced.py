@@ -15,6 +15,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import KernelError
 from vdfmu.base.interrupt import listening
+from vdfmu.compiler.functions.chain import LOCAL
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 
 
@@ -111,7 +112,10 @@ class Functions:
 
     def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
         """Return a function with separate buffers, or with some of the caller, see :class:`KernelFunction`."""
-        return KernelFunction(self.casadi_function(name), buffers)
+        function = self.casadi_function(name)
+        if any(callee.name().startswith(LOCAL) for callee in function.find_functions(0)):
+            function = function.expand(name)  # CasADi evaluates calls of parts in twice the time
+        return KernelFunction(function, buffers)
 
 
 def renamed(function: ca.Function, name: str) -> ca.Function:
