@@ -9,5 +9,5 @@ from vdfmu.arm.motion import __all__ as __all__
 def __getattr__(name: str) -> Any:
     """Say where motions of an extra are."""
     if name in ("fastest", "multisine", "sweep"):
-        raise AttributeError(f"vdfmu.motion.{name} moved. Write: from vdfmu.extras.identify import {name}")
+        raise ImportError(f"vdfmu.motion.{name} moved. Write: from vdfmu.extras.identify import {name}")
     raise AttributeError(f"module 'vdfmu.motion' has no attribute {name!r}")

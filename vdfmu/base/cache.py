@@ -123,19 +123,21 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
     None if the entry is missing, untrusted, damaged, stored under another name, or not what `read` expects: whatever
     `read` raises, the entry is made anew.
     """
+    brought = False
     try:
         with open_regular(path) as file:
             if _fault(os.fstat(file.fileno())):
                 return None
             data = file.read()
     except OSError:
-        data = _prebuilt(path.parent.name).get(path.name)
+        data, brought = _prebuilt(path.parent.name).get(path.name), True
         if data is None:
             return None
-        store(path, data[_LINE:])  # later commands read it there
     LOG.info("from the cache: %s/%s", path.parent.name, path.name[:16])
     if data[:_LINE] != _digest(path, data[_LINE:]):
         return None
+    if brought:
+        store(path, data[_LINE:])  # later commands read it there
     try:
         content = read(data[_LINE:])
     except Exception as error:
@@ -157,7 +159,7 @@ def _prebuilt(kind: str) -> dict[str, bytes]:
     try:
         with tarfile.open(archive) as packed:
             return {member.name: file.read() for member in packed if (file := packed.extractfile(member))}
-    except (OSError, EOFError, tarfile.TarError) as error:
+    except Exception as error:  # what xz raises has no common base, and some builds of Python have no xz
         LOG.info("made anew, since the package has something else: %s: %s", archive, error)
         return {}
 

@@ -131,7 +131,9 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
         settings |= point | {name: value for name, value in changed.items() if value not in (None, {}, [])}
         for name in ("units", "parameters"):
             settings[name] = point.get(name, {}) | (options[name] or {})
-        settings["connections"] = [*ends_of(point.get("connections", ())), *(options["connections"] or ())]
+        typed = options["connections"] or ()
+        kept = [pair for pair in ends_of(point.get("connections", ())) if pair[1] not in {end for _, end in typed}]
+        settings["connections"] = [*kept, *typed]
     from vdfmu.study.runs import RUN_OUTPUTS
     from vdfmu.study.runs import run as run_study
 
@@ -186,17 +188,19 @@ def _package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path,
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
         refuse({"--connect": connections}, f"is for a scenario or FMUs; {first} has its own connections")
         return Path(first), None, None
+    if len(parts) > 1 and (packages := [part for part in parts if part.lower().endswith(".ssp")]):
+        raise UsageError(f"{packages[0]}: expected FMUs and units, got a package. Run each package by itself.")
     if unnamed and len(parts) > 1:
         wrong = unnamed[0]
         raise UsageError(f"{wrong}: must be NAME=FILE if there are several. Write {Path(wrong).stem}={wrong}.")
-    from vdfmu.study.connected import connect
-    from vdfmu.study.connected import load as load_system
+    from vdfmu.study.connected import component_name, connect
 
-    components = dict(part.split("=", 1) for part in parts if part not in unnamed)
-    if components:
-        system = connect(components, connections or (), algorithm=options["algorithm"])
-    else:
-        system = load_system(first, connections or ())
+    named = [part.split("=", 1) for part in parts if part not in unnamed]
+    names = [name for name, _ in named]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise UsageError(f"{twice[0]}: expected one FMU or unit of this name, got {names.count(twice[0])}. Rename one.")
+    name = "system" if named else component_name(Path(first).stem)
+    system = connect(dict(named) or {name: first}, connections or (), name=name, algorithm=options["algorithm"])
     return system.path, " ".join(parts), system
 
 

@@ -322,7 +322,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
     """
     ending = Path(source).suffix.lower() if isinstance(source, str | os.PathLike) else ""
     if ending == ".fmu":
-        name = _word(Path(source).stem)  # pyright: ignore[reportArgumentType]
+        name = component_name(Path(source).stem)  # pyright: ignore[reportArgumentType]
         return connect({name: source}, connections, name=name)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         if connections:
@@ -340,5 +340,6 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
         return System(package, options, keep=stack.pop_all(), scenario=scenario)
 
 
-def _word(text: str) -> str:
+def component_name(text: str) -> str:
+    """Return a text as the name of a component."""
     return "".join(c if c.isalnum() and c.isascii() else "_" for c in text).lstrip("0123456789") or "fmu"

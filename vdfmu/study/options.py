@@ -94,10 +94,10 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     units: Annotated[Mapping[str, Any] | None, Option(
         "Replace COMPONENT by a unit or FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
-        "package, or a class. Values of the scenario "
-        "without a parameter in it are left out, and connections to signals that it lacks; its further inputs are "
-        "joined to outputs of their name, shape and unit of measurement; with notes in the log, and ``left_out`` and "
-        "``joined`` in the summary.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        "package, or a class. Values of the scenario without a parameter in it are left out, and connections to "
+        "signals that it lacks. A further input is connected to the only output that fits by name, shape and unit of "
+        "measurement. An input that nothing feeds then refuses the run. The log has notes, the summary ``left_out`` "
+        "and ``joined``.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
     connections: Annotated["Connections | None", Option(
         "Connect output a.y to input b.u. Repeatable.", "mapping of output to input or inputs, or pairs of them",

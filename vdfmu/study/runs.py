@@ -126,26 +126,30 @@ def run_joined(
     """
     folder = Path(options["out"] or default_folder(package))
 
-    def finish(partial: Path, results: Results) -> None:
-        summary = results.summary
+    def keep_package(partial: Path, _: Results) -> None:
         if source is not None:
             shutil.copyfile(package, partial / "system.ssp")
-        if wanted is not None:
-            judgement = judge(
-                load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-                algorithm=summary["algorithm"], parameters=options["parameters"],
-                **pick(SpanOptions, options), **pick(LoadedOptions, options),
-            )  # fmt: skip
-            summary["judgement"] = judgement.to_dict()
-            summary["verdict"] = verdict_of([*calculated_checks(summary)])
-        with doing("page"):
-            write_report([ShownRun(package.stem, results, summary, package)], partial / NAME)
 
     try:
-        return run_system(package, source, RUN_OUTPUTS, finish, **{**options, "out": folder})
+        results = run_system(package, source, RUN_OUTPUTS, keep_package, **{**options, "out": folder})
     except (CosimError, Interrupted) as error:
         write_failed(package.stem, package, folder / PARTIAL, error)
         raise
+    summary = results.summary
+    if wanted is not None:
+        judgement = judge(
+            load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
+            algorithm=summary["algorithm"], parameters=options["parameters"],
+            **pick(SpanOptions, options), **pick(LoadedOptions, options),
+        )  # fmt: skip
+        summary["judgement"] = judgement.to_dict()
+        sentence = summary["judgement"]["text"].partition(". ")[0]
+        summary["verdict"] = verdict_of([*calculated_checks(summary)], [sentence])
+        write_summary(summary, folder, summary["files"])
+    with doing("page"):
+        write_report([ShownRun(package.stem, results, summary, package)], folder / NAME)
+    write_summary(summary, folder, [*summary["files"], NAME])
+    return results
 
 
 ROWS = 1001

@@ -4,6 +4,7 @@ import errno
 import json
 import logging
 import os
+import random
 import shutil
 import stat
 import tarfile
@@ -149,19 +150,30 @@ def test_a_run_with_wrong_entries_is_the_run_with_none(tmp_path, monkeypatch, co
     assert abs(len(page()) - len(whole)) < 100
 
 
-@pytest.mark.parametrize("damage", [lambda data: data, lambda data: data[: len(data) // 2], lambda data: b"no archive"])
-def test_what_the_package_brought_is_read_once_or_made_anew_if_it_is_damaged(tmp_path, monkeypatch, damage):
+def zeroed(data):
+    return data[:-60] + bytes(20) + data[-40:]
+
+
+@pytest.mark.parametrize("damage", [
+    lambda data: data, lambda data: data[: len(data) // 2], lambda data: b"no archive", zeroed,
+])  # fmt: skip
+@pytest.mark.parametrize("change", [lambda entry: entry, lambda entry: entry[:-1] + b"X"])
+def test_what_the_package_brought_is_taken_whole_or_not_at_all(tmp_path, monkeypatch, damage, change):
+    """A damaged archive, or an entry with a wrong digest, never comes into the cache of the user."""
     entry, brought = tmp_path / "user" / "native" / "key", tmp_path / "native.tar.xz"
-    cache.store(made := tmp_path / "maker" / "native" / "key", b"code")
+    made = tmp_path / "maker" / "native" / "key"
+    cache.store(made, code := random.Random(1).randbytes(10_000))
+    made.write_bytes(change(whole := made.read_bytes()))
     with tarfile.open(brought, "w:xz") as archive:
         archive.add(made, "key")
-    whole = brought.read_bytes()
-    brought.write_bytes(damage(whole))
+    brought.write_bytes(damage(packed := brought.read_bytes()))
+    good = made.read_bytes() == whole and brought.read_bytes() == packed
     monkeypatch.setattr(cache, "PREBUILT", tmp_path)
-    cache._prebuilt.cache_clear()
-    content = b"code" if damage(whole) == whole else None
-    assert cache.load(entry) == content
+    for _ in range(2):
+        cache._prebuilt.cache_clear()
+        assert cache.load(entry) == (code if good else None)
+        assert entry.exists() == good
     cache._prebuilt.cache_clear()
     brought.unlink()
-    assert cache.load(entry) == content
+    assert cache.load(entry) == (code if good else None)
     assert cache.load(entry.with_name("other")) is None

@@ -96,3 +96,17 @@ def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     del content["modelDescription.xml"]
     pack_zip(place[0] / "none.fmu", content)  # nothing can be run
     assert command("run", "none.fmu", "--run-anyway", cwd=place[0]).returncode == 2
+
+
+def test_a_judged_run_keeps_its_results_if_it_cannot_be_judged(place):
+    words = ("run", "gain.py", "--stop", "1", "--step", "0.1", "--judge", "1", "--out", "alone")
+    (place[0] / "gain.py").write_text(GAIN)
+    command("build", "gain.py", "--out", ".", cwd=place[0])
+    done = command(*["Gain.fmu" if word == "gain.py" else word for word in words], cwd=place[0])
+    assert done.returncode != 0 and "judge needs connected signals" in done.stderr
+    assert len(read_run(place[0] / "alone").results) == 11
+
+
+def test_a_name_stands_for_one_fmu(place):
+    done = command("run", f"a={place[1].name}", f"a={place[1].name}", cwd=place[0])
+    assert done.returncode == 2 and "a: expected one FMU or unit of this name, got 2" in done.stderr

@@ -71,11 +71,32 @@ def test_an_input_that_nothing_feeds_is_refused_unless_it_is_connected_or_set_or
         prepare("planar_tracking", units=renamed, connections=measured)
     with pytest.raises(UsageError, match=r"^unfed: expected ok, got no\.$"):
         prepare("planar_tracking", units=renamed, unfed="no")
-    prepare("planar_tracking", units=renamed, connections=measured, parameters={"controller.wanted[1]": 0.1})
+    values = {f"controller.wanted[{k}]": 0.1 for k in (1, 2)}
+    prepare("planar_tracking", units=renamed, connections=measured, parameters=values)
+    del values["controller.wanted[2]"]  # an element is not the input
+    with pytest.raises(UsageError, match=f"^{said}"):
+        prepare("planar_tracking", units=renamed, connections=measured, parameters=values)
     prepare("planar_tracking", ["controller.wanted"], units=renamed, connections=measured)  # an axis of a study
     assert prepare("planar_tracking", units=renamed, connections=measured | wanted).system.unfed == {}
     left = prepare("planar_tracking", units=renamed, connections=measured, unfed="ok").system.unfed
     assert left == {"controller.wanted": ["trajectory.q_d", "plant.q"]}
+
+
+def test_an_input_of_a_plant_that_a_unit_no_longer_feeds_is_refused(renamed):
+    """The controller has its inputs, and its torque another name: the plant would move without a torque."""
+    text = OWN.replace("wanted", "q_d").replace("measured", "q")
+    renamed["controller"].write_text(text)
+    said = r"^plant\.tau: expected an output that feeds it, such as .*controller\.torque, got none\."
+    with pytest.raises(UsageError, match=said):
+        prepare("planar_tracking", units=renamed)
+    scenario = prepare("planar_tracking", units=renamed, connections={"controller.torque": "plant.tau"})
+    assert not scenario.system.unfed
+
+
+def test_an_element_is_connected_apart_from_its_vector():
+    connections = prepare("planar_tracking", connections={"plant.kappa[1]": "controller.q[1]"}).system.connections
+    assert connections["plant.kappa[1]"] == ["controller.q[1]"] and connections["plant.q[2]"] == ["controller.q[2]"]
+    assert "controller.q" not in connections["plant.q"] and "plant.q[1]" not in connections
 
 
 def test_a_new_input_is_connected_to_the_only_output_that_fits_by_name_shape_and_unit(renamed):

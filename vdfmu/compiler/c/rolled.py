@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-_NUMBER = re.compile(r"(?<![\w.])(?<!\* )(\d+)(?![\w.]| \*)")
-"""A whole number that may move on; a factor does not."""
+_NUMBER = re.compile(r"(?<![\w.])(?<!\* )(?<![eE][+-])(\d+)(?![\w.]| \*)")
+"""A whole number that may move on; a factor and an exponent do not."""
 _INDEX = re.compile(r"\bj\b")
 _MOST = 64
 """Most lines that a loop repeats."""

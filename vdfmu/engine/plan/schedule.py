@@ -261,8 +261,8 @@ def variable_graph(
 ) -> tuple[list[Port], set[tuple[Port, Port]]]:
     """Return the connected variables, and the pairs whose second variable depends on the first directly.
 
-    Where several outputs depend on the same inputs, a port that is no variable stands between them: else an array would
-    have the square of its length of pairs.
+    Where several outputs depend on the same inputs, one further port connects them, because an array would have as many
+    pairs as the square of its length otherwise.
     """
     used = [link for link in links if initial or link.stepped]
     ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))

@@ -230,10 +230,14 @@ def written(folder: Path, outputs: Sequence[str]) -> list[str]:
     return sorted(name for name in names if exists(folder / name))
 
 
-def write_summary(summary: dict[str, Any], folder: Path) -> None:
-    """Write ``summary.json`` with a list of the files, so that a later run may replace them."""
+def write_summary(summary: dict[str, Any], folder: Path, files: Iterable[str] | None = None) -> None:
+    """Write ``summary.json`` with the names of the run's files, by default all that are there.
+
+    A later run may replace these.
+    """
     path = folder / "summary.json"
-    summary["files"] = sorted({*(file.name for file in folder.iterdir()), path.name})
+    names = (file.name for file in folder.iterdir()) if files is None else files
+    summary["files"] = sorted({*names, path.name})
     try:
         path.write_text(to_json(summary) + "\n", encoding="utf-8")
     except OSError as error:

@@ -126,7 +126,8 @@ def report_page(
         }
         for name, run, simulation, command in zip(names, runs, simulations, commands, strict=True)
     ]
-    for reason in dict.fromkeys(simulation.get("reason") for simulation in simulations if simulate):
+    scenarios = [simulation for simulation, run in zip(simulations, runs, strict=True) if "scenario" in run.summary]
+    for reason in dict.fromkeys(simulation.get("reason") for simulation in scenarios if simulate):
         if reason:
             LOG.warning("the page has no sliders. %s", reason)
     if arm_alone:

@@ -49,6 +49,8 @@ def prepare(
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     more = pick(CouplingOptions, {name: changes[name] for name in changes.keys() - fields})
     scenario = dataclasses.replace(scenario, inputs=tables, options={**scenario.options, **more})
+    if options["unfed"] not in (None, "ok"):
+        raise UsageError(f"unfed: expected ok, got {options['unfed']}.")
     if options["units"]:
         _log_connections(scenario, options["units"])
         _require_fed(scenario, [*names, *(options["parameters"] or ())], options["unfed"])
@@ -70,12 +72,14 @@ def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
 
 
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
-    """Raise UsageError for inputs of controllers that nothing feeds, unless they are among the `names` that are set."""
-    if allowed not in (None, "ok"):
-        raise UsageError(f"unfed: expected ok, got {allowed}.")
+    """Raise UsageError for inputs that nothing feeds, unless they are among the `names` that are set.
+
+    Those of a plant may keep their start values, such as a wrench at its tool, unless a unit left out what fed them.
+    """
+    lost = {link.partition(" -> ")[2] for link in scenario.system.dropped}
     lines: list[str] = []
     for end in unfed_inputs(scenario, names):
-        if allowed is None and end.partition(".")[0] not in scenario.resolved.plants:
+        if allowed is None and (end.partition(".")[0] not in scenario.resolved.plants or end in lost):
             fitting = " or ".join(scenario.system.unfed.get(end, ()))
             such = f", such as {fitting}" if fitting else ""
             ways = f"--connect OUTPUT={end} connects it, --set {end}=VALUE sets it, --unfed ok keeps its start value."

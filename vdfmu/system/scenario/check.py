@@ -75,10 +75,10 @@ def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
     `names` are parameters that are set.
     """
     tables = read_inputs(scenario.inputs, scenario.input_hold)
-    fed_or_set = {name.partition("[")[0] for name in (*names, *(n for table in tables for n in table.names))}
-    fed_or_set |= {f"{name}.{key.partition('[')[0]}" for name, keys in scenario.sections.items() for key in keys}
+    fed_or_set = {*scenario.system.fed, *names, *(name for table in tables for name in table.names)}
+    fed_or_set |= {f"{name}.{key}" for name, keys in scenario.sections.items() for key in keys}
     lacking = dict.fromkeys((*scenario.system.unfed, *_unmeasured(scenario)))
-    return [name for name in lacking if name not in fed_or_set]
+    return [name for name in lacking if not scenario.resolved.is_fed(name, fed_or_set)]
 
 
 def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, float, float]]:
@@ -93,10 +93,11 @@ def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iter
 
 def _unmeasured(scenario: Scenario) -> Iterator[str]:
     """Yield the inputs for positions that nothing feeds, of components that act on a plant."""
-    fed = {end.partition("[")[0] for end in scenario.system.fed}
-    for name, unit in scenario.resolved.units.items():
-        for key, declared in unit.declared.items() if name not in scenario.resolved.plants else ():
-            if isinstance(declared, Input) and declared.unit == "position" and f"{name}.{key}" not in fed:
+    resolved, fed = scenario.resolved, scenario.system.fed
+    for name, unit in resolved.units.items():
+        for key, declared in unit.declared.items() if name not in resolved.plants else ():
+            is_position = isinstance(declared, Input) and declared.unit == "position"
+            if is_position and not resolved.is_fed(f"{name}.{key}", fed):
                 yield f"{name}.{key}"
 
 

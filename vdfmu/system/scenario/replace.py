@@ -86,7 +86,8 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
     ]
     free = [end for end in new if all(end != target for _, target in ends_of(connections))]
     joined = [(sources[0], end) for end in free if len(sources := _sources(resolved, links, end)) == 1]
-    system = dataclasses.replace(system, connections=rewired(rewired({}, [*kept, *joined]), connections))
+    links_now = [pair for link in (*kept, *joined) for pair in _split(resolved, link, connections)]
+    system = dataclasses.replace(system, connections=rewired(rewired({}, links_now), connections))
     if connections:
         resolve(system, scenario.robot).check_connections("connections")
     for name in units:
@@ -98,12 +99,27 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
         sections[name] = {v: value for v, value in values if v in resolved.tables[name].reference}
     for name, unit in resolved.units.items():
         sections = started(system, name, unit, sections)
-    fed = {end.partition("[")[0] for end in system.fed}
+    lost = [end for _, end in dropped if resolved.elements(end, "input")]
+    outputs = (f"{name}.{v.group}" for name in units for v in resolved.tables[name] if v.causality == "output")
+    sources = dict.fromkeys((*(source for source, _ in dropped), *outputs))
     system = dataclasses.replace(
         system, dropped=tuple(map(" -> ".join, dropped)), joined=tuple(map(" -> ".join, joined)),
-        unfed={end: [source for source, _ in dropped if resolved.fits(source, end)] for end in new if end not in fed},
+        unfed={
+            end: [source for source in sources if resolved.fits(source, end)]
+            for end in dict.fromkeys([*new, *lost]) if not resolved.is_fed(end, system.fed)
+        },
     )  # fmt: skip
     return dataclasses.replace(scenario, system=system, sections=sections)
+
+
+def _split(resolved: ResolvedSystem, link: tuple[str, str], added: Connections) -> list[tuple[str, str]]:
+    """Return a connection, element by element if an added connection feeds an element of its input."""
+    source, target = link
+    if all(end == target or end.partition("[")[0] != target for _, end in ends_of(added)):
+        return [link]
+    starts, ends = resolved.elements(source, "output"), resolved.elements(target, "input")
+    parts = source.partition(".")[0], target.partition(".")[0]
+    return [(f"{parts[0]}.{starts[i].name}", f"{parts[1]}.{ends[i].name}") for i in ends if i in starts]
 
 
 def _sources(resolved: ResolvedSystem, links: Sequence[tuple[str, str]], end: str) -> list[str]:

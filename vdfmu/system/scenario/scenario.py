@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -155,6 +155,11 @@ class ResolvedSystem:
         """Whether an output and an input have one shape and one unit of measurement."""
         starts, ends = self.elements(source, "output"), self.elements(target, "input")
         return bool(ends) and starts.keys() == ends.keys() and all(_alike(starts[i], ends[i]) for i in ends)
+
+    def is_fed(self, end: str, ends: Container[str]) -> bool:
+        """Whether an input, or each of its elements, is among some ends of connections."""
+        component, elements = end.partition(".")[0], self.elements(end, "input").values()
+        return end in ends or bool(elements) and all(f"{component}.{v.name}" in ends for v in elements)
 
     def check_connections(self, where: str = "") -> None:
         """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs.
