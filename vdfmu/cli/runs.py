@@ -84,7 +84,8 @@ def run(
         tell(*map(sheet_table, sheets(summary) if verbose else ()))
         (console.print if failed else tell)(verdict_table(summary, verbose))
     say_written(*(folder / name for name in written(folder, outputs)))
-    say_page(folder / outputs[-1], options["opened"])
+    if (page := folder / outputs[-1]).exists():
+        say_page(page, options["opened"])
     if failed:
         raise SystemExit(1)
 
@@ -134,7 +135,7 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
         typed = options["connections"] or ()
         kept = [pair for pair in ends_of(point.get("connections", ())) if pair[1] not in {end for _, end in typed}]
         settings["connections"] = [*kept, *typed]
-    from vdfmu.study.runs import RUN_OUTPUTS
+    from vdfmu.engine.results.folder import RUN_OUTPUTS
     from vdfmu.study.runs import run as run_study
 
     return run_study(**settings), RUN_OUTPUTS
@@ -142,11 +143,10 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
 
 def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
     """Print the reason of a run's failure, or its verdict if it was stopped, and the page of its rows."""
-    from vdfmu.engine.results.folder import PARTIAL
-    from vdfmu.study.report.shown_run import NAME
+    from vdfmu.engine.results.folder import PAGE, PARTIAL
 
     summary = error.results.summary
-    page = _folder(options, summary) / PARTIAL / NAME
+    page = _folder(options, summary) / PARTIAL / PAGE
     if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
@@ -168,8 +168,9 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
         check_wanted(wanted, sampled, options["adaptive"])
     from vdfmu.engine.package.limits import package_limit
     from vdfmu.engine.package_run import default_folder
+    from vdfmu.engine.results.folder import RUN_OUTPUTS
     from vdfmu.engine.rules import can_run, run_anyway
-    from vdfmu.study.runs import RUN_OUTPUTS, run_joined
+    from vdfmu.study.joined import run_joined
 
     with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
         try:

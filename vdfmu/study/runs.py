@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,21 +15,10 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import counted, doing, with_progress
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
 from vdfmu.engine.algorithms import DEFAULT, DELAYED
-from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package_run import default_folder, run_system
-from vdfmu.engine.results.folder import (
-    PARTIAL,
-    SYSTEM_OUTPUTS,
-    known_formats,
-    known_pictures,
-    replacing_results,
-    write_summary,
-)
+from vdfmu.engine.results.folder import RUN_OUTPUTS, known_formats, known_pictures, replacing_results, write_summary
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted, simulate
-from vdfmu.study.judgement import judge
 from vdfmu.study.options import ScenarioOptions, ScenarioRunOptions
 from vdfmu.study.report.content import write_pictures
 from vdfmu.study.report.page import write_failed, write_report
@@ -43,12 +31,8 @@ from vdfmu.study.run.measure import Measures
 from vdfmu.study.run.pack import write_package
 from vdfmu.study.run.prepare import prepare
 from vdfmu.study.run.simulate import co_simulate
-from vdfmu.study.verdict import calculated_checks
 from vdfmu.system.package.write import build_parts, write_ssp
 from vdfmu.system.scenario import Scenario
-
-RUN_OUTPUTS = (*SYSTEM_OUTPUTS, "system.ssp", NAME)
-"""Files that the run of a scenario writes and replaces."""
 
 
 @with_progress
@@ -114,42 +98,6 @@ def _folder_of(case: RunCase) -> Generator[Path]:
     folder = Path(out or "") if out is not None else Path("results") / case.scenario.name
     with replacing_results(folder, RUN_OUTPUTS, case.options["overwrite"]) as place:
         yield Path(place)
-
-
-def run_joined(
-    package: Path, source: str | None, wanted: float | None, sampled: bool | None, **options: Unpack[SystemOptions]
-) -> Results:
-    """Run a package of any tool, judge the run if an error is `wanted` [%], and write its page.
-
-    `source` is the name of a package that was made for the run, which is kept as ``system.ssp``. Errors: see
-    :func:`vdfmu.engine.package_run.run_system` and :func:`vdfmu.study.judgement.judge`.
-    """
-    folder = Path(options["out"] or default_folder(package))
-
-    def keep_package(partial: Path, _: Results) -> None:
-        if source is not None:
-            shutil.copyfile(package, partial / "system.ssp")
-
-    try:
-        results = run_system(package, source, RUN_OUTPUTS, keep_package, **{**options, "out": folder})
-    except (CosimError, Interrupted) as error:
-        write_failed(package.stem, package, folder / PARTIAL, error)
-        raise
-    summary = results.summary
-    if wanted is not None:
-        judgement = judge(
-            load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-            algorithm=summary["algorithm"], parameters=options["parameters"],
-            **pick(SpanOptions, options), **pick(LoadedOptions, options),
-        )  # fmt: skip
-        summary["judgement"] = judgement.to_dict()
-        sentence = summary["judgement"]["text"].partition(". ")[0]
-        summary["verdict"] = verdict_of([*calculated_checks(summary)], [sentence])
-        write_summary(summary, folder, summary["files"])
-    with doing("page"):
-        write_report([ShownRun(package.stem, results, summary, package)], folder / NAME)
-    write_summary(summary, folder, [*summary["files"], NAME])
-    return results
 
 
 ROWS = 1001

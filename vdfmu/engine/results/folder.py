@@ -22,6 +22,10 @@ from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
 """Result files of a package's run beside figures; they replace the files of an earlier run."""
+PAGE = "report.html"
+"""Page of a run."""
+RUN_OUTPUTS = (*SYSTEM_OUTPUTS, "system.ssp", PAGE)
+"""Files that a run on the command line writes and replaces."""
 PARTIAL = "partial"
 """Folder of a failed or stopped run in the folder of the results."""
 _TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")

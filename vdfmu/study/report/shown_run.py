@@ -16,14 +16,14 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.page import page, table
 from vdfmu.engine.linear.growth import Poses
-from vdfmu.engine.results.folder import PARTIAL
+from vdfmu.engine.results.folder import PAGE, PARTIAL
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import STATES, headline_of, state_of
 from vdfmu.study.report.scripts import look
 from vdfmu.study.run.summary_keys import read_summary
 
-NAME = "report.html"
+NAME = PAGE
 
 
 class ShownRun(NamedTuple):

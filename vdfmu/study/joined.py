@@ -1,0 +1,68 @@
+"""The run of FMUs on the command line: results, verdict and page."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import suppress
+from pathlib import Path
+from typing import Unpack
+
+from vdfmu.base.errors import LOG, CosimError
+from vdfmu.base.option import pick
+from vdfmu.base.progress import doing
+from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
+from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package_run import default_folder, run_system
+from vdfmu.engine.results.folder import PAGE, PARTIAL, RUN_OUTPUTS, write_summary
+from vdfmu.engine.results.results import Results
+from vdfmu.engine.results.verdict import verdict_of
+from vdfmu.engine.run import Interrupted
+
+
+def run_joined(
+    package: Path, source: str | None, wanted: float | None, sampled: bool | None, **options: Unpack[SystemOptions]
+) -> Results:
+    """Run a package of any tool, judge the run if an error is `wanted` [%], and write its page.
+
+    The run needs the engine alone: where CasADi is missing, it has no page. `source` is the name of a package that was
+    made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
+    :func:`vdfmu.study.judgement.judge`.
+    """
+    folder = Path(options["out"] or default_folder(package))
+
+    def keep_package(partial: Path, _: Results) -> None:
+        if source is not None:
+            shutil.copyfile(package, partial / "system.ssp")
+
+    try:
+        results = run_system(package, source, RUN_OUTPUTS, keep_package, **{**options, "out": folder})
+    except (CosimError, Interrupted) as error:
+        with suppress(ImportError):
+            from vdfmu.study.report.page import write_failed  # takes long to import
+
+            write_failed(package.stem, package, folder / PARTIAL, error)
+        raise
+    summary = results.summary
+    if wanted is not None:
+        from vdfmu.study.judgement import judge  # takes long to import
+        from vdfmu.study.verdict import calculated_checks
+
+        judgement = judge(
+            load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
+            algorithm=summary["algorithm"], parameters=options["parameters"],
+            **pick(SpanOptions, options), **pick(LoadedOptions, options),
+        )  # fmt: skip
+        summary["judgement"] = judgement.to_dict()
+        sentence = summary["judgement"]["text"].partition(". ")[0]
+        summary["verdict"] = verdict_of([*calculated_checks(summary)], [sentence])
+        write_summary(summary, folder, summary["files"])
+    try:
+        from vdfmu.study.report.page import write_report  # takes long to import
+        from vdfmu.study.report.shown_run import ShownRun
+    except ImportError as error:
+        LOG.warning("the page was not written: %s", error)
+        return results
+    with doing("page"):
+        write_report([ShownRun(package.stem, results, summary, package)], folder / PAGE)
+    write_summary(summary, folder, [*summary["files"], PAGE])
+    return results
