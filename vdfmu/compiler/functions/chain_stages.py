@@ -15,7 +15,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vdfmu.compiler.functions.chain import LOCAL, ChainCalls, ChainError, ChainPart, PartChain, Place, read_of
+from vdfmu.compiler.functions.chain import LOCAL, ChainError, ChainPart, PartChain, Place, column_of
+from vdfmu.compiler.functions.chain_calls import ChainCalls, called, read_of
 from vdfmu.compiler.functions.operations import Operations
 from vdfmu.compiler.functions.rodas import GAMMA, Stages, permuted, varying
 from vdfmu.compiler.scalar.matrices import factorize, solve_factorized, sparse
@@ -98,14 +99,14 @@ class ChainStages:
         for i in reversed(range(n)):
             more = of_part(right, i, "right", m) | of_part(factors, i, "along", m, ends[-1])
             more |= of_part(slope, i, "slope", len(self._carried)) | {"factors": own_factors[i], "s": s, "delay": delay}
-            made = _called(kinds[i].inward, more)
+            made = called(kinds[i].inward, more)
             alone[i], s = made["u"], made.get("s_new", s)
         moved = ca.MX.zeros(chain.first[OUTWARD].numel() if OUTWARD in chain.first else 0)
         u: list[list[ca.MX]] = [[] for _ in range(m)]
         for i in range(n):
             more = of_part(slope, i, "slope", len(self._carried))
             more |= {"factors": own_factors[i], "alone": alone[i], "moved": moved}
-            made = _called(kinds[i].outward, more)
+            made = called(kinds[i].outward, more)
             moved = made.get("moved_new", moved)
             for k in range(m):
                 u[k].append(made[f"u_{k}"])
@@ -117,11 +118,6 @@ class ChainStages:
         for k in self._explicit:
             explicit[k * n : (k + 1) * n] = 1.0
         return Stages(factors, solve, ca.DM(explicit), self.rows)
-
-
-def _called(function: ca.Function, arguments: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
-    made = function.call([arguments[name] for name in function.name_in()])
-    return dict(zip(function.name_out(), made, strict=True))
 
 
 def chain_rates(balance: PartChain, names: set[str]) -> PartChain:
@@ -179,7 +175,7 @@ def rates_of(inputs: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
 
 
 def _depends(column: ca.SX | None, inputs: Mapping[str, ca.SX]) -> bool:
-    return column is not None and ca.depends_on(column, ca.vertcat(ca.SX(0, 1), *inputs.values()))
+    return column is not None and ca.depends_on(column, column_of(inputs.values()))
 
 
 class _LinearPart:
@@ -223,8 +219,7 @@ class _LinearPart:
                 values[k] = self._moved[outward.index(k)]
             else:
                 values[k] = operations.value(k, [values[i] for i in operation.reads])
-        empty = ca.SX(0, 1)
-        return ca.vertcat(*(values[k] for k in rows)), ca.vertcat(empty, *(values[k] for k in inward))
+        return column_of(values[k] for k in rows), column_of(values[k] for k in inward)
 
     def functions(
         self, kind: int, carried: Sequence[int], explicit: Sequence[int], order: np.ndarray
@@ -302,7 +297,7 @@ class _PartFunctions:
         right, along = ([ca.SX.sym(f"{name}_{k}") for k in range(m)] for name in ("right", "along"))
         slope = [ca.SX.sym(f"slope_{k}") for k in range(Q.shape[1])]
         s, delay, alone = ca.SX.sym("s", R_b.shape[1]), ca.SX.sym("delay"), ca.SX.sym("alone", m)
-        slopes = ca.vertcat(ca.SX(0, 1), *slope)
+        slopes = column_of(slope)
         moved = ca.SX.sym("moved", A_a.shape[1])
         inputs: dict[str, ca.SX] = {"factors": factors, "s": s, "delay": delay, "alone": alone, "moved": moved}
         inputs |= {x.name(): x for x in (*right, *along, *slope)}

@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 
 from vdfmu.compiler.functions.chain import ChainError, PartChain, PartTrace, Place, chain_of
+from vdfmu.compiler.functions.chain_calls import chain_function
 from vdfmu.compiler.functions.chain_stages import ChainStages
 from vdfmu.compiler.scalar.passes import recording
 from vdfmu.compiler.scalar.symbol import to_sx
@@ -67,7 +68,7 @@ def chain_step(
     """
     instance = unit(robot)
     stages = ChainStages(chain, [state for state in state_slices(instance) if state], elimination_order(instance))
-    balance = chain.function()
+    balance = chain_function(chain)
     sizes = {each.name_in(k): each.numel_in(k) for each in (derivatives, balance) for k in range(each.n_in())}
     del sizes["x_dot"]
     inputs = [argument_name(d.name) for d in instance.declared.values() if d.causality == "input"]

@@ -14,6 +14,7 @@ import casadi as ca
 
 from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler.functions.chain import ChainError
+from vdfmu.compiler.functions.chain_calls import chain_function
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER, derivative, time_left
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import Functions, traced_function
@@ -156,7 +157,7 @@ class UnitFunctions(Functions):
         assert self.robot is not None
         phase, call = self._traced[name]
         try:
-            return chain_trace(self.unit, self.robot, name, phase, dict(call.when)).function()
+            return chain_function(chain_trace(self.unit, self.robot, name, phase, dict(call.when)))
         except ChainError:
             record = self._record(name)
             return traced_function(name, record.symbols, record.expressions())
