@@ -37,11 +37,17 @@ class Vector:
         """Return the place as C."""
         return f"{self.array} + {self.offset}" if self.offset else self.array
 
-    def put(self, array: str, offset: int) -> bool:
-        """Choose the place. Return whether it was free."""
+    @property
+    def root(self) -> Vector:
+        """The vector whose place it has in the end."""
         root = self
         while root.after is not None:
             root = root.after
+        return root
+
+    def put(self, array: str, offset: int) -> bool:
+        """Choose the place. Return whether it was free."""
+        root = self.root
         if not root.is_made or root.array:
             return False
         vector: Vector | None = self
@@ -148,7 +154,7 @@ class VectorText:
         if operation.code == ca.OP_RESHAPE:
             return [0]
         if operation.code == ca.OP_GETNONZEROS:
-            taken = _elements(self._info(operation.number))
+            taken = self.elements(operation)
             if taken == list(range(taken[0], taken[0] + len(taken))):
                 return [taken[0]]
         return None
@@ -185,9 +191,7 @@ class VectorText:
         return f"{self._function.name_out(operation.argument)}_out"
 
     def _reserve(self, vector: Vector) -> None:
-        root = vector
-        while root.after is not None:
-            root = root.after
+        root = vector.root
         if root.array:
             vector.array, vector.offset = root.array, root.offset
         elif vector.put("w", self._size):
@@ -268,11 +272,11 @@ class VectorText:
         (target,) = operation.writes
         assert target is not None
         if code == ca.OP_GETNONZEROS:
-            yield from _moves(target, 1, reads[0], _elements(self._info(operation.number)), "=")
+            yield from _moves(target, reads[0], self.elements(operation))
         elif code in (ca.OP_SETNONZEROS, ca.OP_ADDNONZEROS):
             if reads[0].place() != target.place():
                 yield from _copy(target.place(), reads[0].place(), target.size)
-            yield from _added(target, reads[1], _elements(self._info(operation.number)), code == ca.OP_ADDNONZEROS)
+            yield from _added(target, reads[1], self.elements(operation), code == ca.OP_ADDNONZEROS)
         elif code == ca.OP_DOT:
             yield f"{_element(target, '0')} = 0.0;"
             terms = f"{_element(reads[0], 'i')} * {_element(reads[1], 'i')}"
@@ -307,9 +311,9 @@ def _copy(target: str, source: str, size: int) -> Iterator[str]:
         yield f"memcpy({target}, {source}, {size} * sizeof(double));"
 
 
-def _moves(target: Vector, step: int, source: Vector, elements: Sequence[int], sign: str) -> Iterator[str]:
+def _moves(target: Vector, source: Vector, elements: Sequence[int]) -> Iterator[str]:
     for k, element in enumerate(elements):
-        yield f"{_element(target, str(k * step))} {sign} {_element(source, str(element))};"
+        yield f"{_element(target, str(k))} = {_element(source, str(element))};"
 
 
 def _added(target: Vector, source: Vector, elements: Sequence[int], is_sum: bool) -> Iterator[str]:

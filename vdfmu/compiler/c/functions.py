@@ -64,10 +64,10 @@ def kernel_files(
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
     """Return files that compile the files of the step again for AVX2, with other names of their functions."""
     names = _DEFINED.findall("\n".join(files.values()))
-    renamed = "".join(f"#define {name} {name}_avx2\n" for name in names)
+    defines = "".join(f"#define {name} {name}_avx2\n" for name in names)
     return {
         file.replace(".c", "_avx2.c"): head(f"{file} once more, for processors with AVX2; see processor.h.")
-        + source_text("avx2.c").replace("/* RENAMED */\n", renamed + "\n").replace("FILE", file)
+        + source_text("avx2.c").replace("/* RENAMED */\n", defines + "\n").replace("FILE", file)
         for file in files
     }
 
