@@ -12,6 +12,7 @@ from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
+from vdfmu.engine.package.join import ends_of
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.run import check_coupling
@@ -64,8 +65,11 @@ def prepare(
 
 def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
     """Write the connections of components into the log, as a table of outputs and inputs."""
-    links = [(source, target) for source, targets in scenario.system.connections.items() for target in targets]
-    rows = [link for link in links if any(end.partition(".")[0] in components for end in link)]
+    rows = [
+        link
+        for link in ends_of(scenario.system.connections)
+        if any(end.partition(".")[0] in components for end in link)
+    ]
     width = max((len(source) for source, _ in rows), default=0)
     table = "\n".join(f"  {source:<{width}} -> {target}" for source, target in rows)
     LOG.info("connections of %s:\n%s", ", ".join(components), table)

@@ -77,7 +77,7 @@ def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
     tables = read_inputs(scenario.inputs, scenario.input_hold)
     fed_or_set = {*scenario.system.fed, *names, *(name for table in tables for name in table.names)}
     fed_or_set |= {f"{name}.{key}" for name, keys in scenario.sections.items() for key in keys}
-    lacking = dict.fromkeys((*scenario.system.unfed, *_unmeasured(scenario)))
+    lacking = dict.fromkeys((*scenario.system.unfed, *_positions(scenario)))
     return [name for name in lacking if not scenario.resolved.is_fed(name, fed_or_set)]
 
 
@@ -91,13 +91,11 @@ def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iter
             yield name, begin, values[name].get("T", unit.declared["T"].start)
 
 
-def _unmeasured(scenario: Scenario) -> Iterator[str]:
-    """Yield the inputs for positions that nothing feeds, of components that act on a plant."""
-    resolved, fed = scenario.resolved, scenario.system.fed
-    for name, unit in resolved.units.items():
-        for key, declared in unit.declared.items() if name not in resolved.plants else ():
-            is_position = isinstance(declared, Input) and declared.unit == "position"
-            if is_position and not resolved.is_fed(f"{name}.{key}", fed):
+def _positions(scenario: Scenario) -> Iterator[str]:
+    """Yield the inputs for positions of components that act on a plant."""
+    for name, unit in scenario.resolved.units.items():
+        for key, declared in unit.declared.items() if name not in scenario.resolved.plants else ():
+            if isinstance(declared, Input) and declared.unit == "position":
                 yield f"{name}.{key}"
 
 

@@ -77,7 +77,7 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
         parts[name] = dataclasses.replace(parts[name], unit=value)
     system = dataclasses.replace(scenario.system, parts=parts)
     resolved = resolve(system, scenario.robot)
-    links = [(source, target) for source, targets in system.connections.items() for target in targets]
+    links = ends_of(system.connections)
     kept = [link for link in links if resolved.elements(link[0], "output") and resolved.elements(link[1], "input")]
     dropped = [link for link in links if link not in kept]
     inputs = [(name, v.group) for name in units for v in resolved.tables[name] if v.causality == "input"]
