@@ -175,8 +175,9 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
     with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
         try:
             package, source, kept = _package_of(parts, options)
-            options["out"] = options["out"] or (Path("results", package.stem) if kept else default_folder(package))
-            return run_joined(package, source, wanted, sampled, **pick(SystemOptions, options)), RUN_OUTPUTS
+            folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
+            options["out"] = folder  # a failed run is said with its page there
+            return run_joined(package, source, folder, wanted, sampled, **pick(SystemOptions, options)), RUN_OUTPUTS
         except SspError as error:
             if all(map(can_run, error.problems)):
                 error.add_note("The FMUs can run in spite of this: --run-anyway.")
@@ -194,14 +195,17 @@ def _package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path,
     if unnamed and len(parts) > 1:
         wrong = unnamed[0]
         raise UsageError(f"{wrong}: must be NAME=FILE if there are several. Write {Path(wrong).stem}={wrong}.")
-    from vdfmu.study.connected import component_name, connect
+    from vdfmu.study.connected import connect, load_fmu
 
     named = [part.split("=", 1) for part in parts if part not in unnamed]
     names = [name for name, _ in named]
     if twice := [name for name in names if names.count(name) > 1]:
         raise UsageError(f"{twice[0]}: expected one FMU or unit of this name, got {names.count(twice[0])}. Rename one.")
-    name = "system" if named else component_name(Path(first).stem)
-    system = connect(dict(named) or {name: first}, connections or (), name=name, algorithm=options["algorithm"])
+    connections, algorithm = connections or (), options["algorithm"]
+    if named:
+        system = connect(dict(named), connections, algorithm=algorithm)
+    else:
+        system = load_fmu(first, connections, algorithm)
     return system.path, " ".join(parts), system
 
 

@@ -322,8 +322,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
     """
     ending = Path(source).suffix.lower() if isinstance(source, str | os.PathLike) else ""
     if ending == ".fmu":
-        name = component_name(Path(source).stem)  # pyright: ignore[reportArgumentType]
-        return connect({name: source}, connections, name=name)  # pyright: ignore[reportArgumentType]
+        return load_fmu(source, connections)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         if connections:
             raise UsageError(f"connections: expected a scenario, got the package {source}, which has its own.")
@@ -340,6 +339,8 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
         return System(package, options, keep=stack.pop_all(), scenario=scenario)
 
 
-def component_name(text: str) -> str:
-    """Return a text as the name of a component."""
-    return "".join(c if c.isalnum() and c.isascii() else "_" for c in text).lstrip("0123456789") or "fmu"
+def load_fmu(fmu: str | os.PathLike[str], connections: Connections = (), algorithm: str | None = None) -> System:
+    """Load one FMU as a system of its name; see `load` and `connect`."""
+    word = "".join(c if c.isalnum() and c.isascii() else "_" for c in Path(fmu).stem).lstrip("0123456789")
+    name = word or "fmu"
+    return connect({name: fmu}, connections, name=name, algorithm=algorithm)

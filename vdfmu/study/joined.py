@@ -12,7 +12,7 @@ from vdfmu.base.option import pick
 from vdfmu.base.progress import doing
 from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package_run import default_folder, run_system
+from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.folder import PAGE, PARTIAL, RUN_OUTPUTS, write_summary
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import verdict_of
@@ -20,15 +20,15 @@ from vdfmu.engine.run import Interrupted
 
 
 def run_joined(
-    package: Path, source: str | None, wanted: float | None, sampled: bool | None, **options: Unpack[SystemOptions]
-) -> Results:
-    """Run a package of any tool, judge the run if an error is `wanted` [%], and write its page.
+    package: Path, source: str | None, folder: Path, wanted: float | None, sampled: bool | None,
+    **options: Unpack[SystemOptions],
+) -> Results:  # fmt: skip
+    """Run a package of any tool, judge the run if an error is `wanted` [%], and write its page, all in a folder.
 
     The run needs the engine alone: where CasADi is missing, it has no page. `source` is the name of a package that was
     made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
     :func:`vdfmu.study.judgement.judge`.
     """
-    folder = Path(options["out"] or default_folder(package))
 
     def keep_package(partial: Path, _: Results) -> None:
         if source is not None:
