@@ -120,8 +120,7 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     environment = {"SOURCE_DATE_EPOCH": EPOCH} | os.environ
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", str(out.absolute())]
-    subprocess.run(build, cwd=ROOT, env=environment, check=True)
+    _build(out, environment, "wheel", "sdist")
     _write_platform_wheel(out, environment)
     for name in arms:
         with one_job():
@@ -130,6 +129,13 @@ def make(out: Path, arms: Sequence[str], platforms: Sequence[str]) -> None:
     files = sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
     sums = (f"{sha256((out / name).read_bytes()).hexdigest()}  {name}\n" for name in files)
     (out / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")
+
+
+def _build(out: Path, environment: Mapping[str, str], *kinds: str) -> None:
+    """Let hatchling write archives of some kinds."""
+    asked = [word for kind in kinds for word in ("-t", kind)]
+    command = [sys.executable, "-m", "hatchling", "build", *asked, "-d", str(out.absolute())]
+    subprocess.run(command, cwd=ROOT, env=dict(environment), check=True)
 
 
 def _write_platform_wheel(out: Path, environment: Mapping[str, str]) -> None:
@@ -147,8 +153,7 @@ def _write_platform_wheel(out: Path, environment: Mapping[str, str]) -> None:
                     with entry.open("rb") as file:
                         archive.addfile(member, file)
         added = {"VDFMU_PREBUILT": str(packed), "VDFMU_WHEEL_TAG": WHEEL_TAGS[this_platform()]}
-        build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out.absolute())]
-        subprocess.run(build, cwd=ROOT, env={**environment, **added}, check=True)
+        _build(out, {**environment, **added}, "wheel")
 
 
 def _write_arm(scenario: Scenario, folder: Path, platforms: Sequence[str]) -> None:
