@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.arm.motion.files import require_read, writer
 from vdfmu.arm.motion.read import check_motion
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.cli.commands import app
@@ -27,19 +28,12 @@ def robot():
 
 @pytest.fixture
 def written(tmp_path):
-    def write(text, name="motion.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+    return writer(tmp_path)
 
 
 @pytest.mark.parametrize("kind", GOOD)
 def test_each_kind_is_read(kind, robot, written):
-    motion = vdfmu.load_motion(written(f'kind = "{kind}"\n{GOOD[kind]}'), robot)
-    assert motion.n == 2 and motion.duration > 0.5
-    assert motion.unit().begin() == motion.start.tolist()
+    require_read(written, kind, GOOD[kind], robot)
 
 
 def test_a_csv_file_has_columns_in_any_order_and_unit(robot, written):

@@ -69,6 +69,14 @@ def assert_same_runs(rows, wanted):
                 np.testing.assert_allclose(row[name], values, rtol=0.0, atol=atol, err_msg=name)
 
 
+def all_in_lanes(bench, scenario, over, **options):
+    """Run a study in lanes; its rows are those of the FMUs, which it did not need."""
+    rows, wanted = bench(scenario, over, **options)
+    assert_same_runs(rows, wanted)
+    assert not bench.needed
+    return rows
+
+
 _ROBOTS = [*heavy("tracking"), "slider", *heavy("options")]
 
 
@@ -83,9 +91,7 @@ def test_all_that_can_vary_gives_the_runs_of_the_fmus(bench, with_options, scena
         scenario = dataclasses.replace(scenario, stop=0.1, sections=sections)
     else:
         scenario = dataclasses.replace(load_scenario(scenario), stop=0.1)
-    rows, wanted = bench(scenario, all_parameters(scenario), sample="lhs", points=11)
-    assert_same_runs(rows, wanted)
-    assert not bench.needed
+    rows = all_in_lanes(bench, scenario, all_parameters(scenario), sample="lhs", points=11)
     assert np.ptp([row["plant.q[1]"][-1] for row in rows]) > 1e3 * POSITION  # they are different runs
 
 
@@ -96,8 +102,7 @@ def test_inputs_from_outside_and_both_masters(bench, algorithm):
     over = {"plant.tolerance": [1e-5, 1e-7, 1e-9], "trajectory.t_start": [0.0, 0.02], "plant.F_e[2]": [0.0, 4.0]}
     for hold in (False, True):
         options = {"algorithm": algorithm, "stop": 0.06, "inputs": inputs, "input_hold": hold}
-        assert_same_runs(*bench("planar_tracking", over, **options))
-        assert not bench.needed
+        all_in_lanes(bench, "planar_tracking", over, **options)
 
 
 @pytest.mark.parametrize("options", [
@@ -105,9 +110,7 @@ def test_inputs_from_outside_and_both_masters(bench, algorithm):
     *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
 ], ids=str)  # fmt: skip
 def test_a_solver_with_a_fixed_number_of_steps_and_sampled_laws_of_control(bench, options):
-    rows, wanted = bench("planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
-    assert_same_runs(rows, wanted)
-    assert not bench.needed
+    all_in_lanes(bench, "planar_tracking", {"plant.mass[1]": [5.0, 6.0, 7.0]}, stop=0.05, **options)
 
 
 @pytest.mark.heavy
@@ -202,9 +205,7 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     parts = 'wave = "wave.py"\na = "low_pass.py"\nb = "low_pass.py"\n'
     units = parts + '\n[connections]\n"wave.y" = ["a.u"]\n"a.y" = ["b.u"]\n'
     over = {"a.T": "0.01, 0.1", "b.T": "0.02, 1e-4, 0.05", "wave.f": "10, 60"}
-    rows, wanted = bench(scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
-    assert_same_runs(rows, wanted)
-    assert not bench.needed
+    rows = all_in_lanes(bench, scenario_file(tmp_path, units), over, measure=["end=final(b.y)"])
     assert len({row["end"] for row in rows}) == 12
 
 
@@ -212,9 +213,7 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
 def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, algorithm):
     scenario = switched_file(tmp_path)
     over = {"b.period": "0.01, 0.02, 0.07", "b.seed": "3, 4", "a.f": "7, 100"}
-    rows, wanted = bench(scenario, over, measure=["end=final(b.s)"], algorithm=algorithm)
-    assert_same_runs(rows, wanted)
-    assert not bench.needed
+    rows = all_in_lanes(bench, scenario, over, measure=["end=final(b.s)"], algorithm=algorithm)
     assert len({row["end"] for row in rows}) == 12
     for row in bench(scenario, {"b.period": "0.015, 0.005"}, measure=["end=final(b.s)"])[0]:
         assert "expected a whole multiple of its step 0.01 s" in row["failed"]  # by the FMUs, to which it was left

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.arm.motion.files import require_read, writer
 from tests.arm.motion.jumps import jumps, rounding
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.cli.commands import app
@@ -18,19 +19,12 @@ TABLES = {
 
 @pytest.fixture
 def written(tmp_path):
-    def write(text):
-        path = tmp_path / "motion.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+    return writer(tmp_path)
 
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_each_kind_is_read(kind, robot, written):
-    motion = vdfmu.load_motion(written(f'kind = "{kind}"\n{TABLES[kind]}'), robot)
-    assert motion.n == 2 and motion.duration > 0.5
-    assert motion.unit().begin() == motion.start.tolist()
+    require_read(written, kind, TABLES[kind], robot)
 
 
 @pytest.mark.parametrize(("text", "words"), [
