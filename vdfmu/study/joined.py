@@ -13,7 +13,7 @@ from vdfmu.base.progress import doing
 from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package_run import run_system
-from vdfmu.engine.results.folder import PAGE, PARTIAL, RUN_OUTPUTS, write_summary
+from vdfmu.engine.results.folder import PAGE, PARTIAL, RUN_OUTPUTS
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted
@@ -30,39 +30,42 @@ def run_joined(
     :func:`vdfmu.study.judgement.judge`.
     """
 
-    def keep_package(partial: Path, _: Results) -> None:
+    def finish(partial: Path, results: Results) -> None:
+        """Judge the run and write its page, so that all files replace those of an earlier run at once."""
         if source is not None:
             shutil.copyfile(package, partial / "system.ssp")
+        if wanted is not None:
+            _judge(package, results, wanted, sampled, options)
+        try:
+            from vdfmu.study.report.page import write_report  # takes long to import
+            from vdfmu.study.report.shown_run import ShownRun
+        except ImportError as error:
+            LOG.warning("the page was not written: %s", error)
+            return
+        with doing("page"):
+            write_report([ShownRun(package.stem, results, results.summary, package)], partial / PAGE)
 
     try:
-        results = run_system(package, source, RUN_OUTPUTS, keep_package, **{**options, "out": folder})
+        return run_system(package, source, RUN_OUTPUTS, finish, **{**options, "out": folder})
     except (CosimError, Interrupted) as error:
         with suppress(ImportError):
             from vdfmu.study.report.page import write_failed  # takes long to import
 
             write_failed(package.stem, package, folder / PARTIAL, error)
         raise
-    summary = results.summary
-    if wanted is not None:
-        from vdfmu.study.judgement import judge  # takes long to import
-        from vdfmu.study.verdict import calculated_checks
 
-        judgement = judge(
-            load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-            algorithm=summary["algorithm"], parameters=options["parameters"],
-            **pick(SpanOptions, options), **pick(LoadedOptions, options),
-        )  # fmt: skip
-        summary["judgement"] = judgement.to_dict()
-        sentence = summary["judgement"]["text"].partition(". ")[0]
-        summary["verdict"] = verdict_of([*calculated_checks(summary)], [sentence])
-        write_summary(summary, folder, summary["files"])
-    try:
-        from vdfmu.study.report.page import write_report  # takes long to import
-        from vdfmu.study.report.shown_run import ShownRun
-    except ImportError as error:
-        LOG.warning("the page was not written: %s", error)
-        return results
-    with doing("page"):
-        write_report([ShownRun(package.stem, results, summary, package)], folder / PAGE)
-    write_summary(summary, folder, [*summary["files"], PAGE])
-    return results
+
+def _judge(package: Path, results: Results, wanted: float, sampled: bool | None, options: SystemOptions) -> None:
+    """Add judgement and verdict to the summary of a run."""
+    from vdfmu.study.judgement import judge  # takes long to import
+    from vdfmu.study.verdict import calculated_checks
+
+    summary = results.summary
+    judgement = judge(
+        load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
+        algorithm=summary["algorithm"], parameters=options["parameters"],
+        **pick(SpanOptions, options), **pick(LoadedOptions, options),
+    )  # fmt: skip
+    summary["judgement"] = judgement.to_dict()
+    sentence = summary["judgement"]["text"].partition(". ")[0]
+    summary["verdict"] = verdict_of([*calculated_checks(summary)], [sentence])
