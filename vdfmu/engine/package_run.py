@@ -36,7 +36,8 @@ def default_folder(package: str | os.PathLike[str]) -> Path:
 @with_options
 def run_system(
     package: str | os.PathLike[str], source: str | None = None, outputs: Sequence[str] = SYSTEM_OUTPUTS,
-    finish: Callable[[Path, Results], None] | None = None, **options: Unpack[SystemOptions],
+    finish: Callable[[Path, Results], None] | None = None,
+    failed: Callable[[Path, CosimError | Interrupted], None] | None = None, **options: Unpack[SystemOptions],
 ) -> Results:  # fmt: skip
     """Run an SSP, write its results and ``summary.json``, and return the results.
 
@@ -50,7 +51,9 @@ def run_system(
         Names of the files of an earlier run that this run replaces.
     finish : callable, optional
         Is called with the folder and the results before the summary is written for the last time, to add further files
-        of `outputs`.
+        of `outputs`. What it raises leaves the earlier run unchanged, and the rows in ``partial``.
+    failed : callable, optional
+        Is called with the folder and the error of a run that failed or was stopped, to add further files of `outputs`.
     **options
         :class:`vdfmu.engine.options.SystemOptions`.
 
@@ -83,6 +86,8 @@ def run_system(
             results = simulate(system, **simulated)
         except (CosimError, Interrupted) as error:
             keep(error, partial)
+            if failed is not None:
+                failed(partial, error)
             raise
         done = results.summary
         done["real_time_factor"] = (done["stop"] - done["start"]) / done["wall_s"]

@@ -13,7 +13,7 @@ from vdfmu.base.progress import doing
 from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package_run import run_system
-from vdfmu.engine.results.folder import PAGE, PARTIAL, RUN_OUTPUTS
+from vdfmu.engine.results.folder import PAGE, RUN_OUTPUTS
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import verdict_of
 from vdfmu.engine.run import Interrupted
@@ -45,14 +45,13 @@ def run_joined(
         with doing("page"):
             write_report([ShownRun(package.stem, results, results.summary, package)], partial / PAGE)
 
-    try:
-        return run_system(package, source, RUN_OUTPUTS, finish, **{**options, "out": folder})
-    except (CosimError, Interrupted) as error:
+    def failed(partial: Path, error: CosimError | Interrupted) -> None:
         with suppress(ImportError):
             from vdfmu.study.report.page import write_failed  # takes long to import
 
-            write_failed(package.stem, package, folder / PARTIAL, error)
-        raise
+            write_failed(package.stem, package, partial, error)
+
+    return run_system(package, source, RUN_OUTPUTS, finish, failed, **{**options, "out": folder})
 
 
 def _judge(package: Path, results: Results, wanted: float, sampled: bool | None, options: SystemOptions) -> None:

@@ -1,6 +1,7 @@
 """The page of FMUs of any tool: diagram, figures by unit of measurement, what the FMUs are, and the verdict."""
 
 from html import escape
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,11 @@ from tests.engine.reference import models
 from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.base.files import pack_zip
+from vdfmu.base.option import declared
+from vdfmu.engine.options import SystemOptions
+from vdfmu.engine.run import Interrupted, simulate
+from vdfmu.study import judgement
+from vdfmu.study.joined import run_joined
 from vdfmu.study.report.shown_run import read_run
 
 
@@ -105,6 +111,22 @@ def test_a_judged_run_keeps_its_results_if_it_cannot_be_judged(place):
     done = command(*["Gain.fmu" if word == "gain.py" else word for word in words], cwd=place[0])
     assert done.returncode != 0 and "judge needs connected signals" in done.stderr
     assert len(read_run(place[0] / "alone").results) == 11
+
+
+def test_a_run_that_is_stopped_while_it_is_judged_keeps_its_own_rows(place, tmp_path, monkeypatch):
+    package = place[0] / "results" / "system" / "system.ssp"
+    shorter = simulate(package, stop=0.5, step=0.25)
+
+    def stopped(*_, **__):
+        raise Interrupted(0.5, shorter)
+
+    options: Any = {each.name: each.option.default for each in declared(SystemOptions)} | {"stop": 1.0, "step": 0.01}
+    monkeypatch.setattr(judgement, "judge", stopped)  # a signal at a moment that a test can choose
+    with pytest.raises(Interrupted) as info:
+        run_joined(package, "a b", tmp_path, 1.0, None, **options)
+    kept = read_run(tmp_path / "partial")
+    assert len(kept.results) == 101 and kept.summary["step"] == 0.01
+    assert "partial" in "".join(info.value.__notes__)
 
 
 def test_a_name_stands_for_one_fmu(place):
