@@ -23,7 +23,9 @@ def run_joined(
     package: Path, source: str | None, folder: Path, wanted: float | None, sampled: bool | None,
     **options: Unpack[SystemOptions],
 ) -> Results:  # fmt: skip
-    """Run a package of any tool, judge the run if an error is `wanted` [%], and write its page, all in a folder.
+    """Run a package of any tool, judge the run and write its page, all in a folder.
+
+    It is judged by the largest error `wanted`, a share of each swing, unless that is None.
 
     The run needs the engine alone: where CasADi is missing, it has no page. `source` is the name of a package that was
     made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and

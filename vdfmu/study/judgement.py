@@ -17,6 +17,7 @@ import numpy as np
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.base.interrupt import Stopped
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.fmu.access import TEXTS
@@ -28,7 +29,7 @@ from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run import LostProcessError, Simulator
+from vdfmu.engine.run import Interrupted, LostProcessError, Simulator
 from vdfmu.study.coupling_error import (
     KINDS,
     MARGIN,
@@ -157,7 +158,15 @@ def judge(
     algorithm = how["algorithm"] or flat.experiment.algorithm
     checked = check_system(flat, how["parameters"], algorithm=algorithm)
     grid = Simulator(flat, **how).grid(options["start"], options["stop"], options["step"])
-    case = _Case(checked, wanted, grid, how)
+    try:
+        return _judged(_Case(checked, wanted, grid, how), flat, sampled)
+    except Interrupted as error:  # its time and rows are those of a run that the caller does not know
+        raise Stopped(error.number) from None
+
+
+def _judged(case: _Case, flat: FlatSystem, sampled: bool | None) -> Judgement:
+    """Return the judgement of a system by the reading `sampled`, or of both where its FMUs do not decide."""
+    checked, grid = case.checked, case.grid
     unclear = ambiguous(checked)
     declared = [name for name in unclear if checked.descriptions[name].samples]
     undeclared = [name for name in unclear if checked.descriptions[name].samples is None]

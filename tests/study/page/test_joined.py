@@ -12,7 +12,7 @@ from tests.warm import command
 from vdfmu.base.files import pack_zip
 from vdfmu.base.option import declared
 from vdfmu.engine.options import SystemOptions
-from vdfmu.engine.run import Interrupted, simulate
+from vdfmu.engine.run import Interrupted, Simulator, simulate
 from vdfmu.study import judgement
 from vdfmu.study.joined import run_joined
 from vdfmu.study.report.shown_run import read_run
@@ -117,16 +117,19 @@ def test_a_run_that_is_stopped_while_it_is_judged_keeps_its_own_rows(place, tmp_
     package = place[0] / "results" / "system" / "system.ssp"
     shorter = simulate(package, stop=0.5, step=0.25)
 
-    def stopped(*_, **__):
-        raise Interrupted(0.5, shorter)
+    class Stopping(Simulator):
+        """Runs that a signal stops, at a moment that a test can choose."""
+
+        def run(self, **_: Any) -> Any:
+            raise Interrupted(0.5, shorter)
 
     options: Any = {each.name: each.option.default for each in declared(SystemOptions)} | {"stop": 1.0, "step": 0.01}
-    monkeypatch.setattr(judgement, "judge", stopped)  # a signal at a moment that a test can choose
-    with pytest.raises(Interrupted) as info:
-        run_joined(package, "a b", tmp_path, 1.0, None, **options)
+    monkeypatch.setattr(judgement, "Simulator", Stopping)
+    with pytest.raises(KeyboardInterrupt) as info:
+        run_joined(package, "a b", tmp_path, 0.01, None, **options)
     kept = read_run(tmp_path / "partial")
     assert len(kept.results) == 101 and kept.summary["step"] == 0.01
-    assert "partial" in "".join(info.value.__notes__)
+    assert f"The rows so far are in {tmp_path / 'partial' / 'results.csv'}" in "".join(info.value.__notes__)
 
 
 def test_a_name_stands_for_one_fmu(place):

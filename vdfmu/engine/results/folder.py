@@ -74,7 +74,9 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
     except BaseException as error:
         if rows := [name for name in result_files() if _has_rows(partial / name)]:
             earlier = f"; {folder} is unchanged" if written(folder, outputs) else ""
-            time = getattr(error, "time", None)
+            kept = getattr(error, "results", None)
+            of_run = kept is not None and "error" in kept.summary  # see `keep`
+            time = getattr(error, "time", None) if of_run else None
             until = "The rows so far" if time is None else f"Rows up to {time:.9g} s"
             error.add_note(f"{until} are in {_set_aside(partial, outputs) / rows[0]}{earlier}.")
         else:
