@@ -12,9 +12,9 @@ __declspec(dllimport) unsigned long long __stdcall GetTickCount64(void); /* wind
 #include <time.h>
 #endif
 
-enum { COPY, SCALED, VALUES_2, VALUES_3, STEP_2, STEP_3 };
+enum { COPY, SCALED, CHANGED, VALUES_2, VALUES_3, STEP_2, STEP_3 };
 enum { DOUBLE, FLOAT, LONG, BOOL, INT, SHORT, BYTE, UNSIGNED_LONG, UNSIGNED_INT, UNSIGNED_SHORT, UNSIGNED_BYTE };
-enum { REACHED, ASKS, NOT_FINITE };
+enum { REACHED, ASKS, NOT_FINITE, EVENT, BY_HAND };
 
 typedef int Values2(void *, const unsigned *, size_t, void *);
 typedef int Values3(void *, const unsigned *, size_t, void *, size_t);
@@ -23,6 +23,7 @@ typedef int Step3(void *, double, double, bool, unsigned char *, unsigned char *
 
 typedef struct {
     int kind, types; /* of a copy: 16 times the type of the source, plus the type of the target */
+    int number;      /* of a call in a process of components, see isolated.py; else 0 */
     long every;      /* step of the component over the communication step */
     long at_end;     /* whether the action belongs to the end of this step, else to its begin */
     double last;     /* length of the last step of the run [s] */
@@ -55,10 +56,13 @@ typedef struct {
     const volatile int *waiting; /* whether a message waits */
     double begin, step, rest;
     long n;
-    long row; /* last complete row */
+    long *row;    /* last complete row */
+    int *running; /* number of the call; negative after it */
     size_t action;
     int status;
     double point, length; /* arguments of the last call of a step */
+    double event;         /* time of the next event that is known [s] */
+    int pending;          /* whether there is an event at the end of this step */
 } Master;
 
 static double now(void)
@@ -118,11 +122,27 @@ static bool copy(const Action *a)
     return bad;
 }
 
+/* Return whether a discrete input differs from the value that was set last. */
+static bool changed(const Action *a)
+{
+    bool differs = false;
+    for (size_t j = 0; j < a->n; j++) {
+        const ptrdiff_t s = a->from[j];
+        switch (a->types) {
+        case DOUBLE: differs |= ((const double *)a->source)[s] != ((const double *)a->values)[j]; break;
+        case LONG: differs |= ((const int64_t *)a->source)[s] != ((const int64_t *)a->values)[j]; break;
+        case INT: differs |= ((const int32_t *)a->source)[s] != ((const int32_t *)a->values)[j]; break;
+        }
+    }
+    return differs;
+}
+
 /* Do an action; return whether Python must judge it. */
 static bool act(Master *m, const Action *a)
 {
     switch (a->kind) {
     case COPY: return copy(a);
+    case CHANGED: m->pending |= changed(a); return false;
     case SCALED:
         for (size_t j = 0; j < a->n; j++)
             ((double *)a->values)[a->to[j]] = ((const double *)a->source)[a->from[j]] * a->factor[j] + a->offset[j];
@@ -141,14 +161,18 @@ static bool act(Master *m, const Action *a)
 }
 
 /* Do steps from the last complete row to row `end`, the first from its action `first` on. Returns after a step with a
- * message, after `most` seconds, or when Python must judge an action. */
+ * message, after `most` seconds, or when Python must judge an action, handle an event, or do a step with an event. */
 SHOWN int do_steps(Master *m, size_t first, long end, double most)
 {
     const double until = now() + most;
-    while (m->row < end) {
-        const long k = m->row;
-        *m->clock = *m->time = m->begin + (double)k * m->step;
-        *m->size = k < m->n - 1 ? m->step : m->rest;
+    while (*m->row < end) {
+        const long k = *m->row;
+        if (first == 0) {
+            *m->clock = *m->time = m->begin + (double)k * m->step;
+            *m->size = k < m->n - 1 ? m->step : m->rest;
+            if (m->event <= *m->clock + *m->size * (1.0 + 1e-9))
+                return BY_HAND;
+        }
         for (size_t i = first; i < m->n_actions; i++) {
             const Action *a = &m->actions[i];
             const long begun = a->every == 1 ? k : k - k % a->every;
@@ -158,9 +182,16 @@ SHOWN int do_steps(Master *m, size_t first, long end, double most)
             m->action = i;
             m->point = m->begin + (double)begun * m->step;
             m->length = last == m->n - 1 ? a->last : m->step * (double)(last + 1 - begun);
-            if (act(m, a))
+            if (a->number)
+                *m->running = a->number;
+            const bool asks = act(m, a);
+            if (a->number)
+                *m->running = -a->number;
+            if (asks)
                 return ASKS;
         }
+        if (m->pending)
+            return EVENT;
         first = 0;
         double zero = 0.0;
         for (size_t j = 0; j < m->n_watched; j++)
@@ -175,7 +206,7 @@ SHOWN int do_steps(Master *m, size_t first, long end, double most)
                 else
                     memcpy(row + 4 * j, r->memory + 4 * r->columns[j], 4);
         }
-        m->row = k + 1;
+        *m->row = k + 1;
         if (*m->waiting || now() > until)
             break;
     }

@@ -1,11 +1,12 @@
-"""Steps in compiled code: those of `SampledStepper` and `MultirateStepper` without the interpreter, with the same bits.
+"""Steps in compiled code: those of `SampledStepper` and its like without the interpreter, with the same bits.
 
 The plan is a list of actions: copies of values and calls of FMUs. Python judges each status, each flag of a step and
-each integer out of range. Then the step goes on.
+each integer out of range, and handles events. Then the step goes on.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from ctypes import CDLL, Structure, addressof, byref, c_double, c_int, c_long, c_size_t, c_void_p, cast
 from functools import lru_cache
@@ -27,10 +28,10 @@ from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid, largest_step
 from vdfmu.engine.results.recorder import RowsInMemory
 
-_COPY, _SCALED, _VALUES, _, _STEP, _ = range(6)
+_COPY, _SCALED, _CHANGED, _VALUES, _, _STEP, _ = range(7)
 """Kinds of actions. Kinds of calls are one more for FMI 3.0."""
-_NOT_FINITE = 2
-"""Answer of the loop."""
+_NOT_FINITE, _EVENT, _BY_HAND = 2, 3, 4
+"""Answers of the loop."""
 _TYPES = "float64 float32 int64 bool int32 int16 int8 uint64 uint32 uint16 uint8".split()
 _SLICE = 0.01
 """Time [s] after which signals, and the clocks of recorder and observers, are looked at."""
@@ -44,7 +45,7 @@ def _fields(**names: str) -> list[tuple[str, Any]]:
 
 class _Action(Structure):
     _fields_ = _fields(
-        i="kind types", l="every at_end", d="last", p="function component references", n="n_references n",
+        i="kind types number", l="every at_end", d="last", p="function component references", n="n_references n",
         p2="values source to from_ factor offset flags reached",
     )  # fmt: skip
 
@@ -56,7 +57,7 @@ class _RowBlock(Structure):
 class _Master(Structure):
     _fields_ = _fields(
         p="actions rows outputs watched", n="n_actions n_rows n_watched", p2="clock size time waiting",
-        d="begin step rest", l="n row", n2="action", i="status", d2="point length",
+        d="begin step rest", l="n", p3="row running", n2="action", i="status", d2="point length event", i2="pending",
     )  # fmt: skip
 
 
@@ -71,43 +72,48 @@ def _library() -> CDLL | None:
     return library
 
 
+def lacking() -> str:
+    """Return that the compiled loop cannot be made here; else an empty text."""
+    return "" if _library() is not None else "no C compiler"
+
+
 def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     """Return why the steps of a run are made in Python; empty if compiled code can make them."""
-    if not exchange.instances or type(exchange) is not Exchange:
-        return "components in other processes"
-    if type(stepper) not in (SampledStepper, MultirateStepper):
-        return "events" if isinstance(stepper, EventStepper) else f"the algorithm {exchange.checked.algorithm}"
+    if type(stepper) not in (SampledStepper, MultirateStepper, EventStepper):
+        return f"the algorithm {exchange.checked.algorithm}"
     if exchange.checked.feed is not None:
         return "inputs from outside"
     for bank in exchange.banks:
-        if bank.kind in TEXTS and bank.variables:
-            return "texts or binary values"
+        if bank.kind in TEXTS and bank.links:
+            return "texts or binary values between components"
         if any(link.conversion.table is not None for link in bank.links):
             return "a connection with a table"
     for instance in exchange.instances.values():
         if instance.python or instance.integrator is not None:
             return f"{instance.name} is {'written in Python' if instance.python else 'integrated by the master'}"
-    return "" if _library() is not None else "no C compiler"
+    return lacking()
 
 
 class CompiledSteps:
-    """The steps of a run on a `grid`, with the rows of all `keepers`."""
+    """The steps of a run on a `grid`, as `stepper` does them, with the rows of all `keepers`."""
 
-    def __init__(self, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
+    def __init__(self, stepper: Stepper, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
         library, bank = _library(), exchange.banks[0]
         assert library is not None
+        self._eventful = stepper if isinstance(stepper, EventStepper) else None
+        self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
         self._run, self._exchange, self._grid = library.do_steps, exchange, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
-        self.lasting = True
+        self.lasting = self._eventful is None
         """Whether the plan holds for other start values."""
         self._actions: list[_Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
-        self._make(exchange)
+        self._make()
         rows: list[_RowBlock] = []
         owners: list[RowsInMemory] = []
-        for keeper, each in product(keepers, exchange.banks):
+        for keeper, each in product(keepers, self._banks):
             if columns := keeper.columns.get(kind := each.kind.lower()):
                 parts = keeper.data[kind], each.memory, np.array(columns, np.intp)
                 rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
@@ -124,17 +130,18 @@ class CompiledSteps:
             rows=addressof(blocks), n_rows=len(rows),
             clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
+            row=addressof(exchange.row), running=addressof(exchange.running), event=self._next_event,
         )  # fmt: skip
-        self._pointer = byref(self._master)
+        self._pointer, self.row = byref(self._master), 0
 
     @property
     def row(self) -> int:
         """The last complete row."""
-        return self._master.row
+        return self._exchange.row.value
 
     @row.setter
     def row(self, row: int) -> None:
-        self._master.row = row
+        self._exchange.row.value = row
 
     @property
     def instance(self) -> Instance:
@@ -148,19 +155,42 @@ class CompiledSteps:
         """
         master, first = self._master, 0
         for keeper, blocks in self._keepers:
-            begin, full = keeper.room(master.row + 1)
+            begin, full = keeper.room(self.row + 1)
             end = min(end, full - 1)
             for block in blocks:
                 block.first = begin
         while answer := self._run(self._pointer, first, end, _SLICE):
+            if answer in (_EVENT, _BY_HAND):
+                self._events(answer == _EVENT)
+                first, end = master.n_actions, self.row + 1 if self._exchange.box.ended else end
+                continue
             if answer == _NOT_FINITE:
-                self._exchange.refuse_not_finite("doStep", self._grid.time(master.row + 1))
-            self._judges[master.action][1](master)
-            first, end = master.action + 1, master.row + 1
-        return master.row
+                self._exchange.refuse_not_finite("doStep", self._grid.time(self.row + 1))
+            instance, judge = self._judges[master.action]
+            judge(master)
+            master.pending |= instance.event_needed
+            first, end = master.action + 1, self.row + 1
+        return self.row
 
-    def _make(self, exchange: Exchange) -> None:
-        checked, banks = exchange.checked, exchange.banks
+    @property
+    def _next_event(self) -> float:
+        """Time of the next event that is known [s]; infinite for none."""
+        return math.inf if self._eventful is None else min(self._eventful.events.known, default=math.inf)
+
+    def _events(self, pending: bool) -> None:
+        """Handle events at the end of a step, or do a step in Python that has events within it or at its end."""
+        master, eventful, grid, k = self._master, self._eventful, self._grid, self.row
+        assert eventful is not None
+        begin, end = grid.time(k), grid.time(k + 1)
+        self._exchange.box.time = begin
+        if pending:
+            eventful.events.handle(end, end - begin)
+        else:
+            eventful.advance(begin, grid.step if k < grid.n - 1 else grid.last, end)
+        master.pending, master.event = 0, self._next_event
+
+    def _make(self) -> None:
+        exchange, checked, banks = self._exchange, self._exchange.checked, self._banks
         fresh, early = checked.schedule.fresh, checked.early if checked.multiples else ()
         for name in checked.schedule.units:
             for bank in banks:
@@ -179,10 +209,21 @@ class CompiledSteps:
             for moved in self._transfers(instance, "Get"):
                 self._values(instance, moved, at_end)
                 self._move(instance, moved, at_end)
+        for name, unit in self._eventful.events.units.items() if self._eventful else ():
+            for bank in banks:
+                links = bank.links[bank.input_windows[name]]
+                self._gather(name, bank, links, links)
+            for part, where, last in unit.watched:
+                if where.size:
+                    self._add(
+                        unit.instance, lambda master: None, kind=_CHANGED, types=_TYPES.index(part.dtype.name),
+                        n=where.size, source=self._address(part), from_=self._address(where),
+                        values=self._address(last),
+                    )  # fmt: skip
 
     def _transfers(self, instance: Instance, verb: str) -> list[Transfer]:
         return [
-            moved for bank in self._exchange.banks
+            moved for bank in self._banks
             for moved in instance.transfers(verb, *bank.window(instance, verb), instance.between_events)
         ]  # fmt: skip
 
@@ -247,9 +288,13 @@ class CompiledSteps:
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
         """Add an action, a call of the FMI function if it has a name."""
-        function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value if name else None
+        function, number = None, 0
+        if name:
+            function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value
+            number = getattr(instance.function(name), "number", 0)
         every = self._exchange.checked.multiples.get(instance.name, 1)
-        self._actions.append(_Action(function=function, component=instance.fmu.component, every=every, **fields))
+        calls = {"function": function, "number": number, "component": instance.fmu.component}
+        self._actions.append(_Action(every=every, **calls, **fields))
         self._judges.append((instance, judge))
 
     def _address(self, array: NDArray[Any] | None) -> int | None:
