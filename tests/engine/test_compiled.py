@@ -11,6 +11,7 @@ import pytest
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from tests.engine.reference.models import V
+from tests.engine.test_derivatives import RATES, UPDATES, WIRES
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
@@ -78,6 +79,8 @@ def packaged(system, pack, built, xml, arm_package, strict):
         texts = (models.FEEDTHROUGH if version == "3.0" else models.FEEDTHROUGH_2, version)
         units = {"v": (models.VAN_DER_POL, version), "t": texts, "f": (models.LAG, version)}
         links = ["v.x0 -> t.Float64_input", "t.Float64_output -> f.u"]
+        pair = {name: (RATES, version) for name in "ab"}
+        made[f"slopes {version}"] = lambda pair=pair: (system(pair, WIRES), {"parameters": {"a.x": 1.0}})
         made[f"texts {version}"] = lambda units=units, links=links: system(units, links)
     made["strict"] = lambda: pack(["unit Strict y:output"], extra={"resources/Strict.fmu": strict.read_bytes()})
 
@@ -90,8 +93,12 @@ def packaged(system, pack, built, xml, arm_package, strict):
 
 NAMES = [
     "types", "arrays", "arm", "strict", "ball", "stair", "loop", "clocks",
-    *(f"{kind} {version}" for version in ("2.0", "3.0") for kind in ("scaled", "rates", "texts", *ALONE)),
+    *(f"{kind} {version}" for version in ("2.0", "3.0") for kind in ("scaled", "rates", "texts", "slopes", *ALONE)),
 ]  # fmt: skip
+SAMPLED = "rates", "loop", "clocks"
+"""Begin of the names of systems that continuous algorithms refuse."""
+REPEATED = "arm", "scaled", "slopes"
+"""Begin of the names of systems with loops, in which `iterative` repeats steps."""
 
 
 @pytest.fixture
@@ -117,14 +124,18 @@ def both():
             assert said == expected
             assert (type(outcome), str(outcome)) == (type(by_fmpy), str(by_fmpy)) or isinstance(by_fmpy, Results)
             assert results.summary["notes"] == results_fmpy.summary["notes"]
-            assert results.summary.get("ended") == results_fmpy.summary.get("ended")
+            for fact in ("ended", "communication"):
+                assert results.summary.get(fact) == results_fmpy.summary.get(fact)
         return outcome
 
     return run
 
 
-@pytest.mark.parametrize("algorithm", HELD)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "algorithm"), [
+    *((name, algorithm) for name in NAMES for algorithm in HELD),
+    *((name, "extrapolated") for name in NAMES if not name.startswith(SAMPLED)),
+    *((name, "iterative") for name in NAMES if not name.startswith((*SAMPLED, *REPEATED))),
+])  # fmt: skip
 def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
     package, options = packaged(name)
     step = options.pop("step", 0.1)
@@ -210,11 +221,12 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
     assert stepper(texts) == "fmpy: texts or binary values between components"
     package, _ = packaged("dahlquist 2.0")
     assert stepper(package) == "c"
-    assert stepper(package, algorithm="extrapolated") == "fmpy: the algorithm extrapolated"
+    updates = system({"m": (UPDATES, "3.0")})
+    assert stepper(updates, algorithm="extrapolated") == "fmpy: m takes its inputs within steps"
     assert stepper(package, stepper="fmpy") == "fmpy: chosen"
-    said = r"stepper: must be fmpy or auto here, got c\. The steps cannot be made in C: the algorithm extrapolated\."
+    said = r"stepper: must be fmpy or auto here, got c\. The steps cannot be made in C: steps that may be repeated\."
     with pytest.raises(UsageError, match=said):
-        stepper(package, stepper="c", algorithm="extrapolated")
+        stepper(package, stepper="c", algorithm="extrapolated", adaptive=1e-3)
     with pytest.raises(UsageError, match=r"stepper: must be auto, fmpy or c, got 'rust'\."):
         stepper(package, stepper="rust")
     monkeypatch.setattr(compiled, "_library", lambda: None)

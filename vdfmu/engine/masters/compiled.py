@@ -21,6 +21,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import TEXTS, Ends, Transfer
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.masters.continuous import ContinuousStepper
+from vdfmu.engine.masters.coupled import Coupled
 from vdfmu.engine.masters.events import EventStepper
 from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
@@ -28,7 +30,7 @@ from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid, largest_step
 from vdfmu.engine.results.recorder import RowsInMemory
 
-_COPY, _SCALED, _CHANGED, _VALUES, _, _STEP, _ = range(7)
+_COPY, _SCALED, _CHANGED, _PREDICTED, _LINE, _RAMP, _VALUES, _, _STEP, _, _RATES, _ = range(12)
 """Kinds of actions. Kinds of calls are one more for FMI 3.0."""
 _NOT_FINITE, _EVENT, _BY_HAND = 2, 3, 4
 """Answers of the loop."""
@@ -45,8 +47,9 @@ def _fields(**names: str) -> list[tuple[str, Any]]:
 
 class _Action(Structure):
     _fields_ = _fields(
-        i="kind types number", l="every at_end", d="last", p="function component references", n="n_references n",
-        p2="values source to from_ factor offset flags reached",
+        i="kind types number", l="every at_end from_row part parts", d="last", p="function component references",
+        n="n_references n",
+        p2="values source to from_ factor offset more flags reached",
     )  # fmt: skip
 
 
@@ -79,8 +82,10 @@ def lacking() -> str:
 
 def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     """Return why the steps of a run are made in Python; empty if compiled code can make them."""
-    if type(stepper) not in (SampledStepper, MultirateStepper, EventStepper):
+    if type(stepper) not in (SampledStepper, MultirateStepper, EventStepper, ContinuousStepper):
         return f"the algorithm {exchange.checked.algorithm}"
+    if isinstance(stepper, ContinuousStepper) and (stepper.error is not None or stepper.repeated):
+        return "steps that may be repeated"
     if exchange.checked.feed is not None:
         return "inputs from outside"
     for bank in exchange.banks:
@@ -91,6 +96,8 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     for instance in exchange.instances.values():
         if instance.python or instance.integrator is not None:
             return f"{instance.name} is {'written in Python' if instance.python else 'integrated by the master'}"
+        if instance.updates:
+            return f"{instance.name} takes its inputs within steps"
     return lacking()
 
 
@@ -101,16 +108,20 @@ class CompiledSteps:
         library, bank = _library(), exchange.banks[0]
         assert library is not None
         self._eventful = stepper if isinstance(stepper, EventStepper) else None
+        self._continuous = stepper if isinstance(stepper, ContinuousStepper) else None
         self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
         self._run, self._exchange, self._grid = library.do_steps, exchange, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
-        self.lasting = self._eventful is None
+        self.lasting = self._eventful is None and self._continuous is None
         """Whether the plan holds for other start values."""
         self._actions: list[_Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
-        self._make()
+        if self._continuous is None:
+            self._sample()
+        else:
+            self._couple(self._continuous.coupled)
         rows: list[_RowBlock] = []
         owners: list[RowsInMemory] = []
         for keeper, each in product(keepers, self._banks):
@@ -143,11 +154,6 @@ class CompiledSteps:
     def row(self, row: int) -> None:
         self._exchange.row.value = row
 
-    @property
-    def instance(self) -> Instance:
-        """The component of the last call."""
-        return self._judges[self._master.action][0]
-
     def run(self, end: int) -> int:
         """Do steps to row `end` at most; return the last complete row.
 
@@ -170,6 +176,8 @@ class CompiledSteps:
             judge(master)
             master.pending |= instance.event_needed
             first, end = master.action + 1, self.row + 1
+        if self._continuous is not None:
+            self._continuous.count(self._grid, self.row)
         return self.row
 
     @property
@@ -189,7 +197,8 @@ class CompiledSteps:
             eventful.advance(begin, grid.step if k < grid.n - 1 else grid.last, end)
         master.pending, master.event = 0, self._next_event
 
-    def _make(self) -> None:
+    def _sample(self) -> None:
+        """Plan steps with inputs that hold over a step."""
         exchange, checked, banks = self._exchange, self._exchange.checked, self._banks
         fresh, early = checked.schedule.fresh, checked.early if checked.multiples else ()
         for name in checked.schedule.units:
@@ -202,13 +211,9 @@ class CompiledSteps:
             for bank in banks:
                 links = bank.links[bank.fresh_windows[name]]
                 self._gather(name, bank, links, links)
-            for moved in self._transfers(instance, "Set"):
-                self._move(instance, moved, False)
-                self._values(instance, moved, False)
+            self._set(instance)
             self._step(instance, at_end)
-            for moved in self._transfers(instance, "Get"):
-                self._values(instance, moved, at_end)
-                self._move(instance, moved, at_end)
+            self._get(instance, at_end)
         for name, unit in self._eventful.events.units.items() if self._eventful else ():
             for bank in banks:
                 links = bank.links[bank.input_windows[name]]
@@ -220,6 +225,92 @@ class CompiledSteps:
                         n=where.size, source=self._address(part), from_=self._address(where),
                         values=self._address(last),
                     )  # fmt: skip
+
+    def _couple(self, coupled: Coupled) -> None:
+        """Plan steps with inputs on lines, as `ContinuousStepper` makes them."""
+        exchange, bank, begun = self._exchange, coupled.bank, coupled.begun[0]
+        previous = begun.copy()
+        instance = next(iter(exchange.instances.values()))  # of copies for all; they cannot fail
+        for each, before in zip(exchange.banks, coupled.begun, strict=True):
+            if each in self._banks:
+                self._whole(instance, before, each.outputs)
+                self._gather(instance.name, each, each.links, each.links)
+                self._whole(instance, coupled.waiting.get(each.kind, coupled.starts)[: each.inputs.size], each.inputs)
+        self._line(instance, _PREDICTED, coupled.outputs, begun, factor=self._address(previous), from_row=1)
+        for owner, (_, arguments, name), places, rates in coupled.rates:
+            self._rates(owner, owner.slopes_name, arguments, name, from_row=1)
+            where = self._address(places)
+            self._line(
+                owner, _LINE, coupled.outputs, begun, factor=self._address(rates), to=where, from_=where, n=rates.size,
+                from_row=1,
+            )  # fmt: skip
+        self._part(instance, coupled.outputs, begun, np.flatnonzero(coupled.discrete))
+        for unit in (unit for block in coupled.blocks for unit in block.units):
+            name = unit.instance.name
+            for each in self._banks:
+                window = each.input_windows[name]
+                links = each.links[window]
+                self._gather(name, each, links, links)
+                if each is not bank:
+                    held = [i for i, k in enumerate(links) if k.end not in exchange.checked.schedule.fresh]
+                    self._part(
+                        unit.instance, each.inputs[window], coupled.waiting[each.kind][window], np.array(held, np.intp)
+                    )
+            self._whole(unit.instance, unit.ends, unit.inputs)
+            self._part(unit.instance, unit.ends, unit.starts, unit.held)
+            for part, (hold, calls) in enumerate(unit.parts):
+                self._line(
+                    unit.instance, _RAMP, unit.inputs, unit.starts, factor=self._address(unit.ends),
+                    offset=self._address(hold), more=self._address(unit.slopes),
+                )  # fmt: skip
+                self._set(unit.instance)
+                for _, arguments, call in calls:
+                    if call == "setRealInputDerivatives":
+                        self._rates(unit.instance, "SetRealInputDerivatives", arguments, call)
+                self._step(unit.instance, False, part=part, parts=len(unit.parts))
+            self._get(unit.instance, False)
+        self._whole(instance, bank.inputs, coupled.ends[: bank.inputs.size])
+        self._whole(instance, previous, begun)
+
+    def _line(self, instance: Instance, kind: int, values: Floats, begin: Floats, **fields: Any) -> None:
+        """Add a copy by lines over the step, if it has values."""
+        if values.size:
+            fields = {"n": values.size} | fields
+            self._add(
+                instance, lambda master: None, kind=kind, last=self._grid.last, values=self._address(values),
+                source=self._address(begin), **fields,
+            )  # fmt: skip
+
+    def _part(self, instance: Instance, target: NDArray[Any], source: NDArray[Any], places: NDArray[np.intp]) -> None:
+        """Add the copy of the values at some places, if there are any."""
+        if places.size:
+            self._copy(instance, (target, places, source, places), False, lambda master: None)
+
+    def _whole(self, instance: Instance, target: NDArray[Any], source: NDArray[Any]) -> None:
+        """Add the copy of all values."""
+        self._part(instance, target, source, np.arange(target.size))
+
+    def _rates(self, instance: Instance, name: str, arguments: Any, call: str, **fields: Any) -> None:
+        """Add a call that gets or sets derivatives by time."""
+        _, references, n, orders, values, *_ = arguments
+        self._kept += [references, orders, values]
+        self._add(
+            instance, lambda master: instance.judge(master.status, call), name,
+            kind=_RATES + isinstance(instance, Instance3), references=addressof(references), n_references=n,
+            n=len(values), more=addressof(orders), values=addressof(values), **fields,
+        )  # fmt: skip
+
+    def _set(self, instance: Instance) -> None:
+        """Add the calls that set the inputs of a component."""
+        for moved in self._transfers(instance, "Set"):
+            self._move(instance, moved, False)
+            self._values(instance, moved, False)
+
+    def _get(self, instance: Instance, at_end: bool) -> None:
+        """Add the calls that get the outputs of a component."""
+        for moved in self._transfers(instance, "Get"):
+            self._values(instance, moved, at_end)
+            self._move(instance, moved, at_end)
 
     def _transfers(self, instance: Instance, verb: str) -> list[Transfer]:
         return [
@@ -267,7 +358,7 @@ class CompiledSteps:
             values=self._address(moved.memory),
         )  # fmt: skip
 
-    def _step(self, instance: Instance, at_end: bool) -> None:
+    def _step(self, instance: Instance, at_end: bool, **parts: int) -> None:
         grid, multiples = self._grid, self._exchange.checked.multiples
         every = multiples.get(instance.name, 1)
         begun = grid.begin + (grid.n - 1) // every * every * grid.step
@@ -284,7 +375,7 @@ class CompiledSteps:
             if status:
                 instance.judge(status, "doStep")
 
-        self._add(instance, judge, "DoStep", kind=_STEP + bool(answers), at_end=at_end, last=last, **answers)
+        self._add(instance, judge, "DoStep", kind=_STEP + bool(answers), at_end=at_end, last=last, **answers, **parts)
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
         """Add an action, a call of the FMI function if it has a name."""
