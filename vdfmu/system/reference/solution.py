@@ -20,7 +20,7 @@ from vdfmu.base.arrays import Floats, odeint, scipy_part
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.unit.events import PARTS, Events, Motion, parts_of, steps_of
-from vdfmu.compiler.unit.solver import samples, switchings
+from vdfmu.compiler.unit.solver import Slopes, samples, switchings
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
@@ -37,10 +37,6 @@ _MOST_STEPS = 100_000
 """Most steps of scipy in a communication step or between rows, far more than a finite solution takes."""
 _LONGEST = 0.05
 """Longest step of the continuous reference [s], so that it does not step over a late motion."""
-_KEPT = 20
-"""Times that LSODA gets a Jacobian. It asks each 20 steps or so; the arms' Jacobians serve for 10 ms."""
-_DIFFERENCE = 1.5e-8
-"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
 
 
 class _RightHandSide:
@@ -50,7 +46,7 @@ class _RightHandSide:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
         self.error: BaseException | None = None
         """Exception of a call: not every solver of scipy passes it on, and some end normally."""
-        self._slopes, self._asked, self._times = np.empty((0, 0)), math.inf, 0
+        self.slopes = Slopes(self)
 
     def __call__(self, t: float, x: Floats) -> Floats:
         try:
@@ -62,19 +58,6 @@ class _RightHandSide:
             self.error = error
             raise
         return self._x_dot
-
-    def slopes(self, t: float, x: Floats) -> Floats:
-        """Return the Jacobian by differences for LSODA, a row for each state that changes.
-
-        It decides the iterations of a step, not the error. So an old one serves until a step fails. Then LSODA asks
-        again at the same or an earlier time.
-        """
-        if t <= self._asked or self._times == _KEPT:
-            differences = _DIFFERENCE * (1.0 + np.abs(x))
-            here, *beside = (self(t, each).copy() for each in (x, *(x + np.diag(differences))))
-            self._slopes, self._times = (np.array(beside) - here) / differences[:, None], 0
-        self._asked, self._times = t, self._times + 1
-        return self._slopes
 
 
 class _Mover:
