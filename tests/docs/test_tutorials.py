@@ -88,6 +88,7 @@ def run_page(path, section=""):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # what the page imports from its own files
     with np.printoptions():  # what a page sets is for that page
         assert run_page(page) >= 2  # blocks run or compared
 
