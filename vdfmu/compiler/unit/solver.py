@@ -12,7 +12,7 @@ from vdfmu.base.arrays import Floats, odeint
 from vdfmu.base.errors import SHORTEST_STEP, KernelError
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation, holds
-from vdfmu.compiler.unit.events import Events, margin, parts_of, steps_of
+from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
@@ -44,7 +44,7 @@ class Solver:
 
     def __init__(self, unit: Evaluation) -> None:
         self.unit, self.start = unit, 0.0
-        self.events = Events([unit], self._place, lambda: unit.x.copy())
+        self.events = UnitEvents([unit], self._place, lambda: unit.x.copy())
 
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.

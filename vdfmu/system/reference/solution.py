@@ -19,7 +19,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats, odeint, scipy_part
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.compiler.unit.events import PARTS, Events, Motion, parts_of, steps_of
+from vdfmu.compiler.unit.events import PARTS, Motion, UnitEvents, parts_of, steps_of
 from vdfmu.compiler.unit.solver import Slopes, samples, switchings
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
@@ -65,7 +65,7 @@ class _Mover:
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
-        self._events = Events([self._unit], self._place, lambda: self._unit.x.copy())
+        self._events = UnitEvents([self._unit], self._place, lambda: self._unit.x.copy())
         self._events.begin()
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
@@ -194,7 +194,7 @@ class ContinuousReference:
             x_dot = system.memory[system.solver_x_dot[0] : system.solver_x_dot[-1] + 1]
             places = system.memory[system.solver_x[0] : system.solver_x[-1] + 1]
             rate = _RightHandSide(run["rate"], places, x_dot, self._feed if changing else None)
-        events = Events(list(system.units.values()), partial(self._calculate, run["inputs"]), self._states)
+        events = UnitEvents(list(system.units.values()), partial(self._calculate, run["inputs"]), self._states)
         self._calculate(run["outputs"], 0.0, x)
         events.begin()
         yield
@@ -284,7 +284,7 @@ class ContinuousReference:
 
 
 def _with_events(
-    events: Events, motion: Motion, begin: float, end: float, x: Floats, points: Floats
+    events: UnitEvents, motion: Motion, begin: float, end: float, x: Floats, points: Floats
 ) -> Iterator[Floats]:
     """Yield the states at points between two times [s] and at the end, with the events until then."""
     times, row = [begin, *(point for point in points.tolist() if point < end), end], x
