@@ -149,8 +149,8 @@ KEYS: Mapping[str, Any] = {
     "backend": TEXT,  # kind of the FMUs
     "compiler": TEXT,  # C compiler of native FMUs
     "fmi": TEXT,  # version of FMI of the FMUs
-    "left_out": _LINES,  # connections that a unit instead of the system's does not have
-    "joined": _LINES,  # connections that a unit instead of the system's has in addition
+    "left_out": _LINES,  # connections dropped because the replacement of a unit has no such signal
+    "joined": _LINES,  # connections added because the replacement of a unit has such a signal
     "arm": _arm(True),  # geometry of the drawn arm
     "scene": _SCENE,  # arms of the system with the signals of their drawing, touched objects, estimated torques
     "package": TEXT,  # the package
