@@ -1,4 +1,4 @@
-"""Imports between the rooms of the package go down, and no file imports itself through others."""
+"""Imports between the packages of vdfmu go down, and no file imports itself through others."""
 
 import ast
 import re
@@ -10,7 +10,7 @@ import vdfmu
 from vdfmu.engine.algorithms import ALGORITHMS
 
 ROOT = Path(vdfmu.__file__).parent
-ROOMS = ("base", "engine", "compiler", "arm", "system", "study", "cli", "extras")
+PACKAGES = ("base", "engine", "compiler", "arm", "system", "study", "cli", "extras")
 """From the bottom up. Engine and compiler do not know each other, and the core knows no extra."""
 USES = {("learn", "batch")}
 """Pairs of extras of which the first may import the second, see docs/extras.md."""
@@ -43,8 +43,8 @@ def _imports() -> dict[str, set[str]]:
 
 
 def test_rooms_import_only_rooms_below():
-    rank = {room: i for i, room in enumerate(ROOMS)}
-    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} | {"extras"} == set(ROOMS)
+    rank = {room: i for i, room in enumerate(PACKAGES)}
+    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} | {"extras"} == set(PACKAGES)
     for module, imported in _imports().items():
         room = module.split(".")[1] if "." in module else ""
         for target in imported if room in rank else ():  # else the names of users, at the top
@@ -57,7 +57,7 @@ def test_rooms_import_only_rooms_below():
 
 
 def test_a_room_imports_nothing_at_its_start_and_nothing_private_of_another():
-    for room in ROOMS[:-2]:
+    for room in PACKAGES[:-2]:
         tree = _trees()[ROOT / room / "__init__.py"]
         assert not [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)], room
     for path, tree in _trees().items():

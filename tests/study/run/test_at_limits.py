@@ -87,7 +87,7 @@ def test_a_run_at_its_torque_limit_says_so_first_and_has_a_page_with_sliders(tmp
     assert re.match(line, verdict) and last == f"Open {tmp_path / 'run' / 'report.html'}"
     page = (tmp_path / "run" / "report.html").read_text()
     assert f'<p class="verdict {"failed" if code else "doubtful"}" data-run="0">' in page
-    assert '"knobs"' in page and "<span>Time at a limit</span>" in page
+    assert '"sliders"' in page and "<span>Time at a limit</span>" in page
 
 
 def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):

@@ -35,7 +35,7 @@ def documentation_files(content: Content) -> dict[str, bytes]:
     end = interface.time + fmi.time_variable if native else len(interface)
     rows = [list(map(escape, _cells(content, array))) for array in interface.arrays if array.first < end]
     arrays = "A variable with a size is an array, row by row."
-    scalars = "A row with several value references stands for as many scalar variables."
+    scalars = "A row with several value references is for as many scalar variables."
     shown = table(_HEADS, rows, ("name", "ref", "", "", "", "", ""))
     parts.append(f'<h2>Interface</h2>\n<p>{arrays if fmi.arrays else scalars}</p>\n<div class="wide">{shown}</div>')
     return {"documentation/index.html": page(content.model_name, interface.description, "\n".join(parts), 62)}

@@ -365,7 +365,7 @@ def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bo
     ours = "<", str(PACKAGE), sys.prefix, sys.base_prefix
     if str(file).startswith(ours) and (laws := [each for each in frames if not each.filename.startswith(ours)]):
         where = f"{laws[-1].filename}, line {laws[-1].lineno}"  # a law of a drive, which a unit of the package calls
-    if symbols:  # the error of a symbol that is compared has its way out already
+    if symbols:  # the error of a symbol that is compared has its fix already
         reason += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
     method = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}"
     raise UnitError(f"{where}: {method}: {reason}.") from None

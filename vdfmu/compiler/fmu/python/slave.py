@@ -1,7 +1,7 @@
 """The pythonfmu slave of all units: phases, values, state, errors, on the evaluation of a unit.
 
 A Python slave can fail only by an exception, and users see only its text: unit, call, time, expected value, actual
-value and the way out.
+value and the fix.
 """
 
 from __future__ import annotations
