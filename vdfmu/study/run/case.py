@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
-from vdfmu.engine.package.join import ends_of
+from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.run import LogMessage
 from vdfmu.study.judgement import check_wanted
 from vdfmu.study.limits import Limit, own_limits, read_limits
@@ -55,7 +55,8 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     UsageError, ModelError
         For values, limits or options that do not fit the system.
     """
-    check_wanted(options["judge"], options["sampled"], scenario.adaptive)
+    if options["judge"] is not None or options["sampled"] is not None:
+        check_wanted(options["judge"], options["sampled"], scenario.adaptive)
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])
     system = SystemDescription(scenario, system_values(scenario, options["parameters"]))
