@@ -12,6 +12,7 @@ from vdfmu.base.arrays import Floats, odeint
 from vdfmu.base.errors import SHORTEST_STEP, KernelError
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation, holds
+from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
@@ -43,6 +44,7 @@ class Solver:
 
     def __init__(self, unit: Evaluation) -> None:
         self.unit, self.start = unit, 0.0
+        self.events = UnitEvents([unit], self._place, lambda: unit.x.copy())
 
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.
@@ -53,8 +55,23 @@ class Solver:
             if sampled:
                 self.sample(begin)
             whole = (begin, to) == (t, end)
-            self.advance(begin, duration if duration is not None and whole else to - begin)
+            if self.unit.at_events:
+                self._advance_by_events(begin, to)
+            else:
+                self.advance(begin, duration if duration is not None and whole else to - begin)
         self.unit.memory[-1] = end
+
+    def _advance_by_events(self, t: float, end: float) -> None:
+        """Move from `t` to `end` [s] with events. Without continuous states they are looked at at the end alone."""
+        x = self.unit.x
+        if x.size:
+            *_, x[:] = self.events.move(steps_of(self.advance, x), t, x.copy(), parts_of([t, end]))
+        else:
+            self.events.take(end, x)
+
+    def _place(self, t: float, x: Floats) -> None:
+        self.unit.memory[-1] = t
+        self.unit.x[:] = x
 
     def sample(self, t: float) -> None:
         """Update the sampled states at `t` [s]."""
@@ -103,6 +120,10 @@ class ScipySolver(Solver):
         """Update the sampled states by the inputs at `t` [s]."""
         self._drive(t)
         super().sample(t)
+
+    def _place(self, t: float, x: Floats) -> None:
+        self._drive(t)
+        super()._place(t, x)
 
     def advance(self, t: float, duration: float) -> None:
         """Move the continuous states from `t` by `duration` [s]."""
@@ -237,11 +258,6 @@ class Integrator(Solver):
         if len(bad):
             return f"state {name} is not finite"
         return f"the local error of state {name} is {error:.3g} times the tolerance {self.tolerance:.3g}"
-
-
-def margin(t: float) -> float:
-    """Time before and after a switching at `t` [s] within which it may be, by rounding: 18 units in the last place."""
-    return 4e-15 * abs(t) + 1e-17
 
 
 def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator[tuple[float, float, bool]]:
