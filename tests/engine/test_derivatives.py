@@ -1,11 +1,14 @@
 """What components can tell beyond their outputs, in the coupling of two masses with a solution in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from tests.conftest import heavy
 from tests.engine.reference.masses import HELD, JACOBIAN, MASS, RATES, STRAIGHT, UPDATES, WIRES
+from tests.engine.reference.models import V
 from vdfmu.engine.run import simulate
 
 SOFT = {
