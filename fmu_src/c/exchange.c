@@ -159,8 +159,8 @@ Status get_event_indicators(Instance *I, double indicators[], size_t n)
     if (!allowed(I, READABLE))
         return STATUS_ERROR;
     if (n != unit.n_events)
-        return fail(I, "expected %llu values, one an event indicator, got %llu.", (unsigned long long)unit.n_events,
-                    (unsigned long long)n);
+        return fail(I, "expected %llu values, %s, got %llu.", (unsigned long long)unit.n_events,
+                    unit.n_events ? "one an event indicator" : "as there are no event indicators", (unsigned long long)n);
     if (n == 0)
         return STATUS_OK;
     if (!indicators)

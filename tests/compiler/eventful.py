@@ -221,18 +221,18 @@ class Endless(Unit):
     a = Held("1", text="state", start=1.0)
     x = State("1", text="another state")
     x_dot = Derivative(x)
-    one = Event("1", text="of the signal, and not the state")
-    two = Event("1", text="of the signal and the state")
+    full = Event("1", text="of the signal, and not the state")
+    empty = Event("1", text="of the signal and the state")
 
     def derivatives(self) -> None:
         self.x_dot = self.u
 
     def events(self) -> None:
-        self.one = where(self.u > 0.5, 0.5 - self.a, -1.0)
-        self.two = where(self.u > 0.5, self.a - 0.5, -1.0)
+        self.full = where(self.u > 0.5, 0.5 - self.a, -1.0)
+        self.empty = where(self.u > 0.5, self.a - 0.5, -1.0)
 
-    def at_one(self) -> None:
+    def at_full(self) -> None:
         self.a = 1.0
 
-    def at_two(self) -> None:
+    def at_empty(self) -> None:
         self.a = 0.0

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import interop
 from benchmarks.importers import ask_rows
-from benchmarks.interop import CASES, EXACT_STEP, Case, drive, examine
+from benchmarks.interop import CASES, Case, drive, examine
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.engine.container import write_container
 from vdfmu.system.package.write import write_ssp
@@ -109,13 +109,6 @@ def test_units_by_themselves_at_1_kHz(tracking, kind):
     # at 0.5 s and of 147 1/s later. Some 1e-18 rad of rounding grow to 1e-15 rad here and to 0.1 rad at 1 s. The
     # whole 10 s are compared at a step that has no rounding, in the case "single units" above.
     assert differences["plant"] <= 1e-12
-
-
-@pytest.mark.heavy
-def test_the_exact_step_is_exact(tracking):
-    time = EXACT_STEP * np.arange(round(tracking.stop / EXACT_STEP) + 1)
-    assert time[-1] == tracking.stop
-    assert (np.diff(time) == EXACT_STEP).all() and (np.cumsum(np.diff(time)) == time[1:]).all()
 
 
 # Values of the scenario reach FMUs whose start values are not those of the scenario.

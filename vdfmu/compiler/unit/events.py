@@ -109,7 +109,7 @@ def _located(
     return end, state
 
 
-class Events:
+class UnitEvents:
     """Events of units whose states a solver moves.
 
     `place` sets a time [s] and states (n_x,) in the units, and the inputs that follow from them. `states` returns the

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from vdfmu.base.arrays import Floats, odeint
 from vdfmu.base.errors import SHORTEST_STEP, KernelError
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation, holds
-from vdfmu.compiler.unit.events import Events, margin, parts_of, steps_of
+from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
@@ -28,6 +29,12 @@ _ADVICE = "Check its inputs and the gains behind them, its start and its paramet
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
+_KEPT = 20
+"""Times that LSODA gets a Jacobian. It asks each 20 steps or so; the arms' Jacobians serve for 10 ms."""
+_DIFFERENCE = 1.5e-8
+"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
+
+
 class _RunawayError(ArithmeticError):
     """No end of the motion can be found."""
 
@@ -37,7 +44,7 @@ class Solver:
 
     def __init__(self, unit: Evaluation) -> None:
         self.unit, self.start = unit, 0.0
-        self.events = Events([unit], self._place, lambda: unit.x.copy())
+        self.events = UnitEvents([unit], self._place, lambda: unit.x.copy())
 
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.
@@ -76,6 +83,27 @@ class Solver:
         raise NotImplementedError
 
 
+class Slopes:
+    """The Jacobian of a right-hand side f(t, x) by differences, as LSODA asks for it.
+
+    It decides the iterations of a step, not the error. So an old one serves until a step fails. Then LSODA asks again
+    at the same or an earlier time.
+    """
+
+    def __init__(self, rate: Callable[[float, Floats], Floats]) -> None:
+        self._rate = rate
+        self._slopes, self._asked, self._times = np.empty((0, 0)), math.inf, 0
+
+    def __call__(self, t: float, x: Floats) -> Floats:
+        """Return the Jacobian, a row for each state that changes."""
+        if t <= self._asked or self._times == _KEPT:
+            differences = _DIFFERENCE * (1.0 + np.abs(x))
+            here, *beside = (self._rate(t, each).copy() for each in (x, *(x + np.diag(differences))))
+            self._slopes, self._times = (np.array(beside) - here) / differences[:, None], 0
+        self._asked, self._times = t, self._times + 1
+        return self._slopes
+
+
 class ScipySolver(Solver):
     """Moves the states by scipy, within a relative and absolute tolerance. States that run away become NaN.
 
@@ -101,7 +129,7 @@ class ScipySolver(Solver):
         """Move the continuous states from `t` by `duration` [s]."""
         if not self.unit.x.size:
             return
-        options = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
+        options: dict[str, Any] = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
         self._drive(t)
         for begin, to, crossing in switchings(self.unit.left, t, t + duration):
             if not np.isfinite(self.unit.x).all():
@@ -112,6 +140,7 @@ class ScipySolver(Solver):
                 if crossing:
                     self.unit.x[:] = x + (to - begin) * self._rate(begin, x)
                 elif end > begin:
+                    options |= {"Dfun": Slopes(self._rate), "col_deriv": 1}
                     states, fault = odeint(self._rate, x, np.array([begin, end]), tcrit=[end], **options)
                     self.unit.x[:] = math.nan if fault else states[-1]
             except _RunawayError:

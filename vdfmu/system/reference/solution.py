@@ -19,8 +19,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats, odeint, scipy_part
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.compiler.unit.events import PARTS, Events, Motion, parts_of, steps_of
-from vdfmu.compiler.unit.solver import samples, switchings
+from vdfmu.compiler.unit.events import PARTS, Motion, UnitEvents, parts_of, steps_of
+from vdfmu.compiler.unit.solver import Slopes, samples, switchings
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
@@ -37,10 +37,6 @@ _MOST_STEPS = 100_000
 """Most steps of scipy in a communication step or between rows, far more than a finite solution takes."""
 _LONGEST = 0.05
 """Longest step of the continuous reference [s], so that it does not step over a late motion."""
-_KEPT = 20
-"""Times that LSODA gets a Jacobian. It asks each 20 steps or so; the arms' Jacobians serve for 10 ms."""
-_DIFFERENCE = 1.5e-8
-"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
 
 
 class _RightHandSide:
@@ -50,7 +46,7 @@ class _RightHandSide:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
         self.error: BaseException | None = None
         """Exception of a call: not every solver of scipy passes it on, and some end normally."""
-        self._slopes, self._asked, self._times = np.empty((0, 0)), math.inf, 0
+        self.slopes = Slopes(self)
 
     def __call__(self, t: float, x: Floats) -> Floats:
         try:
@@ -63,26 +59,13 @@ class _RightHandSide:
             raise
         return self._x_dot
 
-    def slopes(self, t: float, x: Floats) -> Floats:
-        """Return the Jacobian by differences for LSODA, a row for each state that changes.
-
-        It decides the iterations of a step, not the error. So an old one serves until a step fails. Then LSODA asks
-        again at the same or an earlier time.
-        """
-        if t <= self._asked or self._times == _KEPT:
-            differences = _DIFFERENCE * (1.0 + np.abs(x))
-            here, *beside = (self(t, each).copy() for each in (x, *(x + np.diag(differences))))
-            self._slopes, self._times = (np.array(beside) - here) / differences[:, None], 0
-        self._asked, self._times = t, self._times + 1
-        return self._slopes
-
 
 class _Mover:
     """Moves the states of a unit between communication points, with held inputs."""
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
-        self._events = Events([self._unit], self._place, lambda: self._unit.x.copy())
+        self._events = UnitEvents([self._unit], self._place, lambda: self._unit.x.copy())
         self._events.begin()
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
@@ -211,7 +194,7 @@ class ContinuousReference:
             x_dot = system.memory[system.solver_x_dot[0] : system.solver_x_dot[-1] + 1]
             places = system.memory[system.solver_x[0] : system.solver_x[-1] + 1]
             rate = _RightHandSide(run["rate"], places, x_dot, self._feed if changing else None)
-        events = Events(list(system.units.values()), partial(self._calculate, run["inputs"]), self._states)
+        events = UnitEvents(list(system.units.values()), partial(self._calculate, run["inputs"]), self._states)
         self._calculate(run["outputs"], 0.0, x)
         events.begin()
         yield
@@ -301,7 +284,7 @@ class ContinuousReference:
 
 
 def _with_events(
-    events: Events, motion: Motion, begin: float, end: float, x: Floats, points: Floats
+    events: UnitEvents, motion: Motion, begin: float, end: float, x: Floats, points: Floats
 ) -> Iterator[Floats]:
     """Yield the states at points between two times [s] and at the end, with the events until then."""
     times, row = [begin, *(point for point in points.tolist() if point < end), end], x
