@@ -17,7 +17,7 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.masters import compiled
-from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run import Interrupted, Results, Simulator, isolated, simulate
 
 HELD = named(substeps=1)
