@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.arm.dynamics import gravity_torque, mass_matrix
 from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.arm.dynamics import gravity_torque, mass_matrix
 from vdfmu.extras.identify.problem import regressor
 
 Complex = npt.NDArray[np.complex128]

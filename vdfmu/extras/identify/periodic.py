@@ -28,8 +28,8 @@ _FIRST, _ALL = 1.0, 40.0
 """Lowest line [Hz], and the frequency from which on lines thin out, so that each octave has as many."""
 NYQUIST = 0.45
 """Highest line that is used, as a share of the rate of a log: room for the filters of a log."""
-_PERIODIC = 0.9
-"""Least correlation of the torques of a log with those that were to be played."""
+_PERIODIC = 0.5
+"""Least correlation of the torques of a log with those that were to be played: feedback adds to them."""
 _STOPS = (1.0, 6.0, 36.0)
 _PRESLIDING = 3e-6
 """Limits of the stop operators, as multiples of the smallest [rad or m]; bristles of gears bend by 1e-5 to 1e-4."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.extras.identify.log import Log
-from vdfmu.extras.identify.motor_side import MotorResponse, Complex, Drives, MotorSide, times
+from vdfmu.extras.identify.motor_side import Complex, Drives, MotorResponse, MotorSide, times
 from vdfmu.extras.identify.periodic import PeriodicTorques, Periods, aligned, periods_of
 
 SURE, SHARE = 0.025, 0.5
