@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import eigh
 
 from vdfmu.arm.dynamics import gravity_torque, mass_matrix
 from vdfmu.arm.equations.harmonic_drive import deformation
@@ -141,9 +142,16 @@ class MotorSide:
         return np.moveaxis(self.answer(w, drives, columns).torque, 0, 2)
 
     def antiresonances(self, drives: Drives) -> Floats:
-        """Return for each joint (n,) the frequency [Hz] at which its link swings alone against its held motor."""
-        M = np.diag(self.masses(drives.payload)[0])
-        return np.sqrt(drives.stiffness / M) / (2.0 * np.pi)
+        """Return for each joint (n,) the frequency [Hz] of the mode with held motors that bends its spring most.
+
+        There the motion of the rotors by their torques has a minimum. The most is of the energy of all springs.
+        """
+        M, G = self.masses(drives.payload)
+        carried = self.carried.T @ ((drives.rotor / self.robot.ell**2)[:, None] * self.carried)
+        values, modes = eigh(np.diag(drives.stiffness) + (G + G.T) / 2.0, M + carried)
+        energy = drives.stiffness[:, None] * modes**2
+        bent = (energy / energy.sum(axis=0)).argmax(axis=1)
+        return np.sqrt(np.maximum(values[bent], 0.0)) / (2.0 * np.pi)
 
 
 def effective_stiffness(robot: Robot, weight: Floats, swing: Floats) -> Floats:

@@ -13,7 +13,6 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.extras.identify.motor_side import MotorSide
 from vdfmu.extras.identify.periodic import LEVELS, NYQUIST, PERIOD, PeriodicTorques, excitation
-from vdfmu.study.analysis.modes import middle_pose
 
 BEYOND = 1.5
 """Highest line over the highest antiresonance."""
@@ -21,6 +20,8 @@ LEAST = 2.0
 """Least RMS of a torque over the breakaway friction."""
 _BENT = 0.3
 """Bend of each joint from the middle [rad]: straight arms hide joints whose axes meet in a point."""
+_OFF = 0.3
+"""Most of half a range that the bend takes."""
 _CREST = 4.0
 """Peak of a multisine with random phases over its RMS."""
 _MARGIN = 0.9
@@ -79,7 +80,7 @@ def stiffness_experiment(
     Lines go up to 1.5 times the highest antiresonance, or as far as a log with rows every `step` [s] shows them. The
     lower level is 2.5 times the breakaway friction and the higher twice that, or as much as the motors can.
     """
-    q = np.array(middle_pose(robot)) + _BENT if pose is None else np.array(pose, float)
+    q = _bent_pose(robot) if pose is None else np.array(pose, float)
     if q.shape != (robot.n,) or not np.isfinite(q).all():
         raise UsageError(f"pose: expected {robot.n} finite positions, got {pose!r}.")
     if not 0.0 < step < 0.1:
@@ -107,12 +108,23 @@ def stiffness_experiment(
         held = side.weight / robot.ell
         largest = np.abs(motor_torque(robot, np.full(robot.n, 1e9), np.zeros(robot.n)))
         rms = np.minimum(rms, np.maximum(_MARGIN * largest - np.abs(held), 0.0) / _CREST)
-        speed, travel = peaks(rms[-1])
         room = np.minimum(q - robot.q_min, robot.q_max - q)
-        factor = min(1.0, float((_MARGIN * robot.kappa_dot_max / speed).min()), float((_MARGIN * room / travel).min()))
-        rms = np.minimum(rms, factor * rms[-1])
+        if (room <= 0.0).any():
+            raise UsageError(f"pose: expected one between the end stops of {robot.name}, got {q.tolist()}.")
+        for whole in (False, True):  # first the joints that are beyond, then all, since they move each other
+            speed, travel = peaks(rms[-1])
+            share = np.minimum(_MARGIN * robot.kappa_dot_max / speed, _MARGIN * room / travel)
+            rms = np.minimum(rms, rms[-1] * np.minimum(share.min() if whole else share, 1.0))
     plan = excitation(rms, highest, fine, period=period, seed=seed)
     speed, travel = peaks(rms[-1])
     return StiffnessExperiment(
         plan, q, antiresonance, breakaway, rms[-1], speed, travel, BEYOND * antiresonance / NYQUIST, step
     )
+
+
+def _bent_pose(robot: Robot) -> Floats:
+    """Return a pose near the middle of the ranges, with all joints bent."""
+    if not robot.limits:
+        return np.full(robot.n, _BENT)
+    middle, half = (robot.q_min + robot.q_max) / 2.0, (robot.q_max - robot.q_min) / 2.0
+    return middle + np.minimum(_BENT, _OFF * half)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Picture
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.measure import unit_of
+from vdfmu.base.measure import quantity, unit_of
 from vdfmu.base.page import page, table
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, Check, checks_of, headline_of, verdict_of
 from vdfmu.extras.identify.fit import NORMAL_95
@@ -27,8 +27,8 @@ from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, m
 _AROUND = 2.0
 """Ends of the band in which a log without the excitation is judged: the antiresonance over and times this."""
 HEADS = (
-    "joint", "torque\nN.m", "spring torque", "stiffness", "95 %", "95 % absolute", "unit",
-    "damping", "antiresonance\nHz",
+    "joint", "motor torque\nN.m RMS", "spring torque\nRMS", "stiffness", "95 %", "absolute\n95 %", "damping",
+    "antires.\nHz",
 )  # fmt: skip
 
 
@@ -40,7 +40,7 @@ def stiffness_verdict(fit: Stiffness) -> dict[str, Any]:
         level, place = fit.levels[best], f"joint {i + 1}"
         if level.identifiable[i]:
             unit = unit_of("stiffness", robot.joint_types[i])
-            text = f"{place} has {level.stiffness[i]:.4g} {unit} +- {_per_cent(level.deviation[i])}"
+            text = f"{place} has {quantity(level.stiffness[i], unit)} +- {_per_cent(level.deviation[i])}"
             checks.append(Check("stiffness", "Stiffness", GOOD, text))
         else:
             lacks = missing(level.antiresonance, level.f[-1], level.swing, np.array(robot.f_s) / robot.ell)[i]
@@ -102,8 +102,8 @@ def stiffness_rows(fit: Stiffness) -> list[list[str]]:
             called = level.identifiable[i]
             rows.append([
                 f"{i + 1}", f"{level.swing[i]:.3g}", f"{level.spring[i]:.3g}",
-                f"{level.stiffness[i]:.5g}" if called else "-", f"+- {_per_cent(level.deviation[i])}" if called else "",
-                f"+- {_per_cent(level.absolute[i])}" if called else "", unit_of("stiffness", robot.joint_types[i]),
+                quantity(level.stiffness[i], unit_of("stiffness", robot.joint_types[i])) if called else "-",
+                _per_cent(level.deviation[i]) if called else "", _per_cent(level.absolute[i]) if called else "",
                 f"{level.drives.damping[i]:.3g}" if called else "-", f"{level.antiresonance[i]:.3g}",
             ])  # fmt: skip
     return rows
@@ -119,7 +119,7 @@ def stiffness_notes(fit: Stiffness) -> list[str]:
         "not linear, and another torque has another stiffness",
         "95 %: with links, payload's place and torque constants as in the robot file; absolute: links within 6 %, "
         "torque constants within 5 %",
-        "damping is a value without an interval",
+        "damping [N.m.s/rad or N.s/m] is a value without an interval",
     ]
 
 
@@ -149,7 +149,7 @@ def draw_responses(fit: Stiffness, title: str) -> Picture:
     columns = min(n, 3)
     words = (
         "Motion of a rotor by its own torque, other rotors held. Points: measured, without the fitted friction and the "
-        "motion of other joints. Line: the fit. The minimum is the antiresonance."
+        "motion of other joints. Line: the fit. Minima are antiresonances, dashed that of the joint."
     )
     figure = style.new_figure(title, words, height=1.0 + 2.4 * -(-n // columns), width=10.0)
     for i, kind in enumerate(fit.side.robot.joint_types):
@@ -158,7 +158,7 @@ def draw_responses(fit: Stiffness, title: str) -> Picture:
         axes.loglog(level.f, np.abs(level.measured[:, i]), ".", color=colour, markersize=3.0, alpha=0.6)
         axes.loglog(level.f, np.abs(level.fitted[:, i]), color="black", linewidth=0.9)
         called = level.identifiable[i]
-        more = f"{level.stiffness[i]:.3g} {unit_of('stiffness', kind)}" if called else "not identifiable"
+        more = quantity(level.stiffness[i], unit_of("stiffness", kind)) if called else "not identifiable"
         axes.set_title(f"Joint {i + 1}: {more}", fontsize=9.0)
         if level.antiresonance[i] <= level.f[-1]:
             axes.axvline(level.antiresonance[i], color="#888888", linewidth=0.7, linestyle="--")
