@@ -184,7 +184,7 @@ BackendOption = Annotated[str | None, option_of(RobotOptions, "backend")]
 TrustOption = Annotated[bool, Option("Run the code that the file names.",
     more="It runs with your permissions.")]  # fmt: skip
 OverwriteOption = Annotated[bool, Option("Replace a file of this name.")]
-ForeignOption = Annotated[bool, Option("Replace files that vdfmu did not write too.")]
+ForeignOption = Annotated[bool, Option("Also overwrite files not written by vdfmu.")]
 OpenOption = Annotated[bool, Option("Open the page in a browser.", default=False, flag="--open")]
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]

@@ -65,7 +65,7 @@ def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_whe
 
 
 @pytest.mark.parametrize(("changed", "said"), [
-    ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
+    ({}, "An ideal case: the feedforward model equals the plant, and the gains are ours."),
     ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
     ({"parameters": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
 ])  # fmt: skip

@@ -94,7 +94,7 @@ CHECKS = (
 
 
 def robot_notes(robot: Robot) -> list[str]:
-    """Return how plain words were converted, and probable mistakes: number, likely cause, way out."""
+    """Return how plain words were converted, and probable mistakes: number, likely cause, fix."""
     return [*plain_notes(robot.sources), *doubts(robot)]
 
 

@@ -24,12 +24,15 @@ from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.recorder import RowsInMemory
 
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""
@@ -152,6 +155,11 @@ class Components:
         coupling = Coupling(self.exchange, self.box, self._events, convergence, adaptive, span)
         stepper = self._stepper = self.checked.how.load()(coupling)
         return stepper
+
+    def compiled(self, grid: Grid, keepers: Sequence[RowsInMemory]) -> CompiledSteps | str:
+        """Return the steps of a run in C, with the rows of all keepers, or why its steps are made in Python."""
+        assert self._stepper is not None
+        return obstacle(self._stepper, self.exchange) or CompiledSteps(self._stepper, self.exchange, grid, keepers)
 
     def bring_inputs(self, time: float) -> None:
         """Set all inputs to the values of the outputs that feed them."""

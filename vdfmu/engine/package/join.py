@@ -165,7 +165,7 @@ class _Ports:
 
 
 def _is_plain(unit: UnitFactor | None) -> bool:
-    """Whether a unit of measurement is 1, so that a signal may stand for any quantity."""
+    """Whether a unit of measurement is 1, so that a signal may be any quantity."""
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 

@@ -157,6 +157,8 @@ def require_algorithm(name: str | None) -> None:
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
     """Return a checked system with other `parameters`, see `check_system`; they override its own."""
+    if not parameters:
+        return checked
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]

@@ -225,7 +225,7 @@ def _difference(robot: Robot, other: Robot) -> str:
 
 
 def _weak(fit: Identified) -> list[str]:
-    """Return notes on weak parameters, by the way out."""
+    """Return notes on weak parameters, by the fix."""
     by_advice: dict[str, list[str]] = {}
     links = [name for name in fit.weak if name in fit.base.names]
     for name, why in fit.weak.items():

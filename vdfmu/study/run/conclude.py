@@ -27,6 +27,8 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
     summary, scenario, values = results.summary, case.scenario, case.system.values
     if case.options["reference"]:
         summary |= compare_with_references(case, package, results)
+    if case.expected is not None:
+        summary["expected"] = case.expected.compare(results)
     if case.options["judge"] is not None:
         coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
         judgement = judge(

@@ -112,7 +112,7 @@ POWER = ("plant.tau", "plant.kappa_dot", "controller.tau", "controller.kappa_dot
 
 
 class PowerBond(Tap):
-    """Energy residual of the coupling at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
+    """Coupling energy error at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
 
     Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
     torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with

@@ -136,7 +136,7 @@ class WiredUnits:
     def _of_time(self, fed: set[Node]) -> set[str]:
         """Return the units that depend on the time alone: without states and `fed` inputs, also in their sources."""
         moving = {name for name, _ in fed}
-        moving |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
+        moving |= {n for n, unit in self.units.items() if unit.x.size or unit.interface.is_sampled or unit.at_events}
         read = {(name, i) for name, unit in self.units.items() for i in _read(unit)}
         links = [(source[0], end[0]) for end, source in self._source.items() if end in read]
         while more := {end for source, end in links if source in moving} - moving:
