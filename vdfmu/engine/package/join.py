@@ -16,9 +16,8 @@ from vdfmu.base.text import close_to, name_fault
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import FOREIGN
+from vdfmu.engine.package.parse import FOREIGN, META, add, add_experiment, root, to_bytes
 from vdfmu.engine.package.system import Connections, UnitFactor, ends_of
-from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes
 from vdfmu.engine.plan.check import require_algorithm
 from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of

@@ -9,8 +9,7 @@ from typing import Any
 from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
-from vdfmu.engine.package.parse import FOREIGN
-from vdfmu.engine.package.writing import META, add, add_experiment, root
+from vdfmu.engine.package.parse import FOREIGN, META, add, add_experiment, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
 

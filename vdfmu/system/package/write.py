@@ -20,8 +20,7 @@ from vdfmu.base.platforms import native_available, this_platform
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.fmu.build import FMI, Content, choose_backend, form_of, targets, unit_name
 from vdfmu.compiler.unit import Unit
-from vdfmu.engine.package.parse import validate
-from vdfmu.engine.package.writing import to_bytes
+from vdfmu.engine.package.parse import to_bytes, validate
 from vdfmu.system.package import structure_file as files
 from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.scenario.scenario import Scenario
