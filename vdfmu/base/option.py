@@ -20,9 +20,10 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 
 FORMER: Mapping[str, str] = {
-    "meant": "sampled", "master": "algorithm",
+    "meant": "sampled",
+    "master": "algorithm",
     **dict.fromkeys(("settings", "values", "start_values"), "parameters"),
-}  # fmt: skip
+}
 """Names of options, keys and arguments of earlier versions, and their names now."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -265,9 +266,11 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 
 
 _LOADERS = {
-    "a Robot": "load_robot", "a Scenario": "system.scenario.load_scenario", "a System": "load",
+    "a Robot": "load_robot",
+    "a Scenario": "system.scenario.load_scenario",
+    "a System": "load",
     "a Motion": "load_motion",
-}  # fmt: skip
+}
 """Type in words to the function that loads one."""
 
 

@@ -33,10 +33,13 @@ for an algorithm."""
 _NAMED = {
     f"{{{NAMESPACES[prefix]}}}{tag}"
     for prefix, tag in (
-        ("ssd", "Connector"), ("ssd", "Component"), ("ssd", "SignalDictionaryReference"), ("ssv", "Parameter"),
+        ("ssd", "Connector"),
+        ("ssd", "Component"),
+        ("ssd", "SignalDictionaryReference"),
+        ("ssv", "Parameter"),
         ("ssb", "DictionaryEntry"),
     )
-}  # fmt: skip
+}
 _MANY = 1000
 """Most breaches of a schema that are reported each, with lines."""
 _SMALL = 2**14
@@ -49,9 +52,14 @@ def parse_xml(data: bytes, where: str) -> Any:
     SspError for text that is not well-formed XML, or has a document type declaration or an XInclude.
     """
     parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
-        remove_comments=True, remove_pis=True,
-    )  # fmt: skip
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
     url = where.encode("utf-8", "backslashreplace").decode()  # lxml takes no bytes that are not UTF-8
     try:
         root = etree.fromstring(data, parser, base_url=url)

@@ -12,9 +12,18 @@ if TYPE_CHECKING:
     from vdfmu.extras.identify.motion_choice import SensorNoise, design
 
 __all__ = [
-    "Identified", "Log", "SensorNoise", "design", "fastest", "identified_robot", "identify", "multisine", "read_log",
-    "score", "sweep",
-]  # fmt: skip
+    "Identified",
+    "Log",
+    "SensorNoise",
+    "design",
+    "fastest",
+    "identified_robot",
+    "identify",
+    "multisine",
+    "read_log",
+    "score",
+    "sweep",
+]
 _NAMES = {
     "excitation": ("multisine", "sweep"),
     "fit": ("Identified", "identified_robot", "identify", "score"),
