@@ -42,9 +42,13 @@ class Recorded:
     """Recorded signals on the communication points, without files and pictures; see :class:`vdfmu.Results`."""
 
     def __init__(
-        self, time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArray[Any]],
-        summary: dict[str, Any] | None = None, messages: Sequence[Any] = (),
-    ) -> None:  # fmt: skip
+        self,
+        time: Floats,
+        signals: Sequence[Signal],
+        data: Mapping[str, NDArray[Any]],
+        summary: dict[str, Any] | None = None,
+        messages: Sequence[Any] = (),
+    ) -> None:
         self.time = time
         self._summary: dict[str, Any] = {} if summary is None else summary
         self._judge: Callable[[Any], object] | None = None

@@ -84,9 +84,13 @@ class Isolated(Stepper):
     def load(self) -> None:
         """Start the process, load the libraries and create the instances."""
         self._child = Child(
-            "vdfmu.engine.run.isolated_server", str(self._memory), str(self.limits.memory),
-            limit=self.limits.time, show=True, stop=self._stop,
-        )  # fmt: skip
+            "vdfmu.engine.run.isolated_server",
+            str(self._memory),
+            str(self.limits.memory),
+            limit=self.limits.time,
+            show=True,
+            stop=self._stop,
+        )
         self._child.since += _START
         self._take()
         self._ask("load", self._content)

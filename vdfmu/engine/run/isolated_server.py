@@ -62,8 +62,9 @@ class Server:
     def reset(self, starts: Mapping[str, Sequence[tuple[str, Value]]], multiples: Mapping[str, int]) -> None:
         """See `Components.reset`; for the values see `Checked`."""
         checked, tables = self._components.checked, self._components.checked.descriptions
-        mine = {name: [(tables[name].variables[each], value) for each, value in values]
-                for name, values in starts.items()}  # fmt: skip
+        mine = {
+            name: [(tables[name].variables[each], value) for each, value in values] for name, values in starts.items()
+        }
         self._box.ended.clear()
         self._derivatives = None
         self._components.reset(replace(checked, starts=mine, multiples=multiples))

@@ -58,7 +58,8 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     UsageError, ModelError
         For values, limits or options that do not fit the system.
     """
-    check_wanted(options["judge"], options["sampled"], scenario.adaptive)
+    if options["judge"] is not None or options["sampled"] is not None:
+        check_wanted(options["judge"], options["sampled"], scenario.adaptive)
     expected = read_expected(options["expect"], options["within"])
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])

@@ -47,10 +47,15 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
-            name, case.system, step=scenario.step, stop=scenario.stop,
-            substeps=how.substeps if key == "sampled" else 1, groups=compared(results, robot), overlap=1,
+            name,
+            case.system,
+            step=scenario.step,
+            stop=scenario.stop,
+            substeps=how.substeps if key == "sampled" else 1,
+            groups=compared(results, robot),
+            overlap=1,
             progress=partial(report, stage),
-        )  # fmt: skip
+        )
         try:
             differences[key], statistics = compare(results, solution, robot, how.substeps)
         except UsageError as error:  # an algebraic loop, which the run may have solved

@@ -114,9 +114,11 @@ def _measures(study: StudyTable) -> str:
         unit = study.facts["units"].get(column.partition("[")[0], "")
         ends = [
             f'<button type="button" data-point="{point}">'
-            f"{escape(_short(place_of(study, columns[places[int(point)]])))}</button>" if point else ""
+            f"{escape(_short(place_of(study, columns[places[int(point)]])))}</button>"
+            if point
+            else ""
             for point in (least, most)
-        ]  # fmt: skip
+        ]
         numbers = [quantity(float(text), unit) for text in (low, middle, high)] if least else [low, "", ""]
         rows.append([escape(column), *map(escape, numbers), *ends])
     return _html_table(("measure", "smallest", "median", "largest", "smallest at", "largest at"), rows)
@@ -125,12 +127,14 @@ def _measures(study: StudyTable) -> str:
 def _failures(study: StudyTable) -> str:
     rows = [
         [
-            escape(group.cause), str(len(group.points)), escape(_short(group.where)),
+            escape(group.cause),
+            str(len(group.points)),
+            escape(_short(group.where)),
             f'<button type="button" data-point="{group.points[0]}">point {group.points[0]}</button>',
             f"<details><summary>message</summary>{escape(_short(group.message, 400))}</details>",
         ]
         for group in failed_groups(study)
-    ]  # fmt: skip
+    ]
     return _html_table(("cause", "points", "where", "first", ""), rows)
 
 
@@ -197,9 +201,7 @@ def columns_of(study: StudyTable) -> list[dict[str, Any]]:
 
 def _column(side: Side, axis: bool) -> dict[str, Any]:
     values = [float(f"{v:.6g}") if np.isfinite(v) else None for v in side.values]
-    return {
-        "name": side.name, "unit": side.unit, "log": side.log, "words": side.words, "axis": axis, "values": values,
-    }  # fmt: skip
+    return {"name": side.name, "unit": side.unit, "log": side.log, "words": side.words, "axis": axis, "values": values}
 
 
 def study_content(study: StudyTable, answer: Answer) -> dict[str, Any]:
@@ -224,7 +226,7 @@ def _roles(study: StudyTable, answer: Answer) -> dict[str, list[int]]:
     return {
         role: np.flatnonzero(np.isin(points, [*getattr(study.search, role)])).tolist()
         for role in ("start", "chosen", "infeasible")
-    }  # fmt: skip
+    }
 
 
 def base_run(study: StudyTable, folder: Path, trust: bool = False) -> tuple[ShownRun, dict[str, Any]]:
@@ -269,9 +271,12 @@ def _kept(study: StudyTable) -> dict[str, Any] | None:
     values = np.stack([columns[name] for name in names], axis=1)
     units = study.facts["units"]
     return {
-        "names": names, "units": [units.get(name, "") for name in names], "count": count,
-        "time": packed(columns["time"], "<f4"), "values": packed(values, "<f4"),
-    }  # fmt: skip
+        "names": names,
+        "units": [units.get(name, "") for name in names],
+        "count": count,
+        "time": packed(columns["time"], "<f4"),
+        "values": packed(values, "<f4"),
+    }
 
 
 def _padded(row: Sequence[float] | None, stride: int, count: int) -> NDArray[Any]:
