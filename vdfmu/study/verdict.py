@@ -202,6 +202,11 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         row = row._replace(by="the absolute tolerance of the reference's solver")
     apart = compared["max_position_difference_rad"]
     more = f"positions differ by {number(apart)} rad at most; limit {number(row.value * largest)}"
+    if "solved_by_scipy" in compared:
+        more += (
+            f"; solved by DOP853 in compiled code, {compared['solved_by_scipy']} of its intervals by scipy too: their "
+            f"states differ by {number(compared['max_solver_difference'])} at most"
+        )
     check = row.check(apart / largest, more, place=compared["name"])
     tolerance: float = summary.get("tolerance") or 0.0
     if check.state == GOOD:

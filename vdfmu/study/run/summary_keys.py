@@ -68,6 +68,7 @@ _SEPARATION = Record({"change": NUMBER, "max_position_difference_rad": NUMBER})
 _REFERENCE = {
     "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER, "at_s": NUMBER,
     "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
+    "solved_by_scipy": NUMBER, "max_solver_difference": NUMBER,
 }  # fmt: skip
 
 
