@@ -69,7 +69,7 @@ def compiles(rate: object) -> bool:
     return hasattr(rate, "argtypes") and _library() is not None
 
 
-class Mover(Protocol):
+class CountedSteps(Protocol):
     """What moves the states of a unit: the steps of its last interval, and whether it does so in compiled code."""
 
     steps: int
@@ -93,7 +93,9 @@ class Repeated:
 class KeptIntervals:
     """States of a system before and after each interval of a block, and the steps of its units' solvers."""
 
-    def __init__(self, system: WiredUnits, movers: Sequence[Mover], rows: int, tolerances: Mapping[str, float]) -> None:
+    def __init__(
+        self, system: WiredUnits, movers: Sequence[CountedSteps], rows: int, tolerances: Mapping[str, float]
+    ) -> None:
         self._system, self._movers, self._tolerances = system, movers, tolerances
         self._before, self._after = np.empty((rows, system.memory.size)), np.empty((rows, system.x.size))
         self._steps, self._times = np.empty((rows, len(movers)), int), np.empty((rows, 2))

@@ -139,9 +139,9 @@ def reference_blocks(
         store(path, np.concatenate([facts, *blocks]).tobytes())
 
 
-def _repeat(repeat: Callable[[int], None], known: int, rows: int, row: int) -> None:
+def _repeat(repeat: Callable[[int], None], overlap: int, rows: int, row: int) -> None:
     """Solve the interval before a row of a block again, unless it belongs to the block before or to the start."""
-    if row >= max(known, 1):
+    if row >= max(overlap, 1):
         repeat(rows - 1 - row)
 
 
