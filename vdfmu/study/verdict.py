@@ -217,6 +217,9 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
         noise = f"{row.shown(check.value)} of the largest error may be solver noise: try --tolerance {number(smaller)}"
         check = check._replace(state=DOUBTFUL, sentence=noise, more=more)
+    if "reference_stop" in summary:
+        part = f"{check.sentence}, compared over the first {number(summary['reference_stop'])} s"
+        check = check._replace(sentence=part)
     yield check
 
 

@@ -183,6 +183,7 @@ KEYS: Mapping[str, Any] = {
     "limits": Keyed(_SHARES),  # shares of the time at limits, by plant
     "paper": _PAPER,  # values of the paper
     "reference": Keyed(_REFERENCE),  # largest differences to each reference
+    "reference_stop": NUMBER,  # end of the comparison with the references, if it is before that of the run [s]
     "no_reference": TEXT,  # reason of a missing reference
     "separation": _SEPARATION,  # distance of the run from itself with an invisible change
     # largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest share of
