@@ -28,7 +28,7 @@ TASKS = {
     "Time, coupling": "start stop step at algorithm adaptive stepper tolerance pace isolate memory-limit wait-limit "
     "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
-    "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",
+    "Judgement": "reference reference-stop judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "open simulate page",
     "Output": "out overwrite format record pictures width json",

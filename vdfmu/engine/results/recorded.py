@@ -162,6 +162,13 @@ class Recorded:
         signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
         return type(self)(self.time, signals, self.data, self.summary, self.messages)
 
+    def first(self, rows: int) -> Self:
+        """Return the first rows; the same results if there are no more."""
+        if rows >= len(self):
+            return self
+        data = {kind: array[:rows] for kind, array in self.data.items()}
+        return type(self)(self.time[:rows], list(self._signals.values()), data, self.summary, self.messages)
+
     def thinned(self, most: int) -> Self:
         """Return at most `most` rows at equal distances, with the first; the same results if they are few enough."""
         stride = -(-len(self) // most)

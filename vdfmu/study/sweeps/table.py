@@ -351,9 +351,12 @@ def groups(side: Side, value: Side) -> list[tuple[float, float]]:
     """Return means of a side and of the measure, at each value of a side with few, else in fifths of its points."""
     good = np.isfinite(value.values)
     x, y = side.values[good], value.values[good]
+    return [(float(np.mean(x[part])), float(np.mean(y[part]))) for part in parts_of(x, bool(side.words))]
+
+
+def parts_of(x: Floats, words: bool) -> list[NDArray[np.intp]]:
+    """Return the places of each value of a side with few, or with `words`, else of each fifth of its points."""
     distinct = np.unique(x)
-    if len(distinct) <= _FIFTHS or side.words:
-        parts: Sequence[NDArray[np.intp]] = [np.flatnonzero(x == level) for level in distinct]
-    else:
-        parts = [part for part in np.array_split(np.argsort(x, kind="stable"), _FIFTHS) if len(part)]
-    return [(float(np.mean(x[part])), float(np.mean(y[part]))) for part in parts]
+    if len(distinct) <= _FIFTHS or words:
+        return [np.flatnonzero(x == level) for level in distinct]
+    return [part for part in np.array_split(np.argsort(x, kind="stable"), _FIFTHS) if len(part)]
