@@ -204,7 +204,10 @@ class System:
         """Run the system at many points, see :func:`vdfmu.sweep`. `parameters` are the same at all points."""
         from vdfmu.study.sweeps.sweep import sweep  # takes long to import
 
-        return sweep(self.path, vary, **self._with(options))
+        study = sweep(self.path, vary, **self._with(options))
+        if self._keep is not None:  # the package would end with the system
+            self.write(study.folder / self.path.name)
+        return study
 
     @checks_types
     def write(self, path: str | os.PathLike[str]) -> Path:
