@@ -17,7 +17,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
-from vdfmu.study.report.simulation import ROWS, sliders, simulation_of
+from vdfmu.study.report.simulation import ROWS, simulation_of, sliders
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
