@@ -135,7 +135,7 @@ class System:
     def _simulate(self, options: dict[str, Any]) -> Results:
         """Run the package; FMUs that were built here stay loaded for runs that differ in values and rows alone."""
         rows: Any = pick(RowOptions, options)
-        loading: Any = {name: value for name, value in options.items() if name not in {*rows, "parameters"}}
+        loading: Any = {name: value for name, value in options.items() if name not in rows and name != "parameters"}
         plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
         # the end of a pool kills its workers, which then remove no folder
         here = os.getpid() == self._process and not process.current_process().daemon
@@ -143,8 +143,8 @@ class System:
             return simulate(self.path, **options)
         try:
             simulator = self._load(loading)
-            parameters = options.get("parameters") or {}
-            if not simulator.sizes.isdisjoint(parameters):
+            parameters = options.get("parameters")
+            if parameters and not simulator.sizes.isdisjoint(parameters):
                 return simulate(self.path, **options)
             results = simulator.run(parameters=parameters, **rows)
             if not simulator.rest():
