@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
-from vdfmu.engine.masters import compiled
+from vdfmu.engine.masters import loop
 from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run import Interrupted, Results, Simulator, isolated, simulate
 
@@ -226,6 +227,9 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
     assert stepper(texts) == "fmpy: texts or binary values between components"
     package, _ = packaged("dahlquist 2.0")
     assert stepper(package) == "c"
+    arrays = replace(models.STATE_SPACE, name="Slopes", simulation={"maxOutputDerivativeOrder": "1"})
+    parts = system({name: (arrays, "3.0") for name in "ab"}, ["a.y[2] -> b.u[1]"])
+    assert stepper(parts, algorithm="extrapolated") == "fmpy: rates of parts of an array"
     updates = system({"m": (UPDATES, "3.0")})
     assert stepper(updates, algorithm="extrapolated") == "fmpy: m takes its inputs within steps"
     assert stepper(package, stepper="fmpy") == "fmpy: chosen"
@@ -234,5 +238,5 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
         stepper(package, stepper="c", algorithm="extrapolated", adaptive=1e-3)
     with pytest.raises(UsageError, match=r"stepper: must be auto, fmpy or c, got 'rust'\."):
         stepper(package, stepper="rust")
-    monkeypatch.setattr(compiled, "_library", lambda: None)
+    monkeypatch.setattr(loop, "library", lambda: None)
     assert stepper(package) == "fmpy: no C compiler"

@@ -255,8 +255,10 @@ class StudyTable:
         self.require_own(trust)
         row, source, was = self.row(which, by), self.facts["source"], self.facts["systems"]
         if source.endswith(".ssp"):
+            kept = self.folder / Path(source).name
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
-            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {source}' runs it, with {values}.")
+            package = kept if kept.exists() else source
+            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {package}' runs it, with {values}.")
         system, options = self.system(row)
         if digest(system.content) not in [each["package"] for each in was]:
             self._note(f"{source}: its values, units or robot have changed since the study.")
