@@ -320,9 +320,15 @@ _LARGE = 2_048
 
 
 def _is_large(*factors: Any) -> bool:
-    """Whether factors are a large matrix of numbers and a column."""
+    """Whether factors are a large matrix of numbers and a column.
+
+    A column of states has scalar operations whatever the size: then the Jacobian of a linear system is of numbers.
+    """
     a, b = factors
-    return isinstance(a, np.ndarray) and a.dtype.kind in "fiu" and a.ndim == 2 and np.ndim(b) == 1 and a.size >= _LARGE
+    if not (isinstance(a, np.ndarray) and a.dtype.kind in "fiu" and a.ndim == 2 and a.size >= _LARGE):
+        return False
+    leaves = [each.sx for each in b.flat if isinstance(each, Symbol) and each.sx.is_symbolic()] if np.ndim(b) else []
+    return np.ndim(b) == 1 and not any(leaf.name().startswith("x_") for leaf in leaves)
 
 
 def matrix_function(matrix: np.ndarray) -> ca.Function:
