@@ -186,6 +186,13 @@ class Symbols(Recording):
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
+    def write(self, declared: Declared, value: Any) -> None:
+        """Take the value of a variable; arrays that are read again are arrays of symbols."""
+        super().write(declared, value)
+        array = self.sets[declared.name]
+        if isinstance(array, np.ndarray) and array.dtype == object:
+            self.sets[declared.name] = array.view(SymbolArray)
+
     def field(self, name: str) -> Any:
         """Return the symbols of a field of the robot."""
         return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
