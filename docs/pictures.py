@@ -127,8 +127,7 @@ def loop() -> str:
         _line((492, back), (492, 194), tip=True), _text(650, back - 8, "q, q̇, κ̇"),
         _line((713, 62), (713, 130), kind="dash", tip=True), _text(713, 34, "F_e, wrench at the tool"),
         _text(713, 54, "(not connected: 0)", "soft"),
-        _text(14, 278, "q: links, κ: rotors divided by the gear ratio, d: desired. One element for each joint.",
-              "soft left"),
+        _text(14, 278, "q: links, κ: rotors divided by the gear ratio, d: desired; one for each joint", "soft left"),
     ])  # fmt: skip
 
 

@@ -10,14 +10,14 @@ import pytest
 
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
+from tests.engine.reference.masses import RATES, UPDATES, WIRES
 from tests.engine.reference.models import V
-from tests.engine.test_derivatives import RATES, UPDATES, WIRES
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.masters import compiled
-from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run import Interrupted, Results, Simulator, isolated, simulate
 
 HELD = named(substeps=1)
@@ -118,8 +118,8 @@ def both():
                 outcome, results = error, error.results
             assert results.summary["stepper"] == {"c": "c", "fmpy": "fmpy: chosen"}[stepper]
             outcomes.append((outcome, results, said))
-        (by_fmpy, results_fmpy, expected), *others = outcomes
-        for outcome, results, said in others:
+        (by_fmpy, results_fmpy, expected), *in_c = outcomes
+        for outcome, results, said in in_c:
             assert_same_bits(results, results_fmpy)
             assert said == expected
             assert (type(outcome), str(outcome)) == (type(by_fmpy), str(by_fmpy)) or isinstance(by_fmpy, Results)

@@ -99,12 +99,8 @@ def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
 
 def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):
     slider = {"least": 0.1, "most": 10.0}
-    assert [factor(slider, place) for place in (-100, 0, 50, 100)] == [
-        0.1,
-        1.0,
-        pytest.approx(10**0.5, rel=1e-15),
-        10.0,
-    ]
+    root = pytest.approx(10**0.5, rel=1e-15)
+    assert [factor(slider, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, root, 10.0]
     assert factor({"least": 0.0, "most": 3.0}, -100) == 0.0
     values = values_of(described)
     assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= values["plant"].keys()
