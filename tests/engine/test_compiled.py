@@ -104,14 +104,14 @@ REPEATED = "arm", "scaled", "slopes"
 
 @pytest.fixture
 def both():
-    """Return a function that runs a system by fmpy and in C, here and in a process of its own.
+    """Return a function that runs a system by fmpy and in C, here and, if `apart`, in a process of its own.
 
     It returns the same results or failure.
     """
 
-    def run(package, **options) -> Results | CosimError:
+    def run(package, apart=True, **options) -> Results | CosimError:
         outcomes = []
-        for stepper, isolate in (("fmpy", False), ("c", False), ("c", True)):
+        for stepper, isolate in (("fmpy", False), ("c", False), ("c", True))[: 2 + apart]:
             said = []
             try:
                 results = outcome = simulate(package, stepper=stepper, isolate=isolate, log=said.append, **options)
@@ -140,7 +140,8 @@ def both():
 def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
     package, options = packaged(name)
     step = options.pop("step", 0.1)
-    results = both(package, step=step, stop=20 * step, algorithm=algorithm, record=["*"], **options)
+    apart = algorithm == "gauss-seidel" or name in ("types", "arm")  # a process takes a quarter of a second to start
+    results = both(package, apart, step=step, stop=20 * step, algorithm=algorithm, record=["*"], **options)
     assert len(results) == (14 if name == "stair" else 21)  # the stair ends at 9 s, in the step from 8.4 s
     assert name.startswith(("types", "resource")) or any(
         (results[each][1:] != results[each][0]).any() for each in results
