@@ -9,7 +9,7 @@ from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
-from vdfmu.cli.parameters import TASKS
+from vdfmu.cli.options import TASKS
 from vdfmu.engine.rules import RULES
 from vdfmu.system.scenario.schema import scenario_schema
 

@@ -1,4 +1,4 @@
-"""Warn of words that are not those of the field: ``python docs/words.py``. A warning is a question, and fails nothing."""
+"""Warn of words that are not those of the field: ``python docs/words.py``. A warning fails nothing."""
 
 from __future__ import annotations
 

@@ -34,6 +34,20 @@ class Ball(Unit):
         self.h, self.v, self.bounces = 0.0, -self.e * self.v, self.bounces + 1.0
 
 
+class Resting(Ball):
+    """Bouncing ball that comes to rest, as that of the Reference FMUs."""
+
+    flies = Held("1", text="1 in the air, 0 at rest", start=1.0)
+
+    def derivatives(self) -> None:
+        self.h_dot, self.v_dot = self.v, -G * self.flies
+
+    def at_ground(self) -> None:
+        v = -self.e * self.v
+        self.bounces, self.flies = self.bounces + 1.0, where(v < 0.1, 0.0, 1.0)
+        self.h, self.v = 0.0, self.flies * v
+
+
 def ball(t: float, e: float = 0.7, h: float = 1.0) -> tuple[float, float, float]:
     """Height, velocity and number of bounces at a time."""
     time = math.sqrt(2.0 * h / G)

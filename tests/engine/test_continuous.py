@@ -11,7 +11,7 @@ from tests.engine.files import edited
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.run import Simulator, simulate
-from vdfmu.study.run.accuracy import PowerBond
+from vdfmu.study.run.measure import PowerBond
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.reference.reference import reference

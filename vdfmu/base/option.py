@@ -53,7 +53,7 @@ class Option:
     choices: tuple[str, ...] = ()
     """Valid values, for ``--help`` and completion."""
     group: str = ""
-    """Heading in ``--help``. Default by :mod:`vdfmu.cli.parameters`."""
+    """Heading in ``--help``. Default by :mod:`vdfmu.cli.options`."""
 
 
 @dataclass(frozen=True)

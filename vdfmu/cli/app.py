@@ -24,7 +24,7 @@ from vdfmu.base.progress import showing
 from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.base.version import __version__
 from vdfmu.cli import own_process
-from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
+from vdfmu.cli.options import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
 
 _words: list[str] = []

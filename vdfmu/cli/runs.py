@@ -15,8 +15,16 @@ from vdfmu.base.errors import LOG, CosimError, SspError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
-from vdfmu.cli.options import ForeignOption, OpenOption, TrustOption, UnpackOption, known_scenarios, load, refuse
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import (
+    ForeignOption,
+    OpenOption,
+    Positional,
+    TrustOption,
+    UnpackOption,
+    known_scenarios,
+    load,
+    refuse,
+)
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
 from vdfmu.engine.options import SystemOptions
 from vdfmu.study.options import ExpectOptions, JudgeOptions, ScenarioOptions, ScenarioRunOptions
@@ -122,7 +130,7 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
     elif parts:
         raise UsageError(f"{parts[0]}: expected no scenario with --from: {study} has its own.")
     else:
-        from vdfmu.engine.package.join import ends_of
+        from vdfmu.engine.package.system import ends_of
         from vdfmu.study.sweeps.sweep import Sweep
 
         sweep = Sweep(study)
@@ -166,7 +174,7 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
         from vdfmu.study.judgement import check_wanted  # takes long to import
 
         check_wanted(wanted, sampled, options["adaptive"])
-    from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package.archive import package_limit
     from vdfmu.engine.package_run import default_folder
     from vdfmu.engine.results.folder import RUN_OUTPUTS
     from vdfmu.engine.rules import can_run, run_anyway

@@ -45,7 +45,7 @@ class Algorithm:
 
     @property
     def order(self) -> int:
-        """Order of the coupling error in the step: the declared one, 1 if inputs hold, 2 if continuous, 0 if unknown."""
+        """Order of the coupling error in the step: as declared, 1 if inputs hold, 2 if continuous, 0 if unknown."""
         return self.declared_order or (1 if self.substeps else 2 if self.continuous else 0)
 
     def load(self) -> Callable[..., Any]:

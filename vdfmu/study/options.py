@@ -31,7 +31,7 @@ from vdfmu.engine.options import (
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
-    from vdfmu.engine.package.join import Connections
+    from vdfmu.engine.package.system import Connections
 
 
 def known_robots() -> Iterable[str]:

@@ -16,8 +16,8 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, STATES, UNJUDGE
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.coupling_error import RIGHT, WRONG
 from vdfmu.study.expected import expected_checks
-from vdfmu.study.limits import LIMITS, Limit
-from vdfmu.study.run.summary_keys import Summary, energies
+from vdfmu.study.limits import LIMITS, Limit, energies
+from vdfmu.study.run.summary_keys import Summary
 
 Limits = Mapping[str, Limit]
 ENERGY_FLOOR = 1e-3
@@ -85,9 +85,9 @@ def _growth(figures: Summary, limits: Limits) -> Iterator[Check]:
         yield limits["growth"].check(growth["value"], place=growth["place"], **times)
 
 
-def explain(error: CosimError | Interrupted, poses: Poses) -> dict[str, Any]:
+def explain(error: CosimError | Interrupted, poses: Poses | None) -> dict[str, Any]:
     """Return the numbers of the loops of a failed run, if they are unstable, and note it in the error; else nothing."""
-    if isinstance(error, Interrupted) or poses.lacking or not poses.seconds:
+    if poses is None or isinstance(error, Interrupted) or poses.lacking or not poses.seconds:
         return {}
     from vdfmu.study.analysis.loops import judged  # needs CasADi, which runs of FMUs do without
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
-from vdfmu.arm.robot.plain import plain_notes
 from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot.robot_file import plain_notes
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import JOINT_TYPES
 

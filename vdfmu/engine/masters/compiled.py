@@ -183,7 +183,7 @@ class CompiledSteps:
     @property
     def _next_event(self) -> float:
         """Time of the next event that is known [s]; infinite for none."""
-        return math.inf if self._eventful is None else min(self._eventful.events.known, default=math.inf)
+        return math.inf if self._eventful is None else min(self._eventful.events.times, default=math.inf)
 
     def _events(self, pending: bool) -> None:
         """Handle events at the end of a step, or do a step in Python that has events within it or at its end."""

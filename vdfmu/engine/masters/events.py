@@ -122,7 +122,7 @@ class Events:
         self._handle(start, set(self.units), 0.0)
 
     @property
-    def known(self) -> list[float]:
+    def times(self) -> list[float]:
         """Times [s] of the next events that are known in advance."""
         times = [tick.next for unit in self.units.values() for tick in unit.ticking]
         return times + [unit.instance.next_event for unit in self.units.values()]
@@ -130,7 +130,7 @@ class Events:
     def next(self, time: float, stop: float) -> float:
         """Return the time [s] of the next event known in advance, after `time`, `stop` at the latest."""
         close = _CLOSE * (stop - time)
-        return min((t for t in self.known if time + close < t < stop - close), default=stop)
+        return min((t for t in self.times if time + close < t < stop - close), default=stop)
 
     def handle(self, time: float, step: float) -> None:
         """Handle the events at a communication point, `step` after the last."""

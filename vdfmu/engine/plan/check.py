@@ -13,8 +13,7 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.checker import Checker, overrides, unfed
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
-from vdfmu.engine.plan.feed import Feed, feed_inputs
-from vdfmu.engine.plan.inputs import InputTable
+from vdfmu.engine.plan.inputs import Feed, InputTable, feed_inputs
 from vdfmu.engine.plan.schedule import Schedule, choose_schedule
 from vdfmu.engine.rules import Finding, finding
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import mmap
-import os
 import pickle
 import signal
 import struct
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError, FailureKind, UsageError, VdfmuError
+from vdfmu.base.errors import CosimError, FailureKind, VdfmuError
 from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.access import DTYPES
@@ -31,28 +30,11 @@ from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.compiled import lacking
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.options import Limits
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorder import RowsInMemory
-
-
-class Limits:
-    """Limits of components: `time` of each call, default 300 s, and `memory` [MB], default half of the machine's."""
-
-    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
-        self.time = 300.0 if time is None else time
-        self.memory = math.inf if memory is None else memory
-        if memory is None:
-            with suppress(AttributeError, ValueError, OSError):  # unknown
-                self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-        if not 0.0 < self.time < math.inf:
-            raise UsageError(
-                f"wait_limit must be a positive, finite time in s, got {self.time:g}. The default is 300 s."
-            )
-        if not self.memory > 0.0:
-            raise UsageError(f"memory_limit must be positive, got {self.memory:g} MB")
-
 
 STEP = struct.Struct("<ddd")
 """Time, step and stop of `advance`, after a length of 0: 1.1 us on both sides; a pickled message takes 6.7 us."""

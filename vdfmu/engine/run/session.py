@@ -20,17 +20,16 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.process import is_contained
 from vdfmu.engine.fmu.description import is_own
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
-from vdfmu.engine.masters.components import Components, failure_message
-from vdfmu.engine.masters.observer import Observed, Pace, Tap
-from vdfmu.engine.options import AUTO, FMPY, C
+from vdfmu.engine.masters.components import Components, failure_message, report_exits
+from vdfmu.engine.masters.observer import Observed, Pace
+from vdfmu.engine.options import AUTO, FMPY, C, Limits
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of
-from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory, Tap
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.exits import report_exits
-from vdfmu.engine.run.isolated import Isolated, Limits
+from vdfmu.engine.run.isolated import Isolated
 
 
 class Session:

@@ -15,17 +15,17 @@ from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
-from vdfmu.engine.masters.observer import Tap
-from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions, read_stepper
+from vdfmu.engine.options import Limits, RowOptions, SimulateOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.isolated import Isolated, Limits
+from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.session import Run, Session
 
 
@@ -149,7 +149,7 @@ class Simulator:
         parameters : mapping of str to value, optional
             For this run; they override the simulator's.
         taps : sequence of Tap
-            Read the components at some rows, see `vdfmu.engine.masters.observer.Tap`.
+            Read the components at some rows, see `vdfmu.engine.results.recorder.Tap`.
         **options
             :class:`vdfmu.engine.options.RowOptions`.
 

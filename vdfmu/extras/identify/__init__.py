@@ -10,10 +10,12 @@ if TYPE_CHECKING:
     from vdfmu.extras.identify.log import Log, read_log
     from vdfmu.extras.identify.minimum_time import fastest
     from vdfmu.extras.identify.motion_choice import SensorNoise, design
+    from vdfmu.extras.identify.stiffness import Stiffness, identify_stiffness
+    from vdfmu.extras.identify.stiffness_design import stiffness_experiment
 
 __all__ = [
-    "Identified", "Log", "SensorNoise", "design", "fastest", "identified_robot", "identify", "multisine", "read_log",
-    "score", "sweep",
+    "Identified", "Log", "SensorNoise", "Stiffness", "design", "fastest", "identified_robot", "identify",
+    "identify_stiffness", "multisine", "read_log", "score", "stiffness_experiment", "sweep",
 ]  # fmt: skip
 _NAMES = {
     "excitation": ("multisine", "sweep"),
@@ -21,5 +23,7 @@ _NAMES = {
     "log": ("Log", "read_log"),
     "minimum_time": ("fastest",),
     "motion_choice": ("SensorNoise", "design"),
+    "stiffness": ("Stiffness", "identify_stiffness"),
+    "stiffness_design": ("stiffness_experiment",),
 }
 __getattr__ = lazy(__name__, _NAMES)

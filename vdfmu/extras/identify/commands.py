@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of, read_settings
 from vdfmu.cli.app import RUNS, meets_code
-from vdfmu.cli.options import OverwriteOption, refuse, target_file
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import OverwriteOption, Positional, refuse, target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions
@@ -51,6 +50,13 @@ def identify(
     residuals: Annotated[Path | None, Option("Picture of the residuals over speed, load, ..",
         more="Over speed, load, position and time, of the other log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
+    purpose: Annotated[str | None, Option("Identify springs from the motors' side: stiffness.", flag="--for",
+        metavar="WHAT", choices=("stiffness",), more="From a log of periodic torques of the motors, without encoders "
+        "behind the gears; with --design it chooses the torques.")] = None,
+    excitation: Annotated[Path | None, Option("Torques that were played, by --design.", metavar="CSV",
+        more="For --for stiffness.")] = None,
+    page: Annotated[Path | None, Option("Page of --for stiffness to write.", metavar="HTML",
+        more="Verdict, table and frequency responses in one file.")] = None,
     overwrite: OverwriteOption = False,
     design: Annotated[str | None, Option("Choose the best motion to log for this robot.", group=_DESIGN,
         metavar="ROBOT", more="It determines the parameters best; the width of their intervals is predicted.")] = None,
@@ -79,7 +85,7 @@ def identify(
     from vdfmu.study.report.sheets import verdict_table, verdict_text
 
     of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
-              "--residuals": residuals}  # fmt: skip
+              "--residuals": residuals, "--excitation": excitation, "--page": page}  # fmt: skip
     of_design = {"--duration": duration, "--pose": pose, "--step": step, "--bits": bits, "--noise": noise,
                  "--no-links": no_links}  # fmt: skip
     if (log is None) == (design is None):
@@ -87,6 +93,14 @@ def identify(
         raise UsageError(f"identify: expected a log, or --design ROBOT for a motion to log, got {got}.")
     unfit = of_design if design is None else of_log
     refuse(unfit, "goes with --design" if design is None else "goes with a log")
+    if purpose is not None:
+        _stiffness(log, design, robot, columns=column or {}, time=time, excitation=excitation, pose=pose, step=step,
+                   files={"plot": plot, "page": page, "out": out}, overwrite=overwrite, unfit={
+                       "--band": band, "--score": other, "--truth": truth, "--residuals": residuals,
+                       "--duration": duration, "--bits": bits, "--noise": noise, "--no-links": no_links,
+                   })  # fmt: skip
+        return
+    refuse({"--excitation": excitation, "--page": page}, "goes with --for stiffness")
     if design is not None:
         sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
         _design(design, duration, pose, sensors, band, prior, out, overwrite)
@@ -152,6 +166,27 @@ def identify(
         say_written(*written)
     if failed:
         raise SystemExit(1)
+
+
+def _stiffness(
+    log: Path | None, design: str | None, robot: str | None, *, columns: dict[str, str], time: str,
+    excitation: Path | None, pose: str | None, step: float | None, files: dict[str, Path | None], overwrite: bool,
+    unfit: dict[str, Any],
+) -> None:  # fmt: skip
+    """Design or identify for springs from the motors' side; `unfit` are options that it does not have."""
+    from vdfmu.base.errors import UsageError
+    from vdfmu.cli.analysis import read_numbers
+    from vdfmu.extras.identify.stiffness_commands import design_stiffness, show_stiffness
+
+    refuse(unfit, "does not go with --for stiffness")
+    if design is not None:
+        start = None if pose is None else read_numbers("--pose", pose)
+        design_stiffness(design, start, step, files["out"], overwrite)
+        return
+    assert log is not None
+    if robot is None:
+        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
+    show_stiffness(log, robot, columns, time, excitation, files, overwrite)
 
 
 def _design(

@@ -29,7 +29,8 @@ from vdfmu.engine.results.verdict import (
     results_of,
     state_of,
 )
-from vdfmu.study.run.summary_keys import Summary, energies
+from vdfmu.study.limits import energies
+from vdfmu.study.run.summary_keys import Summary
 
 
 class Sheet(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
-from vdfmu.engine.package.join import ends_of
+from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.run import LogMessage
 from vdfmu.study.expected import Expected, read_expected
 from vdfmu.study.judgement import check_wanted

@@ -36,7 +36,7 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
             **coupling,
         )  # fmt: skip
         summary["judgement"] = judgement.to_dict()
-    entries = loops.entries()
+    entries = loops.entries(results)
     figures: dict[str, Any] = summary.get("key_figures", {})
     if scenario.robot is not None:
         plant = robot_with(scenario.plant_robot, values.get("plant", {}))

@@ -14,7 +14,7 @@ from vdfmu.base.files import read_json
 from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.option import renamed
 from vdfmu.base.text import elided
-from vdfmu.base.version import format_problem
+from vdfmu.base.toml_file import format_problem
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.verdict import STATES, UNJUDGED
 
@@ -300,8 +300,3 @@ def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[st
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:60]}..."
-
-
-def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
-    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

@@ -5,7 +5,7 @@ Calculations are lists of actions. They run in sequence, or as a compiled functi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ from vdfmu.compiler.unit.evaluate import Evaluation, Traced, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import Course, InputTable, read_inputs
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.scenario.scenario import Variables
 
 Places = npt.NDArray[np.intp]
 Dependencies = Callable[[Interface, int], list[int]]
@@ -290,17 +289,6 @@ class WiredUnits:
                 each(t)
 
         return run
-
-
-def shown_outputs(tables: Mapping[str, Variables], groups: Sequence[str] | None) -> dict[str, list[Node]]:
-    """Return the outputs of groups ``unit.group``, by default of all."""
-    nodes: dict[str, list[Node]] = {}
-    for name, table in tables.items():
-        for i, variable in enumerate(table):
-            group = f"{name}.{variable.group}"
-            if variable.causality == "output" and (groups is None or group in groups):
-                nodes.setdefault(group, []).append((name, i))
-    return nodes
 
 
 def _read(unit: Evaluation) -> set[int]:

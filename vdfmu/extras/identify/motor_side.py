@@ -1,0 +1,177 @@
+"""The linear model of an arm as its motors feel it: torques of the motors over small motions of the rotors.
+
+With springs S = K + j w d, rotors J = I_m ell, viscous friction F, links M and G, and rotors that are carried by links,
+link-side and at a frequency w [rad/s]::
+
+    (-w^2 J + j w F + S) kappa - P q = ell tau       P = S + w^2 C,    C = diag(J / ell) A
+    L q = P^T kappa                                  L = -w^2 (M + A^T diag(J / ell^2) A) + G + S
+
+so that ``ell tau = Z kappa`` with ``Z = -w^2 J + j w F + S - P L^-1 P^T``. A is 0 without `rotor_coupling`. This is
+:func:`vdfmu.linearize` without dry friction, with dampers d beside the springs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eigh
+
+from vdfmu.arm.dynamics import gravity_torque, mass_matrix
+from vdfmu.arm.equations.harmonic_drive import deformation
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.extras.identify.problem import regressor
+
+Complex = npt.NDArray[np.complex128]
+_DAMPING = 0.01
+"""Damping ratio of the springs at the start of a fit: strain-wave gears have 0.5 to 2 %."""
+_NODES = 41
+"""Nodes of the mean over a normal distribution of torques; the spring laws are smooth."""
+_SLOPE = 1e-5
+"""Step of the central differences of gravity torques [rad or m]: error and rounding are near 1e-10 of the torque."""
+
+
+class Drives(NamedTuple):
+    """Parameters of the model, link-side, (n,) each: N.m/rad, N.m.s/rad and kg.m2, or N/m, N.s/m and kg."""
+
+    stiffness: Floats
+    damping: Floats
+    viscous: Floats
+    rotor: Floats
+    """J = I_m ell."""
+    payload: float
+    """[kg], at its place in the robot file, without one at the tool."""
+
+
+class MotorResponse(NamedTuple):
+    """What motions of rotors do at f frequencies, for r realisations; see the equations of the module."""
+
+    torque: Complex
+    """(r, f, n): ell tau [N.m or N] without dry friction."""
+    link: Complex
+    """(r, f, n): its part that passes the springs or acts on carried rotors."""
+    q: Complex
+    bent: Complex
+    """(r, f, n): Positions of links, and deformations of springs [rad or m]."""
+    reaction: Complex
+    """(f, n, n): P L^-1."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotorSide:
+    """The links of an arm at a pose."""
+
+    robot: Robot
+    pose: Floats
+    """(n,) [rad or m]."""
+
+    @cached_property
+    def links(self) -> tuple[Floats, Floats]:
+        """Mass matrix and slope of the gravity torques without payload, (n, n) each."""
+        return self._links(_with_payload(self.robot, 0.0))
+
+    @cached_property
+    def payload(self) -> tuple[Floats, Floats]:
+        """Their change by a payload of 1 kg."""
+        loaded = self._links(_with_payload(self.robot, 1.0))
+        return loaded[0] - self.links[0], loaded[1] - self.links[1]
+
+    @cached_property
+    def carried(self) -> Floats:
+        """Rows A (n, n): what the speeds of the joints add to the speed of each motor."""
+        n, none = self.robot.n, np.zeros((self.robot.n, self.robot.n))
+        pose = np.tile(self.pose, (n, 1))
+        return (regressor(self.robot, pose, none, np.eye(n), none, none).carried * self.robot.ell).T
+
+    def scaled_link(self, i: int) -> tuple[Floats, Floats]:
+        """Return the changes of both matrices by a link `i` with twice the mass and inertia."""
+        factor = 1.0 + np.eye(self.robot.n)[i]
+        robot = _with_payload(self.robot, 0.0)
+        more = robot.with_parameters(mass=robot.mass * factor, inertia=robot.inertia * factor[:, None, None])
+        M, G = self._links(more)
+        return M - self.links[0], G - self.links[1]
+
+    def _links(self, robot: Robot) -> tuple[Floats, Floats]:
+        steps = _SLOPE * np.eye(robot.n)
+        G = [(gravity_torque(robot, self.pose + u) - gravity_torque(robot, self.pose - u)) / (2.0 * _SLOPE)
+             for u in steps]  # fmt: skip
+        return mass_matrix(robot, self.pose), np.array(G).T
+
+    @property
+    def weight(self) -> Floats:
+        """Torques of gravity on the springs (n,) [N.m or N]."""
+        return gravity_torque(self.robot, self.pose)
+
+    def start(self, torque: npt.ArrayLike = 0.0) -> Drives:
+        """Return the drives of the robot file, whose springs swing by a torque (n,) (RMS) about gravity's."""
+        robot, M = self.robot, self.links[0]
+        K = effective_stiffness(robot, self.weight, np.broadcast_to(np.asarray(torque, float), robot.n))
+        mass = float(np.asarray(robot.payload_mass)) if robot.payload else 0.0
+        damping = 2.0 * _DAMPING * np.sqrt(K * np.diag(M))
+        return Drives(K, damping, np.array(robot.f_v, float), robot.I_m * robot.ell, mass)
+
+    def masses(self, payload: float) -> tuple[Floats, Floats]:
+        """Return M and G with a payload [kg], (n, n) each."""
+        (M, G), (M_p, G_p) = self.links, self.payload
+        return M + payload * M_p, G + payload * G_p
+
+    def answer(self, w: Floats, drives: Drives, kappa: Complex) -> MotorResponse:
+        """Return what motions (r, f, n) of the rotors at frequencies (f,) [rad/s] ask for."""
+        S = drives.stiffness + 1j * w[:, None] * drives.damping
+        square = (w**2)[:, None, None]
+        M, G = self.masses(drives.payload)
+        A, ell, J = self.carried, self.robot.ell, drives.rotor
+        eye = np.eye(self.robot.n)
+        L = -square * (M + A.T @ ((J / ell**2)[:, None] * A)) + G + S[:, :, None] * eye
+        P = S[:, :, None] * eye + square * ((J / ell)[:, None] * A)
+        inverse = np.linalg.inv(L)
+        q = times(inverse, times(np.swapaxes(P, 1, 2), kappa))
+        link = S * kappa - times(P, q)
+        rotor = (-(w**2)[:, None] * J + 1j * w[:, None] * drives.viscous) * kappa
+        return MotorResponse(rotor + link, link, q, kappa - q, P @ inverse)
+
+    def impedance(self, w: Floats, drives: Drives) -> Complex:
+        """Return Z (f, n, n), the torques ell tau by the motion of each rotor."""
+        n = self.robot.n
+        columns = np.broadcast_to(np.eye(n, dtype=complex)[:, None, :], (n, len(w), n))
+        return np.moveaxis(self.answer(w, drives, columns).torque, 0, 2)
+
+    def antiresonances(self, drives: Drives) -> Floats:
+        """Return for each joint (n,) the frequency [Hz] of the mode with held motors that bends its spring most.
+
+        There the motion of the rotors by their torques has a minimum. The most is of the energy of all springs.
+        """
+        M, G = self.masses(drives.payload)
+        carried = self.carried.T @ ((drives.rotor / self.robot.ell**2)[:, None] * self.carried)
+        values, modes = eigh(np.diag(drives.stiffness) + (G + G.T) / 2.0, M + carried)
+        energy = drives.stiffness[:, None] * modes**2
+        bent = (energy / energy.sum(axis=0)).argmax(axis=1)
+        return np.sqrt(np.maximum(values[bent], 0.0)) / (2.0 * np.pi)
+
+
+def effective_stiffness(robot: Robot, weight: Floats, swing: Floats) -> Floats:
+    """Return stiffnesses (n,) of the springs for torques that swing with an RMS (n,) about others (n,) [N.m or N].
+
+    The slope of the regression of the torque on the deformation, for a normal distribution: that of a multisine.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
+    weights = weights / weights.sum()
+    swing = np.maximum(swing, 1e-6 * np.maximum(np.abs(weight), 1.0))
+    torques = weight + np.outer(nodes, swing)
+    bent: Any = np.array([deformation(robot, each) for each in torques])
+    about = bent - weights @ bent
+    return (weights @ (about * (torques - weight))) / (weights @ about**2)
+
+
+def times(matrices: npt.NDArray[Any], columns: npt.NDArray[Any]) -> Any:
+    """Return the products (r, f, n) of matrices (f, n, n) and columns (r, f, n)."""
+    return (matrices @ columns[..., None])[..., 0]
+
+
+def _with_payload(robot: Robot, mass: float) -> Robot:
+    return dataclasses.replace(robot, payload=True).with_parameters(payload_mass=mass)

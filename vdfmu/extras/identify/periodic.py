@@ -1,0 +1,189 @@
+"""Periodic torques that show the springs from the motors' side, and the spectra of a log of them.
+
+At each of two levels of torque there are three realisations, multisines with other random phases of all joints at once.
+Each is a settling period, in which transients end, and three used periods, whose mean is the answer and whose scatter
+is the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import correlate
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.motor_side import Complex
+
+LEVELS = (2.5, 5.0)
+"""RMS of the torques over the breakaway friction f_s: at twice it and above, friction no longer hides the springs."""
+REALISATIONS, SETTLING, USED = 3, 1, 3
+PERIOD = 2.0
+"""[s]: lines are 0.5 Hz apart."""
+_FIRST, _ALL = 1.0, 40.0
+"""Lowest line [Hz], and the frequency from which on lines thin out, so that each octave has as many."""
+NYQUIST = 0.45
+"""Highest line that is used, as a share of the rate of a log: room for the filters of a log."""
+_PERIODIC = 0.5
+"""Least correlation of the torques of a log with those that were to be played: feedback adds to them."""
+_STOPS = (1.0, 6.0, 36.0)
+_PRESLIDING = 3e-6
+"""Limits of the stop operators, as multiples of the smallest [rad or m]; bristles of gears bend by 1e-5 to 1e-4."""
+_BELLS = (0.4, 1.6)
+"""Widths of the bells of falling friction, as multiples of v_s."""
+_OVER = 1e-3
+"""Time over which speeds are taken [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicTorques:
+    """Torques to add to the motors' at one pose."""
+
+    t: Floats
+    """(m,) [s]: whole periods, one after the other."""
+    torque: Floats
+    """(m, n) [N.m], motor-side, without gravity."""
+    levels: int = len(LEVELS)
+
+    @property
+    def period(self) -> float:
+        """[s]."""
+        step = (self.t[-1] - self.t[0]) / (len(self.t) - 1)
+        return step * len(self.t) / (self.levels * REALISATIONS * (SETTLING + USED))
+
+    @property
+    def lines(self) -> Floats:
+        """Frequencies (f,) [Hz] at which any motor is excited."""
+        period = self.torque[: round(len(self.t) / (self.levels * REALISATIONS * (SETTLING + USED)))]
+        size = np.abs(np.fft.rfft(period, axis=0)).sum(axis=1)
+        return np.flatnonzero(size > 1e-3 * size.max()) / self.period
+
+
+def excitation(rms: Floats, highest: float, step: float, *, period: float = PERIOD, seed: int = 0) -> PeriodicTorques:
+    """Return multisines up to a frequency [Hz], with RMS torques (levels, n) [N.m, motor-side], in rows of `step` [s].
+
+    Amplitudes of all lines are equal.
+    """
+    dice = np.random.default_rng(seed)
+    rows = round(period / step)
+    if abs(rows * step / period - 1.0) > 1e-9:
+        raise UsageError(f"step: expected a part of the period of {period:g} s, got {step:g} s.")
+    places = np.arange(max(1, round(_FIRST * period)), int(highest * period) + 1)
+    places = places[dice.random(len(places)) < _ALL * period / places]
+    parts: list[Floats] = []
+    for level in rms:
+        for _ in range(REALISATIONS):
+            spectrum = np.zeros((rows // 2 + 1, rms.shape[1]), complex)
+            spectrum[places] = np.exp(2j * np.pi * dice.uniform(size=(len(places), rms.shape[1])))
+            wave = np.fft.irfft(spectrum, rows, axis=0)
+            parts += [level / wave.std(axis=0) * wave] * (SETTLING + USED)
+    torque = np.concatenate(parts)
+    return PeriodicTorques(np.arange(len(torque)) * step, torque, len(rms))
+
+
+class Periods(NamedTuple):
+    """A level of a log: spectra of r realisations at f lines, with the deviations of their means."""
+
+    f: Floats
+    """(f,) [Hz]."""
+    torque: Complex
+    """(r, f, n): ell tau, link-side."""
+    kappa: Complex
+    torque_noise: Floats
+    kappa_noise: Floats
+    """(f, n): Variances of the means over the used periods, from their scatter."""
+    friction: Complex
+    """(r, f, n, b): Regressors of dry friction."""
+    swing: Floats
+    """(n,) [N.m]: RMS of the torques, motor-side."""
+
+
+def aligned(log: Log, plan: PeriodicTorques) -> int:
+    """Return the row of a log at which an excitation begins. UsageError if the log does not have it."""
+    rate = round(plan.period / log.step)
+    if abs(rate * log.step / plan.period - 1.0) > 1e-3:
+        raise UsageError(
+            f"{log.where}: expected a step that is a part of the period of {plan.period:g} s, got {log.step:g} s."
+        )
+    t = np.arange(0.0, plan.t[-1], log.step)
+    played = np.stack([np.interp(t, plan.t, column) for column in plan.torque.T], axis=1)
+    if len(log.t) < len(t):
+        raise UsageError(
+            f"{log.where}: expected a log of the whole excitation, {plan.t[-1]:.4g} s, got "
+            f"{log.t[-1] - log.t[0]:.4g} s."
+        )
+    tau = (log.tau - log.tau.mean(axis=0)) / np.maximum(log.tau.std(axis=0), 1e-300)
+    match = sum(
+        correlate(a, b, "valid", method="fft") for a, b in zip(tau.T, (played / played.std(axis=0)).T, strict=True)
+    )
+    begin = int(np.argmax(match))
+    alike = float(np.max(match)) / len(t) / log.tau.shape[1]
+    if alike < _PERIODIC:
+        raise UsageError(
+            f"{log.where}: expected the torques of the excitation, got others (correlation {alike:.2g}). Check the "
+            "order of the joints, and that torques are motor-side."
+        )
+    return begin
+
+
+def periods_of(log: Log, plan: PeriodicTorques, robot: Robot, begin: int) -> list[Periods]:
+    """Return the spectra of each level of a log whose excitation begins at a row."""
+    rows = round(plan.period / log.step)
+    places = np.rint(plan.lines * plan.period).astype(int)
+    places = places[places < NYQUIST * rows]
+    resolution = _resolution(log.kappa)
+    count = REALISATIONS * (SETTLING + USED)
+    levels: list[Periods] = []
+    for k in range(plan.levels):
+        here = slice(begin + k * count * rows, begin + (k + 1) * count * rows)
+        kappa, tau = log.kappa[here], log.tau[here] * robot.ell
+        if len(kappa) < count * rows:  # the last row of a log may be that of the last step
+            kappa, tau = (np.concatenate([each, each[-1:]])[: count * rows] for each in (kappa, tau))
+
+        def spectra(signal: Floats) -> Complex:
+            each = signal.reshape(REALISATIONS, SETTLING + USED, rows, -1)[:, SETTLING:]
+            return np.fft.rfft(each, axis=2)[:, :, places] / rows
+
+        both = spectra(tau), spectra(kappa)
+        noise = [each.var(axis=1, ddof=1).mean(axis=0) / USED for each in both]
+        floor = resolution**2 / 12.0 / rows / USED
+        bases = [spectra(each).mean(axis=1) for each in _friction(kappa, log.step, resolution, robot.v_s)]
+        levels.append(Periods(
+            places / plan.period, both[0].mean(axis=1), both[1].mean(axis=1), noise[0], np.maximum(noise[1], floor),
+            np.stack(bases, axis=-1), tau.std(axis=0) / robot.ell,
+        ))  # fmt: skip
+    return levels
+
+
+def _resolution(kappa: Floats) -> Floats:
+    """Return the steps (n,) of encoders, or the smallest changes of positions."""
+    smallest = np.zeros(kappa.shape[1])
+    for i, column in enumerate(kappa.T):
+        apart = np.diff(np.unique(column))
+        if len(apart):
+            smallest[i] = np.quantile(apart, 0.1)
+    return smallest
+
+
+def _friction(kappa: Floats, step: float, resolution: Floats, fall: Floats) -> list[Floats]:
+    """Return shapes of the dry friction over motions (m, n): stop operators, and bells of falling friction of one.
+
+    The stop operator follows the position between two limits, as bristles do (Brokate and Sprekels 1996); Coulomb
+    friction is a small limit. They are taken from the measured positions, so they need no simulation.
+    """
+    reach = np.array(_STOPS)[:, None] * np.maximum(_PRESLIDING, resolution)
+    change = np.diff(kappa, axis=0, prepend=kappa[:1])
+    states, z = np.zeros((len(kappa), *reach.shape)), np.zeros_like(reach)
+    for state, dx in zip(states, change, strict=True):
+        z = np.clip(z + dx, -reach, reach)
+        state[:] = z
+    states /= reach
+    half = max(1, round(_OVER / step))
+    v = np.zeros_like(kappa)
+    v[half:-half] = (kappa[2 * half :] - kappa[: -2 * half]) / (2.0 * half * step)
+    bells = [np.exp(-((v / (width * fall)) ** 2)) * states[:, 1] for width in _BELLS]
+    return [*np.moveaxis(states, 1, 0), *bells]

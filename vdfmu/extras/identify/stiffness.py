@@ -1,0 +1,289 @@
+"""Stiffness, damping and delay of the drives from torques and positions of the motors alone.
+
+The linear model of the arm, :mod:`~vdfmu.extras.identify.motor_side`, is fitted to the spectra of periodic torques, all
+joints at once. Stiffness, damping, viscous friction and rotor of each joint, the payload and one delay are free. Dry
+friction is a sum of shapes over the measured motion of each motor, whose sizes are free too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.motor_side import Complex, Drives, MotorResponse, MotorSide, times
+from vdfmu.extras.identify.periodic import PeriodicTorques, Periods, aligned, periods_of
+
+SURE, SHARE = 0.025, 0.5
+"""Largest standard deviation of an identifiable stiffness, and least share of the link's torque that is explained."""
+FLOOR = 0.0025
+"""Standard deviation of a stiffness by what the linear model leaves out of springs and friction, however small the
+noise is: chosen by fifteen simulated logs with bristles, and tested by others, see `benchmarks/stiffness.py`."""
+GAIN_OFF, LINKS_OFF = 0.05, 0.06
+"""Standard deviations of torque constants, and of mass and inertia of each link, for intervals that are absolute."""
+_PRIOR = {"stiffness": 1.0, "damping": 20.0, "viscous": 1e3, "rotor": 0.1, "delay": 3.0}
+"""Standard deviations: logarithms of stiffness and rotor, multiples of damping and viscous friction, ms."""
+_FRICTION = 10.0
+"""Standard deviation of the size of a shape of friction, over f_s."""
+_STARTS = (0.0, -0.35, 0.3)
+"""Logarithms of stiffness over the file's at which a fit starts: a factor of 0.7 to 1.35."""
+_TRIAL, _LONGEST, _TRIES = 12, 40, 6
+"""Steps from each start, most steps from the best, and most reductions of a step."""
+_DONE = 1e-4
+_NEAR = 0.25
+"""Half the width of the mean over neighbouring lines, as a logarithm of the frequency: a quarter of an octave."""
+_BLOCKS = 24
+"""Bands of lines whose residuals count as independent in the deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessLevel:
+    """What the periods of one level of torque show of n joints."""
+
+    f: Floats
+    """Lines (f,) [Hz]."""
+    swing: Floats
+    """(n,) [N.m]: RMS of the motors' torques, motor-side."""
+    spring: Floats
+    """(n,) [N.m or N]: RMS of the springs' torques, at which the stiffness holds."""
+    drives: Drives
+    deviation: Floats
+    absolute: Floats
+    """(n,): Standard deviations of the stiffness as a share, with the links and torque constants of the robot file, and
+    with these uncertain too."""
+    covariance: Floats
+    """(n, n): Of the logarithms of stiffness."""
+    share: Floats
+    """(n,): Share of the square of the links' torques that the model explains."""
+    antiresonance: Floats
+    """(n,) [Hz]: See :meth:`MotorSide.antiresonances`."""
+    delay: float
+    delay_deviation: float
+    """[s]: Of positions after torques."""
+    damping_deviation: Floats
+    measured: Complex
+    fitted: Complex
+    """(f, n): Motion of each rotor by its own torque [rad/(N.m) or m/N], the other rotors held."""
+
+    @property
+    def stiffness(self) -> Floats:
+        """(n,) [N.m/rad or N/m], link-side."""
+        return self.drives.stiffness
+
+    @property
+    def identifiable(self) -> npt.NDArray[np.bool_]:
+        """(n,): Joints whose stiffness the log shows."""
+        return (self.deviation < SURE) & (self.share > SHARE) & (self.antiresonance <= self.f[-1])
+
+
+class Stiffness(NamedTuple):
+    """Result of :func:`identify_stiffness`."""
+
+    side: MotorSide
+    levels: list[StiffnessLevel]
+    """From small to large torques."""
+
+    def best(self, i: int) -> int:
+        """Return the index of the highest level at which joint `i` is identifiable, else of the highest."""
+        return max((k for k, level in enumerate(self.levels) if level.identifiable[i]), default=len(self.levels) - 1)
+
+
+def identify_stiffness(log: Log, robot: Robot, plan: PeriodicTorques) -> Stiffness:
+    """Identify the springs of an arm from a log of periodic torques.
+
+    `plan` are the torques that were added to the motors'. UsageError if the log does not have them.
+    """
+    begin = aligned(log, plan)
+    pose = log.kappa[begin:].mean(axis=0)
+    side = MotorSide(robot, pose)
+    levels = [_Fit(each, side).level() for each in periods_of(log, plan, robot, begin)]
+    return Stiffness(side, levels)
+
+
+class _Trial(NamedTuple):
+    """The fit at parameters (p,): residuals (r, f, n), their derivatives (r, f, n, p) and variances (f, n)."""
+
+    x: Floats
+    answer: MotorResponse
+    errors: Complex
+    slopes: Complex
+    variance: Floats
+    cost: float
+
+
+class _Fit:
+    """The fit of one level."""
+
+    def __init__(self, data: Periods, side: MotorSide) -> None:
+        self.data, self.side = data, side
+        self.n = n = side.robot.n
+        self.w = 2.0 * np.pi * data.f
+        self.start = side.start()
+        self.viscous = np.maximum(self.start.viscous, self.start.damping)
+        shapes = data.friction.shape[-1]
+        self.size = 4 * n + 2 + n * shapes
+        payload = max(self.start.payload, float(side.robot.mass[-1]))
+        widths = [np.full(n, _PRIOR[name]) for name in ("stiffness", "damping", "viscous", "rotor")]
+        friction = np.tile(_FRICTION * np.maximum(side.robot.f_s, 1e-9), shapes)
+        self.prior = np.concatenate([*widths, [payload, _PRIOR["delay"]], friction])
+        self.middle = np.concatenate([np.zeros(n), np.ones(n), np.ones(n), np.zeros(n + 2 + n * shapes)])
+        self.middle[4 * n] = self.start.payload
+        f = np.log(data.f)
+        near = (np.abs(f[:, None] - f) < _NEAR).astype(float)
+        self.near = near / near.sum(axis=1, keepdims=True)
+        self.noise = self.near @ data.torque_noise, self.near @ data.kappa_noise
+
+    def drives(self, x: Floats) -> Drives:
+        """Return the drives of parameters (p,)."""
+        K, d, F, J = np.split(x[: 4 * self.n], 4)
+        start = self.start
+        return Drives(
+            start.stiffness * np.exp(K),
+            start.damping * d,
+            self.viscous * F,
+            start.rotor * np.exp(J),
+            float(x[4 * self.n]),
+        )
+
+    def late(self, x: Floats) -> Complex:
+        """Return the factor (f, 1) by which torques are ahead of positions."""
+        return np.exp(1e-3j * self.w * x[4 * self.n + 1])[:, None]
+
+    def dry(self, x: Floats) -> Complex:
+        """Return torques (r, f, n) of dry friction."""
+        return (self.data.friction * x[4 * self.n + 2 :].reshape(-1, self.n).T).sum(axis=-1)
+
+    def errors(self, x: Floats) -> tuple[MotorResponse, Complex]:
+        """Return the answer of the model, and the torques that are left."""
+        answer = self.side.answer(self.w, self.drives(x), self.data.kappa)
+        return answer, self.data.torque - self.late(x) * (answer.torque + self.dry(x))
+
+    def state(self, x: Floats) -> _Trial:
+        """Return residuals, derivatives and variances."""
+        answer, errors = self.errors(x)
+        n, w, side, drives = self.n, self.w, self.side, self.drives(x)
+        each, kappa = np.arange(n), self.data.kappa
+        turning, square = 1j * w[:, None], (w**2)[:, None]
+        slopes = np.zeros((*errors.shape, self.size), complex)
+        spring = (np.eye(n) - answer.reaction)[None] * answer.bent[:, :, None, :]
+        slopes[..., :n] = spring * drives.stiffness
+        slopes[..., n : 2 * n] = spring * (turning * self.start.damping)[None, :, None, :]
+        slopes[:, :, each, 2 * n + each] = turning * self.viscous * kappa
+        carried = side.carried / side.robot.ell[:, None]
+        whole = kappa + times(carried[None], answer.q)
+        moved = (np.eye(n) + answer.reaction @ carried.T)[None] * whole[:, :, None, :]
+        slopes[..., 3 * n : 4 * n] = -square[:, :, None] * drives.rotor * moved
+        slopes[..., 4 * n] = self.by_link(answer, *side.payload)
+        slopes[..., 4 * n + 1] = 1e-3 * turning * (answer.torque + self.dry(x))
+        for k in range(self.data.friction.shape[-1]):
+            slopes[:, :, each, 4 * n + 2 + k * n + each] = self.data.friction[..., k]
+        variance = self.variance(drives, errors)
+        return _Trial(x, answer, errors, -self.late(x)[..., None] * slopes, variance, self.cost(x, errors, variance))
+
+    def by_link(self, answer: MotorResponse, M: Floats, G: Floats) -> Complex:
+        """Return the change (r, f, n) of the torques by a change of the links' matrices."""
+        return times(answer.reaction, times(-((self.w**2)[:, None, None]) * M + G, answer.q))
+
+    def variance(self, drives: Drives, errors: Complex) -> Floats:
+        """Return variances (f, n) of the residuals: of the noise, or more where they are larger nearby."""
+        torque, kappa = self.noise
+        noise = torque + (np.abs(self.side.impedance(self.w, drives)) ** 2 @ kappa[..., None])[..., 0]
+        more = self.near @ ((np.abs(errors) ** 2).mean(axis=0) / noise)
+        return noise * np.maximum(more, 1.0)
+
+    def cost(self, x: Floats, errors: Complex, variance: Floats) -> float:
+        """Return half of twice the negative logarithm of the posterior, with variances held."""
+        return float((np.abs(errors) ** 2 / variance).sum() + (((x - self.middle) / self.prior) ** 2).sum() / 2.0)
+
+    def search(self, x: Floats, most: int) -> _Trial:
+        """Return the best state by steps of Levenberg and Marquardt; variances follow the residuals."""
+        damped, calm, state = 1e-3, 0, self.state(x)
+        for _ in range(most):
+            slopes, errors = _weighted(state)
+            H = slopes.T @ slopes
+            g = -slopes.T @ errors - (state.x - self.middle) / self.prior**2
+            here = self.cost(state.x, state.errors, state.variance)
+            for _ in range(_TRIES):
+                step = np.linalg.solve(H + np.diag(1.0 / self.prior**2 + damped * np.diag(H)), g)
+                step[: self.n] = np.clip(step[: self.n], -0.2, 0.2)
+                step[3 * self.n : 4 * self.n] = np.clip(step[3 * self.n : 4 * self.n], -0.1, 0.1)
+                if self.cost(state.x + step, self.errors(state.x + step)[1], state.variance) < here:
+                    damped = max(damped / 5.0, 1e-9)
+                    break
+                damped *= 8.0
+            else:
+                break
+            state = self.state(state.x + step)
+            calm = calm + 1 if np.abs(step[: self.n]).max() < _DONE else 0
+            if calm > 1:
+                break
+        return state
+
+    def level(self) -> StiffnessLevel:
+        """Return the result, from the best of several starts."""
+        n, realisations = self.n, len(self.data.torque)
+        shift = np.zeros(self.size)
+        trials: list[tuple[float, Floats]] = []
+        for each in _STARTS:
+            shift[:n] = each
+            state = self.search(self.middle + shift, _TRIAL)
+            trials.append((float(np.log(state.variance).sum() * realisations + state.cost), state.x))
+        state = self.search(min(trials, key=lambda each: each[0])[1], _LONGEST)
+        drives, answer = self.drives(state.x), state.answer
+        covariance, absolute = self._deviations(state)
+        deviation = np.sqrt(np.diag(covariance))
+        stiff = deviation[:n]
+        spring = (drives.stiffness + 1j * self.w[:, None] * drives.damping) * answer.bent
+        diagonal = self.side.impedance(self.w, drives)[:, np.arange(n), np.arange(n)]
+        motion = self.data.kappa
+        coupled = answer.torque - diagonal * motion
+        clean = self.data.torque / self.late(state.x) - self.dry(state.x) - coupled
+        measured = (np.abs(motion) ** 2).sum(axis=0) / (clean * motion.conj()).sum(axis=0)
+        left = (np.abs(state.errors) ** 2).sum(axis=(0, 1)) / (np.abs(answer.link) ** 2).sum(axis=(0, 1))
+        return StiffnessLevel(
+            self.data.f, self.data.swing, np.sqrt(2.0 * (np.abs(spring) ** 2).sum(axis=1).mean(axis=0)), drives,
+            np.hypot(stiff, FLOOR), np.sqrt(stiff**2 + FLOOR**2 + absolute), covariance[:n, :n] + FLOOR**2 * np.eye(n),
+            1.0 - left, self.side.antiresonances(drives),
+            1e-3 * float(state.x[4 * n + 1]), 1e-3 * float(deviation[4 * n + 1]),
+            deviation[n : 2 * n] * self.start.damping, measured, 1.0 / diagonal,
+        )  # fmt: skip
+
+    def _deviations(self, state: _Trial) -> tuple[Floats, Floats]:
+        """Return the covariance (p, p), and the variances (n,) of stiffness by torque constants and links.
+
+        The covariance is the larger of the curvature's and the sandwich of White (1982), with the residuals of a
+        realisation in a band of lines as one sample, since those of neighbouring lines are alike.
+        """
+        n, (r, f, _) = self.n, state.errors.shape
+        slopes, errors = _weighted(state)
+        precision = np.diag(1.0 / self.prior**2)
+        C = np.linalg.inv(slopes.T @ slopes + precision)
+        scores = (slopes * errors[:, None]).reshape(2, r, f, n, -1).sum(axis=(0, 3))
+        blocks = [scores[:, block].sum(axis=1) for block in np.array_split(np.arange(f), _BLOCKS)]
+        summed = np.concatenate(blocks)
+        inflation = len(summed) / max(len(summed) - self.size, r)
+        sandwich = C @ (summed.T @ summed * inflation + precision) @ C
+        widen = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.diag(C)))
+        late, answer = self.late(state.x), state.answer
+        whole = -late * (answer.torque + self.dry(state.x))
+        scales = [-late * self.by_link(answer, *self.side.scaled_link(i)) * LINKS_OFF for i in range(n)]
+        scales += [whole * np.eye(n)[i] * GAIN_OFF for i in range(n)]
+        ways = np.stack(scales, axis=-1) * np.sqrt(2.0 / state.variance)[..., None]
+        gain = C[:n] @ slopes.T @ _real(ways)
+        return C * np.outer(widen, widen), (gain**2).sum(axis=1)
+
+
+def _real(values: Complex) -> Any:
+    """Return real and imaginary parts of (r, f, n, p) as rows (2 r f n, p)."""
+    return np.concatenate([values.real.reshape(-1, values.shape[-1]), values.imag.reshape(-1, values.shape[-1])])
+
+
+def _weighted(state: _Trial) -> tuple[Floats, Floats]:
+    """Return derivatives (2 r f n, p) and residuals (2 r f n,) over their standard deviations."""
+    weight = np.sqrt(2.0 / state.variance)
+    return _real(state.slopes * weight[..., None]), _real((state.errors * weight)[..., None])[:, 0]

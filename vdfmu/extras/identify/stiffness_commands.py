@@ -1,0 +1,166 @@
+"""``vdfmu identify --for stiffness``: the torques to play, and what a log of them shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure as Picture
+
+from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import write_whole
+from vdfmu.base.measure import unit_of
+from vdfmu.base.style import save
+from vdfmu.cli.options import target_file
+from vdfmu.cli.terminal import console, say, say_notes, say_written, table
+from vdfmu.engine.results.verdict import FAILED, state_of
+from vdfmu.extras.identify.fit import robot_text
+from vdfmu.extras.identify.log import read_columns, read_log
+from vdfmu.extras.identify.periodic import LEVELS, PeriodicTorques
+from vdfmu.extras.identify.stiffness import Stiffness, identify_stiffness
+from vdfmu.extras.identify.stiffness_design import StiffnessExperiment, stiffness_experiment
+from vdfmu.extras.identify.stiffness_report import (
+    DESIGN_HEADS,
+    HEADS,
+    design_rows,
+    draw_responses,
+    scaled_robot,
+    stiffness_notes,
+    stiffness_page,
+    stiffness_rows,
+    stiffness_verdict,
+    unexcited_verdict,
+)
+from vdfmu.study.report.sheets import verdict_table, verdict_text
+
+_COLUMN = "controller.tau_m[{}]"
+"""Column of a torque: the input of the controllers of shipped scenarios, to which feedforward torques come."""
+
+
+def design_stiffness(
+    robot: str, pose: list[float] | None, step: float | None, out: Path | None, overwrite: bool
+) -> None:
+    """Choose the torques, print what they reach and what the log must reach, and write them."""
+    arm = load_robot(robot)
+    target = None if out is None else target_file(out, "", overwrite)
+    plan = stiffness_experiment(arm, pose=pose, **({} if step is None else {"step": step}))
+    _print_design(arm, plan)
+    if target is not None:
+        write_whole(target, [excitation_text(plan.excitation).encode()])
+        say_written(target, more=f": torques to add to the motors', {plan.excitation.t[-1]:.4g} s")
+
+
+def _print_design(arm: Robot, plan: StiffnessExperiment) -> None:
+    lines = plan.excitation.lines
+    shown = table(*DESIGN_HEADS)
+    pose = " ".join(f"{x:.4g}" for x in plan.pose)
+    shown.title = (
+        f"{len(lines)} lines from {lines[0]:.3g} to {lines[-1]:.4g} Hz, {plan.excitation.t[-1]:.3g} s, at {pose}"
+    )
+    for row in design_rows(plan):
+        shown.add_row(*row)
+    console.print(shown)
+    units = " or ".join(dict.fromkeys(unit_of("position", kind) for kind in arm.joint_types))
+    say_notes([
+        *(f"joint {i + 1} lacks {lacks}" for i, lacks in enumerate(plan.lacks) if lacks),
+        f"torques are motor-side, at {LEVELS[0]:g} and {LEVELS[1]:g} times the breakaway friction or as large as the "
+        f"limits allow; speed and travel [{units}] are predicted without friction, at the higher level",
+        "play them at this pose in addition to a soft position controller, some 1 Hz, and log positions of motors and "
+        "their torques",
+        "collisions are not checked: look at the travel before they are played",
+    ])  # fmt: skip
+    if not arm.limits:
+        say_notes(["the robot file lacks limits, so torque, speed and travel are not limited: give [joints.limits]"])
+
+
+def excitation_text(plan: PeriodicTorques) -> str:
+    """Return the torques as CSV with a column for each motor [N.m]."""
+    names = [f"{_COLUMN.format(i + 1)} [N.m]" for i in range(plan.torque.shape[1])]
+    rows = (
+        ",".join([f"{t:.9g}", *(f"{x:.6g}" for x in row)]) for t, row in zip(plan.t, plan.torque.tolist(), strict=True)
+    )
+    return "\n".join([",".join(["time", *names]), *rows, ""])
+
+
+def read_excitation(path: Path, n: int) -> PeriodicTorques:
+    """Return the torques of a file of :func:`excitation_text`."""
+    columns = read_columns(path, "", [])
+    names = [_COLUMN.format(i + 1) for i in range(n)]
+    if lacking := [name for name in names if name not in columns]:
+        raise UsageError(
+            f"{path}: expected the columns {', '.join(names)}, as --design writes them; {lacking[0]} is missing."
+        )
+    return PeriodicTorques(columns[names[0]].t, np.stack([columns[name].values for name in names], axis=1))
+
+
+def show_stiffness(
+    log: Path, robot: str, columns: Mapping[str, str], time: str, excitation: Path | None,
+    files: Mapping[str, Path | None], overwrite: bool,
+) -> None:  # fmt: skip
+    """Identify the springs from a log, print and write what it shows; exit code 1 if it shows none.
+
+    `files` are those to write: ``plot``, ``page`` and ``out``.
+    """
+    arm = load_robot(robot)
+    targets = {name: target_file(path, "", overwrite) for name, path in files.items() if path is not None}
+    rows = read_log(log, arm, columns, time=time)
+    say_notes(rows.notes)
+    written: list[Path] = []
+    title = f"Springs of {arm.name} from {log.name}, by its motors"
+    if excitation is None:
+        plan = stiffness_experiment(arm, pose=rows.kappa.mean(axis=0), step=rows.step)
+        judged = {"verdict": unexcited_verdict(rows, arm, plan)}
+        _print_verdict(judged)
+        say("\nThe motion that would show them, by vdfmu identify --design ROBOT --for stiffness:")
+        _print_design(arm, plan)
+        pages = stiffness_page(title, judged, [], [_to_do(plan)], [])
+    else:
+        fit = identify_stiffness(rows, arm, read_excitation(excitation, arm.n))
+        judged = {"verdict": stiffness_verdict(fit)}
+        _print_verdict(judged)
+        shown = table(*HEADS)
+        for row in stiffness_rows(fit):
+            shown.add_row(*row)
+        console.print(shown)
+        say_notes(stiffness_notes(fit))
+        picture = draw_responses(fit, title)
+        pages = stiffness_page(title, judged, stiffness_rows(fit), stiffness_notes(fit), [picture])
+        written += _write_fit(fit, picture, targets, log.name)
+    if "page" in targets:
+        write_whole(targets["page"], [pages])
+        written.append(targets["page"])
+    if written:
+        say_written(*written)
+    if state_of(judged) == FAILED:
+        raise SystemExit(1)
+
+
+def _write_fit(fit: Stiffness, picture: Picture, targets: Mapping[str, Path], log: str) -> list[Path]:
+    """Write the picture, and the robot if any spring is identified; return their paths."""
+    written: list[Path] = []
+    if "plot" in targets:
+        written.append(save(picture, targets["plot"]))
+    if "out" in targets and state_of({"verdict": stiffness_verdict(fit)}) != FAILED:
+        made, notes = scaled_robot(fit)
+        say_notes(notes)
+        head = f"{made.name}, with springs identified from {log} by vdfmu identify."
+        write_whole(targets["out"], [robot_text(made, head).encode()])
+        written.append(targets["out"])
+    return written
+
+
+def _print_verdict(judged: dict[str, dict[str, object]]) -> None:
+    console.print(verdict_text(judged), soft_wrap=True)
+    console.print(verdict_table(judged))
+
+
+def _to_do(plan: StiffnessExperiment) -> str:
+    lines = plan.excitation.lines
+    torques = ", ".join(f"{x:.3g}" for x in plan.torque)
+    return (
+        f"The motion that would show them: multisines from {lines[0]:.3g} to {lines[-1]:.3g} Hz with {torques} N.m RMS "
+        f"at the motors, for {plan.excitation.t[-1]:.3g} s at one pose. vdfmu identify --design ROBOT --for stiffness "
+        "writes it"
+    )

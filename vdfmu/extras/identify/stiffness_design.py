@@ -1,0 +1,130 @@
+"""The torques that show the springs of an arm from its motors' side, within its limits, and what the log must reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.arm.drive.limits import motor_torque
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.extras.identify.motor_side import MotorSide
+from vdfmu.extras.identify.periodic import LEVELS, NYQUIST, PERIOD, PeriodicTorques, excitation
+
+BEYOND = 1.5
+"""Highest line over the highest antiresonance."""
+LEAST = 2.0
+"""Least RMS of a torque over the breakaway friction."""
+_BENT = 0.3
+"""Bend of each joint from the middle [rad]: straight arms hide joints whose axes meet in a point."""
+_OFF = 0.3
+"""Most of half a range that the bend takes."""
+_CREST = 4.0
+"""Peak of a multisine with random phases over its RMS."""
+_MARGIN = 0.9
+"""Share of the limits of speed and torque that is used."""
+_FINEST = 2.5e-4
+"""Step of the torques [s]: held over it, they lose 2 % at 400 Hz."""
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessExperiment:
+    """Torques to play at a pose, and what they reach, (n,) each."""
+
+    excitation: PeriodicTorques
+    pose: Floats
+    antiresonance: Floats
+    """[Hz], of the robot file's springs."""
+    breakaway: Floats
+    """Friction f_s, motor-side [N.m]."""
+    torque: Floats
+    speed: Floats
+    travel: Floats
+    """Predicted RMS torque [N.m], and peaks of speed and of the deviation from the pose [rad or m, per s], without
+    friction, at the higher level."""
+    rate: Floats
+    """Least rate of the log [Hz]."""
+    step: float
+
+    @property
+    def lacks(self) -> list[str]:
+        """What each joint lacks to be identifiable, in words; empty for a joint that lacks nothing."""
+        return missing(self.antiresonance, self.excitation.lines[-1], self.torque, self.breakaway)
+
+
+def missing(antiresonance: Floats, highest: float, torque: Floats, breakaway: Floats) -> list[str]:
+    """Return for each joint the frequency and the torque that an excitation lacks; empty for none.
+
+    `highest` is the highest line [Hz], `torque` the RMS (n,) and `breakaway` the friction (n,), motor-side [N.m].
+    """
+    texts: list[str] = []
+    for f, tau, friction in zip(antiresonance, torque, breakaway, strict=True):
+        lacks: list[str] = []
+        if f > highest:
+            rate = BEYOND * f / NYQUIST
+            lacks.append(f"frequencies up to {BEYOND * f:.3g} Hz, logged at {rate:.4g} Hz or faster")
+        if tau < LEAST * friction:
+            lacks.append(f"a torque of {LEAST * friction:.3g} N.m RMS, not {tau:.2g} N.m")
+        texts.append(" and ".join(lacks))
+    return texts
+
+
+def stiffness_experiment(
+    robot: Robot, *, pose: npt.ArrayLike | None = None, step: float = 1e-3, period: float = PERIOD, seed: int = 0
+) -> StiffnessExperiment:
+    """Choose the torques for a robot, at a pose (n,) or near the middle of its joints' ranges.
+
+    Lines go up to 1.5 times the highest antiresonance, or as far as a log with rows every `step` [s] shows them. The
+    lower level is 2.5 times the breakaway friction and the higher twice that, or as much as the motors can.
+    """
+    q = _bent_pose(robot) if pose is None else np.array(pose, float)
+    if q.shape != (robot.n,) or not np.isfinite(q).all():
+        raise UsageError(f"pose: expected {robot.n} finite positions, got {pose!r}.")
+    if not 0.0 < step < 0.1:
+        raise UsageError(f"step: expected more than 0 and less than 0.1 s, got {step:g} s.")
+    side = MotorSide(robot, q)
+    drives = side.start()
+    antiresonance = side.antiresonances(drives)
+    highest = min(BEYOND * float(antiresonance.max()), NYQUIST / step)
+    breakaway = np.array(robot.f_s) / robot.ell
+    rms = np.outer(LEVELS, breakaway)
+    rows = round(period / _FINEST) * max(1, round(2.0 * highest * _FINEST / NYQUIST))
+    fine = period / rows
+    plan = excitation(np.ones((1, robot.n)), highest, fine, period=period, seed=seed)
+    wave = plan.torque[: round(period / fine)]
+    places = np.rint(plan.lines * period).astype(int)
+    w = 2.0 * np.pi * plan.lines
+    size = 2.0 / len(wave) * np.fft.rfft(wave, axis=0)[places] * robot.ell
+    unit = np.linalg.inv(side.impedance(w, drives))
+
+    def peaks(level: Floats) -> tuple[Floats, Floats]:
+        motion = np.abs(unit @ (level * size)[..., None])[..., 0]
+        return tuple(_CREST * np.sqrt((each**2).sum(axis=0) / 2.0) for each in (w[:, None] * motion, motion))
+
+    if robot.limits:
+        held = side.weight / robot.ell
+        largest = np.abs(motor_torque(robot, np.full(robot.n, 1e9), np.zeros(robot.n)))
+        rms = np.minimum(rms, np.maximum(_MARGIN * largest - np.abs(held), 0.0) / _CREST)
+        room = np.minimum(q - robot.q_min, robot.q_max - q)
+        if (room <= 0.0).any():
+            raise UsageError(f"pose: expected one between the end stops of {robot.name}, got {q.tolist()}.")
+        for whole in (False, True):  # first the joints that are beyond, then all, since they move each other
+            speed, travel = peaks(rms[-1])
+            share = np.minimum(_MARGIN * robot.kappa_dot_max / speed, _MARGIN * room / travel)
+            rms = np.minimum(rms, rms[-1] * np.minimum(share.min() if whole else share, 1.0))
+    plan = excitation(rms, highest, fine, period=period, seed=seed)
+    speed, travel = peaks(rms[-1])
+    return StiffnessExperiment(
+        plan, q, antiresonance, breakaway, rms[-1], speed, travel, BEYOND * antiresonance / NYQUIST, step
+    )
+
+
+def _bent_pose(robot: Robot) -> Floats:
+    """Return a pose near the middle of the ranges, with all joints bent."""
+    if not robot.limits:
+        return np.full(robot.n, _BENT)
+    middle, half = (robot.q_min + robot.q_max) / 2.0, (robot.q_max - robot.q_min) / 2.0
+    return middle + np.minimum(_BENT, _OFF * half)
