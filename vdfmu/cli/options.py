@@ -31,7 +31,7 @@ TASKS = {
     "Judgement": "reference reference-stop judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "open simulate page",
-    "Output": "out overwrite format record pictures width json",
+    "Output": "out overwrite format record pictures width serif json",
 }
 """Tasks, and their options in order. An option may name another; all others stand below "Options"."""
 

@@ -108,7 +108,7 @@ def report(
     with replacing_foreign(overwrite):
         require_ours(out or sweep.folder / NAME)
     if out is not None and out.suffix == LATEX:
-        say_written(write_tables([sweep.sheet()], out))
+        say_written(write_tables([("", sweep.sheet())], out))
         return
     page = sweep.report(out, simulate=simulate, trust=trust)
     say_notes(sweep.notes)

@@ -111,7 +111,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
 
 
 class JudgeOptions(TypedDict, total=False):
-    """How the error by communication is judged."""
+    """How the coupling error is judged."""
 
     judge: Annotated[float | None, Option(
         "Coupling error: limit in % of a signal's swing.", "float",
