@@ -211,3 +211,31 @@ def test_the_measured_kr300_does_not_show_its_springs_because_friction_hides_the
     assert "joint 1 is excited by 11 % of its friction at 8.5 to 34 Hz" in verdict["headline"]
     loud = log._replace(tau=100.0 * log.tau)  # what would refute it: torques that are not small there
     assert "joint 1 is excited, but not by periodic torques" in unexcited_verdict(loud, robot, plan)["headline"]
+
+
+@pytest.mark.heavy
+def test_margins_over_the_springs_hold_for_random_arms_that_fit_the_log(planar):
+    from vdfmu.extras.identify.margins import spring_margins
+    from vdfmu.study.analysis.loops import margins_along
+
+    robot, plan = planar
+    log, _ = linear_log(robot, plan.excitation, plan.pose, factor=0.6, delay=0.0)
+    fit = identify_stiffness(log, robot, plan.excitation)
+    wide = [dataclasses.replace(level, uncertainty=16.0 * level.uncertainty) for level in fit.levels]
+    interval, wider = (spring_margins(each, "planar_tracking") for each in (fit, fit._replace(levels=wide)))
+    made, _ = scaled_robot(fit)
+
+    def exact(shift):
+        values = {"plant.K_f0": made.K_f0 * np.exp(shift), "plant.K_w0": made.K_w0 * np.exp(shift)}
+        return margins_along("planar_tracking", parameters=values).judged.figures["margin"]["value"]
+
+    assert interval.middle == exact(np.zeros(2))
+    assert interval.corner == exact(np.log(interval.factors)) < interval.likely < interval.middle
+    assert wider.likely < interval.likely
+    assert abs(wider.likely - wider.linear) < 0.5 * (wider.middle - wider.likely)  # the slopes say as much as the loop
+    dice = np.random.default_rng(0)
+    draws = dice.multivariate_normal(np.zeros(2), wide[-1].uncertainty, 20)
+    below = sum(exact(each) < min(wider.likely, wider.linear) for each in draws)
+    assert below <= 3  # of 20, each with 5 %: more have a probability of 1.6 %
+    with pytest.raises(UsageError, match="expected a plant with the joints and gear ratios of planar_2dof"):
+        spring_margins(fit, "tracking")
