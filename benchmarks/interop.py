@@ -106,10 +106,13 @@ class Tracking:
         Of :meth:`prepare`.
     stop : float, optional
         End of the runs [s]; default that of the scenario.
+    kinds : sequence of str, optional
+        Kinds of FMUs; default both.
     """
 
-    def __init__(self, folder: Path, stop: float | None = None) -> None:
+    def __init__(self, folder: Path, stop: float | None = None, kinds: Sequence[str] = ("python", "native")) -> None:
         self.folder = folder
+        self.kinds = kinds
         self.scenario: Scenario = load_scenario("tracking")
         self.step = self.scenario.step
         self.stop = self.scenario.stop if stop is None else stop
@@ -119,7 +122,7 @@ class Tracking:
     def prepare(self) -> Tracking:
         """Build, solve and run all that the cases are held against."""
         scenario, values = self.scenario, system_values(self.scenario)
-        for kind, fmi in (("python", "2.0"), ("native", "2.0"), ("native", "3.0")):
+        for kind, fmi in (each for each in (_PYTHON, _NATIVE, _NATIVE_3) if each[0] in self.kinds):
             fmus = build_fmus(
                 scenario.arm, self.fmus(kind, fmi), parameters=values, backend=kind, fmi_version=fmi, folded=True
             )
@@ -128,7 +131,7 @@ class Tracking:
             stop = round(self.stop / step) * step
             solved = reference("sampled-delayed", SystemDescription(scenario, values), step=step, stop=stop)
             np.save(self._reference(step), solved["plant.q"])
-        for kind in ("python", "native"):
+        for kind in self.kinds:
             for step in (self.step, EXACT_STEP):
                 steps = round(self.stop / step)
                 results = simulate(self.package(kind), step=step, stop=steps * step, algorithm="jacobi", record=["*"])

@@ -173,7 +173,7 @@ such as offsets, are [folded](../native.md#limits) into the equations. The kinem
 amplitude is not zero, `f_ck` if the friction is `split`.
 
 A *fixed* parameter can be set until the initialization ends, a *tunable* one at every communication point. A minimum
-of 1e-12 stands for "positive", because FMI has no strict bounds. `1e+12` at `tau_max` stands for "no limit".
+of 1e-12 means "positive", because FMI has no strict bounds. `1e+12` at `tau_max` means "no limit".
 
 The column *FMI 3.0* names the arrays of FMI 3.0. An array has the value reference of its first element. Native FMUs
 of FMI 3.0 also have `time`, with the last value reference. Only native FMUs have derivatives of states. See

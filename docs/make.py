@@ -3,6 +3,8 @@
 ``python docs/make.py --reference`` only writes the pages of `docs/reference` that are made from the code, and the
 files of `ssp/tracking`.
 
+Pictures of pages and figures that are old are taken again, by ``shots``, where Chromium is installed.
+
 ``site`` gets a folder for the version, ``site/0.1`` or ``site/dev``, and keeps those of other versions.
 """
 
@@ -17,6 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import shots
 from gallery import gallery_page
 from interface_pages import interface_page, robot_file_page
 from notebook_pages import NOTEBOOKS, page
@@ -67,6 +70,8 @@ def main() -> int:
         write_whole(DOCS.parent / "ssp" / "tracking" / name, [text])
     if arguments.reference:
         return 0
+    if shutil.which("chromium") and shots.main([]):
+        return 1
     for name in NOTEBOOKS:
         text, pictures = page(name)
         for file, content in {f"{name}.md": text.encode(), **pictures}.items():

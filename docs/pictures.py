@@ -127,7 +127,7 @@ def loop() -> str:
         _line((492, back), (492, 194), tip=True), _text(650, back - 8, "q, q̇, κ̇"),
         _line((713, 62), (713, 130), kind="dash", tip=True), _text(713, 34, "F_e, wrench at the tool"),
         _text(713, 54, "(not connected: 0)", "soft"),
-        _text(14, 278, "q: links, κ: rotors over the ratio, d: desired. Each has one element per joint.", "soft left"),
+        _text(14, 278, "q: links, κ: rotors divided by the gear ratio, d: desired; one for each joint", "soft left"),
     ])  # fmt: skip
 
 
@@ -149,8 +149,8 @@ def joint() -> str:
     ])  # fmt: skip
 
 
-def rooms() -> str:
-    """Return the rooms of the package and its extras: each may import from every room below it."""
+def packages() -> str:
+    """Return the packages of vdfmu and its extras: each may import from all below it."""
     above = [
         ("extras", "identification, tuning, control laws, learning, eFMI"),
         ("cli", "commands"),
@@ -166,11 +166,11 @@ def rooms() -> str:
         _line((60, 30), (60, 422), tip=True), _text(52, 230, "imports", "soft end"),
     ]  # fmt: skip
     return _page(
-        720, 450, "The extras, and the seven rooms: cli, study, system, arm, engine beside compiler, base", parts
+        720, 450, "The extras, and the seven packages: cli, study, system, arm, engine beside compiler, base", parts
     )
 
 
-PICTURES = {"frames": arm, "loop": loop, "joint": joint, "rooms": rooms}
+PICTURES = {"frames": arm, "loop": loop, "joint": joint, "packages": packages}
 """File in docs/images to what draws it."""
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
-from vdfmu.cli.parameters import TASKS
+from vdfmu.cli.options import TASKS
 from vdfmu.engine.rules import RULES
 from vdfmu.system.scenario.schema import scenario_schema
 
@@ -159,7 +159,7 @@ hide: [toc]
 
 Every key of a scenario file, made from its schema, `vdfmu check --schema scenario`. A scenario is one TOML file: robot,
 system, values, duration and master of a run. [Arms and scenarios](../scenarios.md) has the shipped ones. A scenario
-also has a table for each component of its system, with the component's parameters. One value stands for all joints.
+also has a table for each component of its system, with the component's parameters. One value applies to all joints.
 Units are SI, angles in rad.
 
 A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`. A number in `[plant]`
@@ -173,5 +173,5 @@ _RULES_HEAD = """# Rules of the check
 number of a rule ends each line of the check. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI` of FMUs,
 `RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
 
-| rule | severity | what holds | way out |
+| rule | severity | what holds | fix |
 | --- | --- | --- | --- |"""

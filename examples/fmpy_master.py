@@ -1,4 +1,4 @@
-"""The master in forty lines of fmpy: the FMUs of an SSP, stepped in a loop, with the bits of ``vdfmu run``.
+"""The master in forty lines of fmpy: the FMUs of an SSP, stepped in a loop, bit-identical to ``vdfmu run``.
 
     vdfmu run planar_tracking --stop 1 --out run
     python fmpy_master.py run

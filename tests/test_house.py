@@ -1,4 +1,4 @@
-"""Imports between the rooms of the package go down, and no file imports itself through others."""
+"""Imports between the packages of vdfmu go down, and no file imports itself through others."""
 
 import ast
 import re
@@ -10,7 +10,7 @@ import vdfmu
 from vdfmu.engine.algorithms import ALGORITHMS
 
 ROOT = Path(vdfmu.__file__).parent
-ROOMS = ("base", "engine", "compiler", "arm", "system", "study", "cli", "extras")
+PACKAGES = ("base", "engine", "compiler", "arm", "system", "study", "cli", "extras")
 """From the bottom up. Engine and compiler do not know each other, and the core knows no extra."""
 USES = {("learn", "batch")}
 """Pairs of extras of which the first may import the second, see docs/extras.md."""
@@ -18,8 +18,10 @@ EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
 
 
 @cache
-def _trees() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")}
+def _trees(*folders: str) -> dict[Path, ast.Module]:
+    """Return the trees of the files in folders beside the package, by default those of the package."""
+    roots = [ROOT.parent / folder for folder in folders] or [ROOT]
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for root in roots for path in root.rglob("*.py")}
 
 
 @cache
@@ -41,8 +43,8 @@ def _imports() -> dict[str, set[str]]:
 
 
 def test_rooms_import_only_rooms_below():
-    rank = {room: i for i, room in enumerate(ROOMS)}
-    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} | {"extras"} == set(ROOMS)
+    rank = {room: i for i, room in enumerate(PACKAGES)}
+    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} | {"extras"} == set(PACKAGES)
     for module, imported in _imports().items():
         room = module.split(".")[1] if "." in module else ""
         for target in imported if room in rank else ():  # else the names of users, at the top
@@ -55,7 +57,7 @@ def test_rooms_import_only_rooms_below():
 
 
 def test_a_room_imports_nothing_at_its_start_and_nothing_private_of_another():
-    for room in ROOMS[:-2]:
+    for room in PACKAGES[:-2]:
         tree = _trees()[ROOT / room / "__init__.py"]
         assert not [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)], room
     for path, tree in _trees().items():
@@ -86,13 +88,13 @@ def test_each_class_has_a_name_of_its_own():
 def test_a_variable_says_what_it_holds():
     """Rule 7 of the plain words, for variables, parameters, fields and functions."""
     empty = {"found", "one", "given", "known", "own", "told", "what", "that", "those", "others", "nothing"}
-    further = {
-        path for folder in ("tests", "benchmarks", "examples", "docs") for path in (ROOT.parent / folder).rglob("*.py")
-    }
-    trees = _trees() | {path: ast.parse(path.read_text(encoding="utf-8")) for path in further}
-    for path, tree in trees.items():
+    further = _trees("tests") | _trees("benchmarks", "examples", "docs")
+    named = ast.Name | ast.arg | ast.Attribute | ast.keyword | ast.FunctionDef | ast.ExceptHandler
+    for path, tree in (_trees() | further).items():
         is_further = path in further
         for node in ast.walk(tree):
+            if not isinstance(node, named):
+                continue
             if is_further and isinstance(getattr(node, "ctx", None), ast.Load):
                 continue  # such as hypothesis' given
             name = getattr(node, "id", None) or getattr(node, "arg", None) or getattr(node, "attr", None)
@@ -148,8 +150,8 @@ def test_ci_runs_heavy_tests_that_exist():
 
 def test_no_test_file_imports_from_another():
     """What two files of tests share is a fixture, or in a module of its own."""
-    for path in (ROOT.parent / "tests").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path, tree in _trees("tests").items():
+        for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("tests"):
                 names = [f".{node.module}", *(f".{alias.name}" for alias in node.names)]
                 assert not [name for name in names if ".test_" in name], f"{path}, line {node.lineno}"

@@ -85,7 +85,7 @@ _MOVED = {
     "Sweep": "study.sweeps.sweep",
     "build_fmus": "arm.fmus",
     "load_ssp": "engine.package.read",
-    "package_limit": "engine.package.limits",
+    "package_limit": "engine.package.archive",
     "tune": "extras.tune",
     "write_container": "engine.container",
     "write_robot_page": "study.report.robot_page",

@@ -1,9 +1,11 @@
 #include "exchange.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
-#include "solver.h"
+#include "events.h"
+#include "state.h"
 #include "step.h"
 
 #define READABLE (INITIALIZATION | EVENT | CONTINUOUS | TERMINATED)
@@ -37,11 +39,14 @@ Status check_event_iteration(const Instance *I, bool pointers_given)
     return pointers_given ? STATUS_OK : fail_null(I, "a pointer for each answer");
 }
 
-Status update_discrete_states(Instance *I, bool pointers_given, double *next)
+Status update_discrete_states(Instance *I, bool pointers_given, double *next, bool *changed)
 {
     if (check_event_iteration(I, pointers_given) != STATUS_OK)
         return STATUS_ERROR;
     *next = INFINITY;
+    *changed = false;
+    if (unit.n_events)
+        memcpy(I->kept, I->core, core_size());
     const double time = I->m[unit.time];
     if (unit.period < unit.n) {
         const Samples at = samples_at(I, time);
@@ -51,6 +56,17 @@ Status update_discrete_states(Instance *I, bool pointers_given, double *next)
             time_or_states_changed(I);
         }
         *next = at.next;
+    }
+    if (unit.n_events) {
+        const int events = events_take(I->m, I->above);
+        if (events < 0) {
+            memcpy(I->core, I->kept, core_size());
+            return fail(I, "events do not end: there are more than %d at one time.", MAXIMUM_ROUNDS);
+        }
+        if (events) {
+            *changed = true;
+            time_or_states_changed(I);
+        }
     }
     if (unit.left) {
         double left;
@@ -136,13 +152,28 @@ Status get_nominals(Instance *I, double nominals[], size_t n)
     return STATUS_OK;
 }
 
-Status get_event_indicators(Instance *I, size_t n)
+Status get_event_indicators(Instance *I, double indicators[], size_t n)
 {
     if (I->kind == CO_SIMULATION)
         return refuse_phase(I, CONTINUOUS);
     if (!allowed(I, READABLE))
         return STATUS_ERROR;
-    return n == 0 ? STATUS_OK : fail(I, "expected 0 values, as there are no event indicators, got %llu.", (unsigned long long)n);
+    if (n != unit.n_events)
+        return fail(I, "expected %llu values, %s, got %llu.", (unsigned long long)unit.n_events,
+                    unit.n_events ? "one an event indicator" : "as there are no event indicators", (unsigned long long)n);
+    if (n == 0)
+        return STATUS_OK;
+    if (!indicators)
+        return fail_null(I, "an array of values");
+    if (refresh(I, 0) != STATUS_OK)
+        return STATUS_ERROR;
+    memcpy(I->before, I->m, unit.n * sizeof *I->m);
+    unit.events(I->before);
+    for (size_t i = 0; i < n; i++) { /* 0 is not above 0: an importer that stops there must go on to the event */
+        const double number = I->before[unit.event + i];
+        indicators[i] = number == 0.0 ? -DBL_MIN : number;
+    }
+    return STATUS_OK;
 }
 
 Status get_number(const Instance *I, size_t *n, size_t value)

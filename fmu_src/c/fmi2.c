@@ -181,9 +181,11 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
 {
     ENTER("newDiscreteStates");
     double next;
-    const Status status = update_discrete_states(I, fmi2eventInfo != NULL, &next);
+    bool changed;
+    const Status status = update_discrete_states(I, fmi2eventInfo != NULL, &next, &changed);
     if (status == STATUS_OK)
-        *fmi2eventInfo = (fmi2EventInfo){.nextEventTimeDefined = isfinite(next), .nextEventTime = isfinite(next) ? next : 0.0};
+        *fmi2eventInfo = (fmi2EventInfo){.valuesOfContinuousStatesChanged = changed,
+                                         .nextEventTimeDefined = isfinite(next), .nextEventTime = isfinite(next) ? next : 0.0};
     RETURN(status);
 }
 
@@ -208,9 +210,8 @@ CALL(fmi2GetDerivatives, "getDerivatives", (fmi2Component c, fmi2Real derivative
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], size_t ni)
 {
-    (void)eventIndicators;
     ENTER("getEventIndicators");
-    RETURN(get_event_indicators(I, ni));
+    RETURN(get_event_indicators(I, eventIndicators, ni));
 }
 
 CALL(fmi2GetContinuousStates, "getContinuousStates", (fmi2Component c, fmi2Real x[], size_t nx), get_states(I, x, nx))

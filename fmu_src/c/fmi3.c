@@ -279,12 +279,13 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
 {
     ENTER("updateDiscreteStates");
     double next;
+    bool changed;
     const Status status =
         update_discrete_states(I, discreteStatesNeedUpdate && terminateSimulation && nominalsOfContinuousStatesChanged &&
-                                      valuesOfContinuousStatesChanged && nextEventTimeDefined && nextEventTime, &next);
+                                      valuesOfContinuousStatesChanged && nextEventTimeDefined && nextEventTime, &next, &changed);
     if (status == STATUS_OK) {
         *discreteStatesNeedUpdate = *terminateSimulation = *nominalsOfContinuousStatesChanged = fmi3False;
-        *valuesOfContinuousStatesChanged = fmi3False;
+        *valuesOfContinuousStatesChanged = changed;
         *nextEventTimeDefined = isfinite(next);
         *nextEventTime = isfinite(next) ? next : 0.0;
     }
@@ -312,9 +313,8 @@ CALL(fmi3GetContinuousStateDerivatives, "getContinuousStateDerivatives",
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndicators[], size_t nEventIndicators)
 {
-    (void)eventIndicators;
     ENTER("getEventIndicators");
-    RETURN(get_event_indicators(I, nEventIndicators));
+    RETURN(get_event_indicators(I, eventIndicators, nEventIndicators));
 }
 
 CALL(fmi3GetContinuousStates, "getContinuousStates",
@@ -324,7 +324,7 @@ CALL(fmi3GetNominalsOfContinuousStates, "getNominalsOfContinuousStates",
      (fmi3Instance instance, fmi3Float64 nominals[], size_t nContinuousStates),
      get_nominals(I, nominals, nContinuousStates))
 CALL(fmi3GetNumberOfEventIndicators, "getNumberOfEventIndicators", (fmi3Instance instance, size_t *nEventIndicators),
-     get_number(I, nEventIndicators, 0))
+     get_number(I, nEventIndicators, unit.n_events))
 CALL(fmi3GetNumberOfContinuousStates, "getNumberOfContinuousStates", (fmi3Instance instance, size_t *nContinuousStates),
      get_number(I, nContinuousStates, unit.n_x))
 

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "events.h"
 #include "processor.h"
-#include "solver.h"
 #include "state.h"
 
 /* ---------------------------------------------------------------- messages */
@@ -141,6 +141,8 @@ static void take_start_values(Instance *I)
         I->m[i] = I->held[i] = unit.variables[i].start;
         I->rate[i] = 0.0;
     }
+    for (size_t i = 0; i < unit.n_events; i++)
+        I->above[i] = 0.0;
 }
 
 static void *room(size_t n, size_t size)
@@ -174,16 +176,24 @@ static bool allocate(Instance *I, const char *name)
     I->kept = room(1, core_size());
     I->size_at = room(n, sizeof *I->size_at);
     I->quick_at = room(n, sizeof *I->quick_at);
-    I->before = room(2 * (n + unit.n_x), sizeof *I->before);
+    const size_t for_events = unit.n_events ? n + 4 * unit.n_x + (PARTS + 3) * unit.n_events : 0;
+    I->before = room(2 * (n + unit.n_x) + for_events, sizeof *I->before);
     if (!(I->name && I->core && I->kept && I->size_at && I->quick_at && I->before))
         return false;
     I->d = I->before + n;
     I->x_new = I->d + n;
     I->ratio = I->x_new + unit.n_x;
+    if (unit.n_events) {
+        I->trial = I->ratio + unit.n_x;
+        I->end = I->trial + n;
+        I->level = I->end + 4 * unit.n_x;
+        I->above_before = I->level + (PARTS + 2) * unit.n_events;
+    }
     strcpy(I->name, name);
     I->m = I->core->values;
     I->rate = I->m + n;
     I->held = I->rate + n;
+    I->above = I->held + n;
     list_references(I);
     return true;
 }
@@ -365,6 +375,8 @@ Status exit_initialization(Instance *I)
 {
     if (!allowed(I, INITIALIZATION) || refresh(I, STALE_OUTPUTS) != STATUS_OK)
         return STATUS_ERROR;
+    if (unit.n_events)
+        events_begin(I->m, I->above);
     memcpy(I->held, I->m, unit.n * sizeof *I->m);
     I->core->phase = I->kind == CO_SIMULATION ? STEP : EVENT;
     if (is_logged(I, LOG_EVENTS)) {

@@ -39,7 +39,9 @@ typedef struct {
     double start_time, stop_time, tolerance; /* stop_time: INFINITY if it is not defined */
     double h;        /* [s] internal step that the solver tries next */
     double sampled;  /* [s] last sample taken in event mode; -INFINITY: none */
-    double values[]; /* memory, rates of the inputs, memory at the end of the last step; n each */
+    /* Memory, rates of the inputs, memory at the end of the last step; n each. Whether the number of each event was above 0
+     * at the last look: not in the memory, since reading outputs must not lose an event. */
+    double values[];
 } Core;
 
 typedef struct State {
@@ -73,13 +75,14 @@ typedef struct {
     Kind kind;
     char *name;
     const char *call; /* FMI function under way */
-    Core *core, *kept; /* `kept`: a copy from the start of a step by samples */
-    double *m, *rate, *held; /* parts of `core->values` */
+    Core *core, *kept; /* `kept`: a copy from the start of a step by samples, or of an update of discrete states */
+    double *m, *rate, *held, *above; /* parts of `core->values` */
     size_t *size_at;         /* (n) number of values of a value reference, 0 if there is none */
     unsigned char *quick_at; /* (n) what a value reference allows without a closer look, of the bits below */
     double *before, *d;      /* (n) room for a copy of the memory, for a derivative; `before` owns these four */
     SolverStep *solver_step; /* the copy for this processor */
     double *x_new, *ratio;   /* (n_x) room for the solver */
+    double *trial, *end, *level, *above_before; /* room for events, the last (n_events) for a copy of `above` */
     bool set_requested;      /* in the intermediate update under way */
     State *states;
 } Instance;

@@ -1,4 +1,4 @@
-#include "solver.h"
+#include "events.h"
 
 #include <math.h>
 #include <string.h>
@@ -44,11 +44,22 @@ static void take_states(const Solver *s, double t, double done)
         move_inputs(s, done);
 }
 
+/* Let events happen at the end of an internal step; `cut`: one ended it. False if they do not end. */
+static bool take_events(const Solver *s, bool cut, int *changes, SolverFailure *failure)
+{
+    *changes += cut;
+    if (events_take(s->m, s->above) >= 0 && *changes <= MAXIMUM_CHANGES)
+        return true;
+    *failure = (SolverFailure){.time = s->m[unit.time], .changes = *changes > MAXIMUM_CHANGES ? MAXIMUM_CHANGES : MAXIMUM_ROUNDS};
+    return false;
+}
+
 /* `fixed` internal steps of one length: the same work in each communication step. */
 static bool advance_fixed(const Solver *s, double t, double duration, SolverFailure *failure)
 {
     const double size = duration / s->fixed;
     double done = 0.0, error;
+    int changes = 0;
     for (int k = 1; k <= s->fixed && done < duration; k++) {
         const double to = k < s->fixed ? fmin(k * size, duration) : duration;
         s->step(s->m, s->rate, to - done, s->tolerance, s->x_new, &error, s->ratio);
@@ -56,9 +67,16 @@ static bool advance_fixed(const Solver *s, double t, double duration, SolverFail
             *failure = failure_of(s, t + done, error);
             return false;
         }
-        take_states(s, t, done = to);
-        if (s->accepted)
+        const double whole = to - done, part = unit.n_events ? events_until(s, done, whole) : whole;
+        take_states(s, t, done = part < whole ? done + part : to);
+        if (unit.n_events && !take_events(s, part < whole, &changes, failure))
+            return false;
+        k -= part < whole; /* its rest follows */
+        if (s->accepted) {
             duration = s->accepted(s->context, done, duration);
+            if (unit.n_events && !take_events(s, false, &changes, failure)) /* of inputs that it has set */
+                return false;
+        }
     }
     return true;
 }
@@ -68,6 +86,7 @@ bool solver_advance(const Solver *s, double t, double duration, SolverFailure *f
     if (s->fixed)
         return advance_fixed(s, t, duration, failure);
     double done = 0.0;
+    int changes = 0;
     for (long tried = 1; done < duration; tried++) {
         const double whole = duration - done, rest = unit.left ? fmin(whole, ahead(s)) : whole;
         double h = *s->h;
@@ -81,13 +100,19 @@ bool solver_advance(const Solver *s, double t, double duration, SolverFailure *f
         s->step(s->m, s->rate, h, s->tolerance, s->x_new, &error, s->ratio);
         const double factor = error > 0.0 ? SAFETY / sqrt(sqrt(error)) : GROW; /* the method has order 4 */
         if (error <= 1.0) {
-            done = last && rest == whole ? duration : done + h;
+            const double part = unit.n_events ? events_until(s, done, h) : h;
+            done = last && rest == whole && part == h ? duration : done + part;
             take_states(s, t, done);
+            if (unit.n_events && !take_events(s, part < h, &changes, failure))
+                return false;
             /* A step cut short by the communication point says little about the next one: it never shrinks h. */
             const double grown = h * fmin(GROW, fmax(factor, SHRINK));
             *s->h = last && h < *s->h ? fmax(grown, *s->h) : grown;
-            if (s->accepted)
+            if (s->accepted) {
                 duration = s->accepted(s->context, done, duration);
+                if (unit.n_events && !take_events(s, false, &changes, failure)) /* of inputs that it has set */
+                    return false;
+            }
         } else {
             *s->h = h * (isfinite(error) ? fmin(0.9, fmax(factor, SHRINK)) : SHRINK);
             if (*s->h < MINIMUM_STEP) {

@@ -22,6 +22,8 @@ typedef struct {
     double tolerance;     /* bound of the local error, relative and absolute in SI units */
     int fixed;            /* number of internal steps, whatever their error; 0: as many as the tolerance needs */
     double *x_new, *ratio; /* (n_x) room for results of a step */
+    double *above;         /* (n_events) 1 if the number of an event was above 0, else 0 */
+    double *trial, *end, *level; /* (n, 4 n_x, (PARTS + 2) n_events) room for events */
 
     /* Called after each internal step with the time since the start of the communication step and its length [s]; returns
      * the length from now on, at least `done`. NULL: nothing is called. */
@@ -35,6 +37,7 @@ typedef struct {
     double last;      /* [s] the last internal step, if the end was not reached in MAXIMUM_STEPS; else 0, and what follows holds */
     size_t component; /* of the state */
     bool finite;      /* false: the component is not finite; true: its error is above the tolerance */
+    int changes;      /* signs of events that changed, if these did not end: their number; else 0. First of all. */
     double error;     /* local error over the tolerance, root mean square over all components */
 } SolverFailure;
 

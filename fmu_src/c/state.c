@@ -4,9 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+static size_t n_values(void)
+{
+    return 3 * unit.n + unit.n_events;
+}
+
 size_t core_size(void)
 {
-    return sizeof(Core) + 3 * unit.n * sizeof(double);
+    return sizeof(Core) + n_values() * sizeof(double);
 }
 
 /* ---------------------------------------------------------------- saved states */
@@ -104,7 +109,8 @@ void states_free(Instance *I)
 /* ---------------------------------------------------------------- bytes
  *
  *     magic 8 | version 4 | kind 4 | size of all 8 | length of GUID 4 | GUID |
- *     phase 4 | flags 4 | start time, stop time, tolerance, h, last sample 5 x 8 | n 8 | values 3 n x 8 | checksum of all before 8
+ *     phase 4 | flags 4 | start time, stop time, tolerance, h, last sample 5 x 8 | n 8 | values 3 n x 8 |
+ *     signs of events n_events x 8 | checksum of all before 8
  *
  * Numbers are little-endian whatever the machine.
  */
@@ -159,7 +165,7 @@ static uint64_t checksum(const unsigned char *bytes, size_t size) /* FNV-1a */
 
 static size_t bytes_size(void)
 {
-    return HEADER + strlen(unit.guid) + 4 + 4 + 5 * 8 + 8 + 3 * unit.n * 8 + SUM;
+    return HEADER + strlen(unit.guid) + 4 + 4 + 5 * 8 + 8 + n_values() * 8 + SUM;
 }
 
 Status state_size(const Instance *I, const void *state, size_t *size)
@@ -203,7 +209,7 @@ Status state_to_bytes(const Instance *I, const void *state, unsigned char *bytes
     put_double(&c, core->h);
     put_double(&c, core->sampled);
     put(&c, unit.n, 8);
-    for (size_t i = 0; i < 3 * unit.n; i++)
+    for (size_t i = 0; i < n_values(); i++)
         put_double(&c, core->values[i]);
     put(&c, checksum(bytes, size - SUM), SUM);
     return STATUS_OK;
@@ -236,7 +242,7 @@ static bool plausible_core(const Core *core, Kind kind)
         return false;
     if (!(core->tolerance_defined ? isfinite(core->tolerance) && core->tolerance > 0.0 : core->tolerance == 0.0))
         return false;
-    const double *m = core->values, *rate = m + unit.n, *held = rate + unit.n;
+    const double *m = core->values, *rate = m + unit.n, *held = rate + unit.n, *above = held + unit.n;
     if (core->tolerance_defined && unit.tolerance < unit.n && kind == CO_SIMULATION &&
         !plausible(&unit.variables[unit.tolerance], core->tolerance))
         return false;
@@ -247,6 +253,9 @@ static bool plausible_core(const Core *core, Kind kind)
         if (!isfinite(rate[i]) || (rate[i] != 0.0 && !(core->rates && v->role == INPUT)))
             return false;
     }
+    for (size_t i = 0; i < unit.n_events; i++)
+        if (above[i] != 0.0 && above[i] != 1.0)
+            return false;
     return true;
 }
 
@@ -264,7 +273,7 @@ static Status read_core(const Instance *I, Cursor *c, Core *core)
     core->h = take_double(c);
     core->sampled = take_double(c);
     const uint64_t n = take(c, 8);
-    for (size_t i = 0; i < 3 * unit.n; i++)
+    for (size_t i = 0; i < n_values(); i++)
         core->values[i] = take_double(c);
     if (flags & ~(unsigned)FLAG_ALL || n != unit.n || !plausible_core(core, I->kind))
         return fail(I, "the state is damaged: it holds values that no state of %s has.", unit.name);

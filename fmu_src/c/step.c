@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "solver.h"
+#include "events.h"
 #include "state.h"
 
 /* ---------------------------------------------------------------- intermediate updates */
@@ -77,17 +77,39 @@ static void clear_rates(Instance *I)
     I->core->rates = false;
 }
 
-/* A unit without states: its outputs follow from the inputs at the end of the step. */
-static void calculate(Instance *I, Step *s)
+static Status fail_events(const Instance *I, double time, int changes)
 {
+    size_t i = 0;
+    while (i + 1 < unit.n_events && I->above[i] == 0.0)
+        i++;
+    const char *name = unit.variables[unit.event + i].name;
+    return fail(I, "at t = %s s events do not end: there are more than %d %s, the last of %s. Let at_%s end the motion, such "
+                   "as by a Held state for rest.", G9(time), changes,
+                changes == MAXIMUM_ROUNDS ? "at one time" : "in the step", name, name);
+}
+
+/* A unit without states: its outputs follow from the inputs at the end of the step, and so do its events. */
+static Status calculate(Instance *I, Step *s)
+{
+    if (unit.n_events) {
+        memcpy(I->before, I->m, unit.n * sizeof *I->m);
+        memcpy(I->above_before, I->above, unit.n_events * sizeof *I->above);
+    }
     if (I->core->rates)
         for (size_t i = 0; i < unit.n; i++)
             I->m[i] += I->rate[i] * s->size;
     I->m[unit.time] = s->end;
+    if (unit.n_events && events_take(I->m, I->above) < 0) {
+        memcpy(I->m, I->before, unit.n * sizeof *I->m);
+        fail_events(I, s->end, MAXIMUM_ROUNDS);
+        memcpy(I->above, I->above_before, unit.n_events * sizeof *I->above);
+        return STATUS_ERROR;
+    }
     unit.outputs(I->m);
     if (I->host.update)
         intermediate_update(s, s->size, s->size);
     I->core->stale = 0;
+    return STATUS_OK;
 }
 
 #define ADVICE "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
@@ -100,6 +122,8 @@ static int fixed_steps(const Instance *I)
 
 static Status fail_solver(const Instance *I, const SolverFailure *f, double size)
 {
+    if (f->changes)
+        return fail_events(I, f->time, f->changes);
     if (f->last > 0.0)
         return fail(I, "at t = %s s the communication step of %s s is not done after %d internal steps, the last of %s s. Take "
                        "shorter communication steps. " ADVICE,
@@ -134,13 +158,20 @@ static Status integrate(Instance *I, Step *s)
         .m = I->m, .before = I->before, .rate = I->rate, .rates = c->rates, .h = &c->h, .tolerance = tolerance_of(I),
         .fixed = fixed_steps(I),
         .x_new = I->x_new, .ratio = I->ratio, .accepted = I->host.update ? intermediate_update : NULL, .context = s,
+        .above = I->above, .trial = I->trial, .end = I->end, .level = I->level,
     };
-    SolverFailure failure;
-    if (!solver_advance(&solver, s->point, s->size, &failure)) {
+    SolverFailure failure = {.time = s->point, .changes = MAXIMUM_ROUNDS};
+    if (unit.n_events)
+        memcpy(I->above_before, I->above, unit.n_events * sizeof *I->above);
+    if ((unit.n_events && events_take(I->m, I->above) < 0) || /* of inputs that have jumped */
+        !solver_advance(&solver, s->point, s->size, &failure)) {
         memcpy(I->m, I->before, bytes);
         c->h = h;
         c->stale = stale;
-        return fail_solver(I, &failure, s->size);
+        fail_solver(I, &failure, s->size);
+        if (unit.n_events)
+            memcpy(I->above, I->above_before, unit.n_events * sizeof *I->above);
+        return STATUS_ERROR;
     }
     I->m[unit.time] = s->end;
     unit.outputs(I->m);
@@ -151,10 +182,7 @@ static Status integrate(Instance *I, Step *s)
 
 static Status step_to_end(Instance *I, Step *s)
 {
-    if (unit.n_x)
-        return integrate(I, s);
-    calculate(I, s);
-    return STATUS_OK;
+    return unit.n_x ? integrate(I, s) : calculate(I, s);
 }
 
 #define CLOSE 1e-9 /* part of a period within which a time is that of a sample */

@@ -110,6 +110,10 @@ typedef struct {
     SolverStep *solver_step;
     /* Time until the derivatives switch by time [s], where all goes on as it changes now; NULL if they never do. */
     void (*left)(const double *m, const double *rate, double *left);
+    /* Events: real outputs, an event each when it rises above 0. */
+    size_t n_events, event;              /* number, position of the first */
+    void (*events)(double *m);           /* inputs, parameters, states, time to these outputs */
+    void (*const *at_event)(double *m);  /* (n_events); each sets states */
     SolverStep *solver_step_avx2; /* the same bits, for processors with AVX2; NULL if there is none */
 } Unit;
 

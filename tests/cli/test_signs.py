@@ -15,7 +15,7 @@ WORKS = """
 import sys, time
 from typing import Annotated
 from vdfmu.cli.app import App
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import Positional
 from vdfmu.cli.terminal import say, say_notes
 from vdfmu.base.progress import doing
 

@@ -14,7 +14,7 @@ from tests.warm import command
 from vdfmu.base.option import Option
 from vdfmu.cli.app import FunctionCommand
 from vdfmu.cli.commands import COMMANDS, FIRST, app
-from vdfmu.cli.parameters import parameter, rows_by_task
+from vdfmu.cli.options import parameter, rows_by_task
 from vdfmu.engine.run import simulate
 
 

@@ -13,7 +13,7 @@ from vdfmu.compiler.functions.rodas import ALPHA as ALPHA
 from vdfmu.compiler.functions.rodas import GAMMA_I as GAMMA_I
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.inspect import trial as trial
-from vdfmu.engine.package import limits as limits
+from vdfmu.engine.package import archive as archive
 from vdfmu.extras.inspect import abilities as abilities
 from vdfmu.extras.inspect import reference as reference
 from vdfmu.extras.laws.units.devices.encoder import PAST as PAST

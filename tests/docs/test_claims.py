@@ -199,6 +199,10 @@ def test_pages_have_the_figures_of_the_claims_and_each_tolerance_has_a_reason(cl
     assert (claim.tolerance == "rounded") == (not claim.why)
 
 
+RUNS = "numbers(", "gains_and_margins(", "contact_dampings("
+"""Expressions that run a command or a whole scenario."""
+
+
 def by_source():
     """Return the claims, a parameter for each command or expression."""
     sources = {}
@@ -206,7 +210,7 @@ def by_source():
         if not claim.seen:
             sources.setdefault(claim.command or claim.python, []).append(claim)
     for source, group in sources.items():
-        heavy = group[0].command or "numbers(" in source
+        heavy = group[0].command or any(run in source for run in RUNS)
         yield pytest.param(group, id=source, marks=[pytest.mark.heavy] if heavy else [])
 
 

@@ -3,7 +3,7 @@
 Of the README each block runs by itself, in a fresh folder and process; of the other pages the blocks run in order, in
 one folder, the ``python`` blocks in the namespace of those before. A ``sh`` block runs whole in bash, unless all its
 commands are those of vdfmu, which need no Python started for each. A block with a title is written to that file. A
-``text`` block right after a ``python`` or ``sh`` block is its output; a line ``...`` in it stands for any lines.
+``text`` block right after a ``python`` or ``sh`` block is its output; a line ``...`` in it matches any lines.
 """
 
 import contextlib
@@ -52,7 +52,7 @@ def run_shell(body, fails=False):
 
 
 def same(shown, output):
-    """Compare line by line, without trailing blanks and times of the clock; ``...`` stands for any lines."""
+    """Compare line by line, without trailing blanks and times of the clock; ``...`` matches any lines."""
     shown, output = VARIES.sub("", shown), VARIES.sub("", output)
     parts = [re.escape("\n".join(line.rstrip() for line in part.strip("\n").splitlines())) for part in
              re.split(r"^\s*\.\.\.$", shown, flags=re.MULTILINE)]  # fmt: skip
@@ -88,6 +88,7 @@ def run_page(path, section=""):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_tutorial_runs_and_shows_its_output(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # what the page imports from its own files
     with np.printoptions():  # what a page sets is for that page
         assert run_page(page) >= 2  # blocks run or compared
 

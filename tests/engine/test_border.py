@@ -35,7 +35,7 @@ def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, tmp_pat
     assert [name for name in loaded if name.startswith(ARM)] == []
 
 
-def test_vdfmu_run_runs_a_foreign_package_where_casadi_and_matplotlib_are_missing(pack, tmp_path):
+def test_vdfmu_run_runs_and_judges_a_foreign_package_where_casadi_and_matplotlib_are_missing(pack, tmp_path):
     """Its page alone needs them, and is said to be missing."""
     path = pack(["r Ramp y:output", "g Gain u:input"], ["r.y -> g.u"])
     script = (
@@ -46,9 +46,11 @@ def test_vdfmu_run_runs_a_foreign_package_where_casadi_and_matplotlib_are_missin
         "            raise ModuleNotFoundError('No module named ' + repr(name), name=name)\n"
         "sys.meta_path.insert(0, Missing())\n"
         "from vdfmu.cli import main\n"
-        f"sys.argv[1:] = ['run', {str(path)!r}, '--stop', '0.2', '--step', '0.1', '--out', {str(tmp_path / 'out')!r}]\n"
+        f"sys.argv[1:] = ['run', {str(path)!r}, '--stop', '0.2', '--step', '0.1', '--judge', '90']\n"
+        f"sys.argv += ['--out', {str(tmp_path / 'out')!r}]\n"
         "main()\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0 and "the page was not written: No module named 'casadi'" in done.stderr, done.stderr
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"results.csv", "summary.json"}
+    assert "verdict" in json.loads((tmp_path / "out" / "summary.json").read_text())["judgement"]

@@ -7,8 +7,10 @@ import pytest
 import scipy.integrate
 from scipy.integrate import solve_ivp
 
+from tests.compiler.eventful import Resting
 from tests.engine.files import edited
 from tests.engine.reference import models
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, SspError
 from vdfmu.engine.run import simulate
 
@@ -149,6 +151,25 @@ def test_stiff_components(system, monkeypatch):
 def test_states_that_become_infinite(system):
     with pytest.raises(CosimError, match=r"r failed .* in doStep: the states cannot be integrated beyond t = 1\.57"):
         simulate(system({"r": (RUNAWAY, "2.0")}), stop=2.0, step=0.5, isolate=False)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_unit_with_events_bounces_as_the_reference_fmu(pack, xml, built, tmp_path, version):
+    """By the integrator of this master for model exchange, and by their own solver for co-simulation, until they rest."""
+    (unit,) = build_fmus(None, tmp_path / "fmus", units=[Resting], fmi_version=version).values()
+    extra = {"resources/Own.fmu": unit.read_bytes(), f"resources/Ball_{version[0]}.fmu": built(BALL, version)}
+    ports, kind = "h:output v:output", 'implementation="{}"'.format
+    path = pack([
+        xml.component("own", "Own", ports, attributes=kind("ModelExchange")),
+        xml.component("stepped", "Own", ports, attributes=kind("CoSimulation")),
+        xml.component("reference", f"Ball_{version[0]}", ports, attributes=kind("ModelExchange")),
+    ], extra=extra)  # fmt: skip
+    results = simulate(path, stop=3.0, step=0.05, tolerance=1e-10)
+    for name in ("own", "stepped"):
+        # parabolas are integrated to rounding; the times of 11 bounces too, and each velocity magnifies their error
+        np.testing.assert_allclose(results[f"{name}.h"], results["reference.h"], atol=1e-9, rtol=0)
+        np.testing.assert_allclose(results[f"{name}.v"], results["reference.v"], atol=1e-8, rtol=0)
+        assert results[f"{name}.v"][-1] == 0.0
 
 
 @pytest.mark.heavy

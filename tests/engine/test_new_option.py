@@ -49,7 +49,7 @@ def python(tmp_path_factory):
     return run
 
 
-def test_a_new_option_is_declared_in_one_file(python, pack):
+def test_a_new_option_is_declared_in_one_file(python, pack, tmp_path):
     components = ["r Ramp y:output", "g Gain u:input y:output"]
     package = pack(components, ["r.y -> g.u"])
     imports = "import vdfmu\nfrom vdfmu.engine.run import simulate\n"
@@ -57,13 +57,15 @@ def test_a_new_option_is_declared_in_one_file(python, pack):
     shown = python(code=f"{imports}for f in ({functions}): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 3
     assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 3  # without quotes from Python 3.14 on
-    for command in (["run"], ["run", "x.ssp"], ["sweep", "run"], ["linear"]):
-        assert re.search("--label .* Toy: name", python(*command, "--help"))
+    commands = ["run", "--help"], ["run", "x.ssp", "--help"], ["sweep", "run", "--help"], ["linear", "--help"]
+    invoke = "from click.testing import CliRunner\nfrom vdfmu.cli.commands import app\n"
+    code = f"{invoke}for words in {commands}: print(CliRunner().invoke(app, words).output)"
+    assert len(re.findall("--label .* Toy: name", python(code=code))) == 4
     runs = f"simulate({str(package)!r}, step=0.1, stop=1.0, label='mine')"
     code = f"from vdfmu.engine.run import simulate\nprint({runs}.summary['label'])"
     assert python(code=code) == "mine\n"
-    python("run", str(package), "--step", "0.1", "--stop", "1", "--label", "typed", "--out", "out")
-    assert '"label": "typed"' in python(code="print(open('out/summary.json').read())")
+    python("run", str(package), "--step", "0.1", "--stop", "1", "--label", "typed", "--out", str(tmp_path / "out"))
+    assert '"label": "typed"' in (tmp_path / "out" / "summary.json").read_text()
 
 
 @pytest.mark.heavy

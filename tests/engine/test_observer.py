@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.masters.observer import Tap
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run import Simulator, simulate
 
 

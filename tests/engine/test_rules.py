@@ -16,7 +16,7 @@ from tests.warm import command
 from vdfmu.base.errors import SspError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.package import limits, parse
+from vdfmu.engine.package import archive, parse
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -114,7 +114,7 @@ BROKEN = {
     "PKG001": lambda: ("x.ssp", b"no zip"),
     "PKG002": lambda: entries(lambda file: file.writestr("../a", "")),
     "PKG003": lambda: entries(link),
-    "PKG004": lambda: entries(lambda file: file.writestr("big", bytes(limits.MEMBER_LIMIT + 1))),
+    "PKG004": lambda: entries(lambda file: file.writestr("big", bytes(archive.MEMBER_LIMIT + 1))),
     "PKG005": lambda: entries(lambda file: file.writestr("a", "a", zipfile.ZIP_BZIP2)),
     "PKG006": lambda: entries(lambda file: file.writestr("M.FMU", "")),
     "PKG007": lambda: entries(lambda file: file.writestr("m.fmu", file.read("m.fmu"))),
@@ -292,7 +292,7 @@ def test_every_rule_has_a_file_that_breaks_it():
 
 @pytest.mark.parametrize("rule", BROKEN)
 def test_a_file_that_breaks_a_rule_is_found_by_its_number_and_refused_by_a_problem_only(rule, tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "MEMBER_LIMIT", 2**20)
+    monkeypatch.setattr(archive, "MEMBER_LIMIT", 2**20)
     if rule == "SSP009":
         monkeypatch.setattr(parse, "schema_of", lambda *_: None)
     name, content = BROKEN[rule]()

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.run import Simulator, simulate
 
+BY_HAND = ["gauss-seidel", "jacobi", "extrapolated"]
 OPTIONS = {"stop": 0.05, "step": 1e-3}
 CHANGED = {"plant.I_m[1]": 2e-3}  # another rotor, so another run
 
@@ -14,8 +17,11 @@ def same(a, b):
     return a.names == b.names and all(np.array_equal(a[name], b[name]) for name in a)
 
 
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
-@pytest.mark.parametrize("backend", ["native", "python"])
+@pytest.mark.parametrize(
+    ("backend", "algorithm"),
+    [*(("native", each) for each in ALGORITHMS), ("python", "iterative"),
+     *heavy(*(("python", each) for each in ALGORITHMS if each != "iterative"))],
+)  # fmt: skip
 def test_each_run_is_that_of_components_that_are_new(arm_package, backend, algorithm):
     options = OPTIONS | {"stop": 0.02}
     alone = simulate(arm_package(backend), algorithm=algorithm, **options)
@@ -84,8 +90,11 @@ def pushed(simulator, force, steps=50):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated"])
-@pytest.mark.parametrize("backend", ["native", "python"])
+@pytest.mark.parametrize(
+    ("backend", "algorithm"),
+    [*(("native", each) for each in BY_HAND), ("python", "extrapolated"),
+     *heavy(*(("python", each) for each in BY_HAND[:-1]))],
+)  # fmt: skip
 def test_steps_by_hand_are_those_of_a_run(arm_package, backend, algorithm):
     times = OPTIONS["step"] * np.arange(51)
     force = np.where(times > 0.0, 5.0 * np.sin(200.0 * times), 0.0)

@@ -3,7 +3,7 @@
 import tomllib
 
 import numpy as np
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from vdfmu.base.toml_file import toml_text
@@ -14,6 +14,7 @@ VALUES = st.dictionaries(TEXTS, st.one_of(TEXTS, NUMBERS, st.booleans(), WHOLE, 
 TABLES = st.one_of(VALUES, st.dictionaries(TEXTS, st.dictionaries(TEXTS, VALUES, max_size=2), max_size=2))
 
 
+@settings(max_examples=40)
 @given(TABLES)
 @example({"": ["\x00"]})
 def test_a_table_is_read_back_as_it_was(table):

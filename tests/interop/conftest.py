@@ -15,8 +15,18 @@ WHEELS = {("Linux", "x86_64"), ("Windows", "AMD64")}  # platforms that ecospy, t
 
 @pytest.fixture(scope="session")
 def tracking(tmp_path_factory):
+    return made(tmp_path_factory, "vdfmu_interop")
+
+
+@pytest.fixture(scope="session")
+def brief(tmp_path_factory):
+    """Return three seconds of it, with native FMUs."""
+    return made(tmp_path_factory, "vdfmu_interop_brief", 3.0, ["native"])
+
+
+def made(tmp_path_factory, name, *options):
     base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "vdfmu_interop"
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name
     done, failed = folder / "done", folder / "failed"
     try:
         folder.mkdir()
@@ -26,9 +36,9 @@ def tracking(tmp_path_factory):
             if failed.exists() or time.monotonic() > end:
                 pytest.fail("another process of this session could not prepare the tracking system")
             time.sleep(0.1)
-        return Tracking(folder)
+        return Tracking(folder, *options)
     try:
-        prepared = Tracking(folder).prepare()
+        prepared = Tracking(folder, *options).prepare()
     except BaseException:
         failed.touch()
         raise

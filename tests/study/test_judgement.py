@@ -205,7 +205,7 @@ def test_the_judged_run_begins_and_ends_as_the_run_does(tmp_path, lags):
 
 @pytest.mark.parametrize(
     ("options", "said"),
-    [(["--judge", "200"], "error between 0 and 1"), (["--sampled"], "sampled and continuous need judge"),
+    [(["--judge", "200"], "must be between 0 and 100 %"), (["--sampled"], "sampled and continuous need judge"),
      (["--judge", "1", "--adaptive", "1e-3", "--algorithm", "iterative"], "got adaptive")],
 )  # fmt: skip
 @pytest.mark.parametrize("of", ["planar_tracking", "package"])
@@ -374,7 +374,7 @@ def test_the_scale_is_the_swing_of_a_signal():
 
 
 @pytest.mark.parametrize(("options", "text"), [
-    ({"wanted": 1.0}, "wanted must be an error between 0 and 1"),
+    ({"wanted": 1.0}, "the wanted error must be between 0 and 100 % of the swing, got 100 %"),
     ({"adaptive": 1e-3, "algorithm": "iterative"}, "judge compares fixed steps"),
 ])  # fmt: skip
 def test_wrong_calls(lags, options, text):

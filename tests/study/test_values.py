@@ -114,10 +114,10 @@ def test_the_fmu_of_a_unit_with_two_choices_is_valid(place, version):
 
 
 @pytest.mark.parametrize(("name", "value"), VALUES)
-def test_each_door_gives_the_same_verdict(place, simulator, name, value):
+def test_each_entry_gives_the_same_verdict(place, simulator, name, value):
     unit = load_units(place / "typed.py")["typed"]
     full = f"a.{name}"
-    doors = {
+    entries = {
         "connect": lambda: vdfmu.connect({"a": place / "a.fmu"}, parameters={full: value}),
         "Simulator.run": lambda: simulator.run(parameters={full: value}),
         "Simulator.reset": lambda: simulator.reset(parameters={full: value}),
@@ -127,12 +127,12 @@ def test_each_door_gives_the_same_verdict(place, simulator, name, value):
     }
     if isinstance(value, str):
         settings = read_settings([f"{full}={value}"])
-        doors["--set"] = lambda: simulator.run(parameters=settings)
+        entries["--set"] = lambda: simulator.run(parameters=settings)
     if type(value) in (bool, int, float, str) and value != 10**400:
-        doors["TOML"] = lambda: _toml(place, name, value)
+        entries["TOML"] = lambda: _toml(place, name, value)
     if type(value) in (bool, int, float) and value != 10**400:
-        doors["SSV"] = lambda: _ssv(place, name, value)
-    verdicts = {door: verdict(call) for door, call in doors.items()}
+        entries["SSV"] = lambda: _ssv(place, name, value)
+    verdicts = {entry: verdict(call) for entry, call in entries.items()}
     assert len(set(verdicts.values())) == 1, verdicts
 
 

@@ -25,7 +25,7 @@ class Domain:
     names: Mapping[str, int] | None = None
     """Names of the only values, of an enumeration."""
     low: float | None = None
-    """Least value. `POSITIVE` stands for "above 0"."""
+    """Least value. `POSITIVE` means "above 0"."""
     high: float | None = None
     unit: str | None = None
     start: Any = None

@@ -107,6 +107,13 @@ def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
         raise kind(f"cannot write {path}: {error.strerror or error}") from None
 
 
+def write_all(file: Any, content: bytes) -> None:
+    """Write bytes to an unbuffered file, part by part."""
+    rest = memoryview(content)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
 @contextmanager
 def storing(path: Path) -> Generator[None]:
     """Turn an OSError in the block into a StorageError for `path`."""

@@ -151,8 +151,8 @@ class InterruptGuard:
 
     def __enter__(self) -> InterruptGuard:
         # `_guards` does not say whether one of them handles it: a generator that nobody ended keeps its guard
-        self._taken = [] if _command else _listen(signal.SIGINT)
         if _in_main_thread():
+            self._taken = [] if _command else _listen(signal.SIGINT)
             _guards.append(self)
         return self
 
@@ -164,6 +164,6 @@ class InterruptGuard:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self in _guards:
             _guards.remove(self)
-        _give_back(self._taken)
+            _give_back(self._taken)
         if kind is None:
             self.refuse()

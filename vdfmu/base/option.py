@@ -10,7 +10,7 @@ import inspect
 import os
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial, wraps
 from numbers import Integral, Real
@@ -53,7 +53,7 @@ class Option:
     choices: tuple[str, ...] = ()
     """Valid values, for ``--help`` and completion."""
     group: str = ""
-    """Heading in ``--help``. Default by :mod:`vdfmu.cli.parameters`."""
+    """Heading in ``--help``. Default by :mod:`vdfmu.cli.options`."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,22 @@ def _call_of(function: Callable[..., Any]) -> str:
     return function.__qualname__.removesuffix(".__init__")
 
 
-def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] = ()) -> Callable[_P, _T]:
-    """Add to a function, with `options`, a UsageError for all arguments of other types, by `_TYPES`."""
+def checks_types(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Add to a function a UsageError for all arguments of other types, by `_TYPES`."""
+    check = _check_of(function, ())
+
+    @wraps(function)
+    def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        check(args, kwargs)
+        return function(*args, **kwargs)
+
+    return called
+
+
+def _check_of(
+    function: Callable[..., Any], options: Iterable[DeclaredOption]
+) -> Callable[[Sequence[Any], Mapping[str, Any]], None]:
+    """Return the check of the arguments that a call of a function with `options` gives."""
     parameters = inspect.signature(function).parameters.values()
     leading = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
     types: dict[str, Any] = {
@@ -125,8 +139,7 @@ def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] =
     call = _call_of(function)
     exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
 
-    @wraps(function)
-    def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+    def check(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
         arguments = dict(zip(leading, args, strict=False)) | kwargs
         if former := [name for name in kwargs if name in FORMER and name not in exact]:
             raise UsageError("\n".join(f"{call}: {name} is now {FORMER[name]}." for name in former))
@@ -134,9 +147,8 @@ def checks_types(function: Callable[_P, _T], options: Iterable[DeclaredOption] =
         faults = (type_problem(name, types[name][0], arguments[name], *types[name][1:]) for name in odd)
         if problems := [*filter(None, faults)]:
             raise UsageError("\n".join(problems))
-        return function(*args, **kwargs)
 
-    return called
+    return check
 
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -153,7 +165,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     needed = {e.name for e in plain.parameters.values() if e.default is e.empty and e.kind not in variable}
     names = frozenset(signature.parameters)
     call = _call_of(function)
-    checked = checks_types(function, listed)
+    check = _check_of(function, listed)
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -166,7 +178,8 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
                 signature.bind(*args, **kwargs)
             except TypeError as error:
                 raise TypeError(f"{call}() {error}") from None
-        return checked(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
+        check(args, kwargs)
+        return function(*args, **{**defaults, **kwargs})  # pyright: ignore[reportCallIssue]
 
     called.__signature__ = signature  # type: ignore[attr-defined]
     called.__doc__ = _listing(function.__doc__, listed)

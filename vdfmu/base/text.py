@@ -84,7 +84,7 @@ def name_fault(name: Any, dots: bool = True) -> str:
 
 
 def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
-    """Return the names that match any pattern. ``*`` stands for any text."""
+    """Return the names that match any pattern. ``*`` matches any text."""
     whole = [re.compile(".*".join(map(re.escape, pattern.split("*")))) for pattern in patterns]
     return [name for name in names if any(pattern.fullmatch(name) for pattern in whole)]
 
@@ -102,7 +102,7 @@ def printable(text: str) -> str:
 
 
 def nearest(name: str, names: Sequence[str]) -> str:
-    """Return the way out for a wrong name: the nearest known name, and all known names."""
+    """Return the fix for a wrong name: the nearest known name, and all known names."""
     lower = [k.lower() for k in names]
     match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]

@@ -14,7 +14,7 @@ from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.files import data_path, read_regular
 from vdfmu.base.plugins import Plugins
 from vdfmu.base.text import nearest, printable
-from vdfmu.base.version import format_problem
+from vdfmu.base.version import FORMAT, __version__
 
 _DEEPEST = 50
 """Levels of lists and tables in a file. A robot has 7."""
@@ -155,3 +155,13 @@ def _lines(table: Mapping[str, Any], path: str, rounding: float) -> Iterator[str
 
 def _key(key: str) -> str:
     return key if re.fullmatch("[A-Za-z0-9_-]+", key) else toml_value(key)
+
+
+def format_problem(number: object) -> str:
+    """Return the problem with the key ``format`` of a file, else an empty text."""
+    if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= FORMAT:
+        return ""
+    readable = "1" if FORMAT == 1 else f"1 to {FORMAT}"
+    later = isinstance(number, int) and number > FORMAT
+    way_out = f"A later vdfmu than this {__version__} wrote it: update vdfmu." if later else "Leave the key out."
+    return f"format: expected {readable}, got {number!r}. {way_out}"

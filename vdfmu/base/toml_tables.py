@@ -1,6 +1,6 @@
 """Reader of TOML tables that collects every problem.
 
-A problem is a line: file, key, expected value, value and way out. Joints count from 1, as in the paper and in FMI
+A problem is a line: file, key, expected value, value and fix. Joints count from 1, as in the paper and in FMI
 names.
 """
 

@@ -84,6 +84,8 @@ def _say_missing(error: ImportError) -> None:
         f"error: the Python package {package} {'is not installed' if missing else f'cannot be imported: {error}'}. "
         f"Install it, or vdfmu with all that it needs: {sys.executable} -m pip install {package}\n"
     )
+    for note in getattr(error, "__notes__", ()):
+        sys.stderr.write(f"{shown(note)}\n")
     own_process.finished(1)
     sys.exit(1)
 

@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Unpack
 from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of
 from vdfmu.cli.app import RUNS, meets_code
-from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, refuse, target_file
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import (
+    JsonOption,
+    OverwriteOption,
+    Positional,
+    RobotOption,
+    known_scenarios,
+    load,
+    refuse,
+    target_file,
+)
 from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table, tell
 from vdfmu.engine.options import algorithm_option, parameters_option
 from vdfmu.study.options import JudgeOptions, LoopOptions, known_robots

@@ -24,7 +24,7 @@ from vdfmu.base.progress import showing
 from vdfmu.base.trust import CodeNotRunError, announced_to, reading_only
 from vdfmu.base.version import __version__
 from vdfmu.cli import own_process
-from vdfmu.cli.parameters import in_columns, in_lines, parameter, parameters_of, rows_by_task
+from vdfmu.cli.options import in_columns, in_lines, parameter, parameters_of, rows_by_task
 from vdfmu.cli.terminal import console, fail
 
 _words: list[str] = []
@@ -195,7 +195,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
 
 
 def _usage(error: Any, words: Sequence[str]) -> str:
-    """Return the message of wrong usage, with the way out."""
+    """Return the message of wrong usage, with a fix."""
     if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
         spelled = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
         close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]

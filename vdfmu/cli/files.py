@@ -21,6 +21,7 @@ from vdfmu.cli.options import (
     FmiOption,
     ForeignOption,
     JsonOption,
+    Positional,
     RobotOption,
     ScenarioArgument,
     SetOption,
@@ -28,7 +29,6 @@ from vdfmu.cli.options import (
     load,
     refuse,
 )
-from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import fail, say, say_json, say_notes, say_written
 from vdfmu.engine.rules import Finding
 from vdfmu.study.options import RobotOptions
@@ -241,7 +241,7 @@ def check(
     if file is None:
         raise UsageError("check: expected FILE, or --schema KIND, got neither.")
     from vdfmu.engine.inspect.inspection import inspect_file
-    from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package.archive import package_limit
 
     def say_runs(subject: str) -> None:
         say_notes([f"runs code of {subject} in another process; --no-run reads only"])

@@ -18,12 +18,12 @@ from vdfmu.cli.options import (
     JsonOption,
     OpenOption,
     OverwriteOption,
+    Positional,
     RobotArgument,
     TrustOption,
     refuse,
     target_file,
 )
-from vdfmu.cli.parameters import Positional
 from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_page, say_written, table
 
 if TYPE_CHECKING:

@@ -15,11 +15,19 @@ from vdfmu.base.errors import LOG, CosimError, SspError, UsageError
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
-from vdfmu.cli.options import ForeignOption, OpenOption, TrustOption, UnpackOption, known_scenarios, load, refuse
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import (
+    ForeignOption,
+    OpenOption,
+    Positional,
+    TrustOption,
+    UnpackOption,
+    known_scenarios,
+    load,
+    refuse,
+)
 from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
 from vdfmu.engine.options import SystemOptions
-from vdfmu.study.options import JudgeOptions, ScenarioOptions, ScenarioRunOptions
+from vdfmu.study.options import ExpectOptions, JudgeOptions, ScenarioOptions, ScenarioRunOptions
 
 _FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
@@ -38,7 +46,7 @@ class ScenarioForm(ScenarioRunOptions, total=False):
         default=False)]  # fmt: skip
 
 
-class FmusForm(SystemOptions, JudgeOptions, total=False):
+class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
     """Options of the run of FMUs."""
 
     connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
@@ -122,7 +130,7 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
     elif parts:
         raise UsageError(f"{parts[0]}: expected no scenario with --from: {study} has its own.")
     else:
-        from vdfmu.engine.package.join import ends_of
+        from vdfmu.engine.package.system import ends_of
         from vdfmu.study.sweeps.sweep import Sweep
 
         sweep = Sweep(study)
@@ -166,18 +174,21 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
         from vdfmu.study.judgement import check_wanted  # takes long to import
 
         check_wanted(wanted, sampled, options["adaptive"])
-    from vdfmu.engine.package.limits import package_limit
+    from vdfmu.engine.package.archive import package_limit
     from vdfmu.engine.package_run import default_folder
     from vdfmu.engine.results.folder import RUN_OUTPUTS
     from vdfmu.engine.rules import can_run, run_anyway
+    from vdfmu.study.expected import read_expected
     from vdfmu.study.joined import run_joined
 
+    expected = read_expected(options["expect"], options["within"])
     with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
         try:
             package, source, kept = _package_of(parts, options)
             folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
             options["out"] = folder  # a failed run is said with its page there
-            return run_joined(package, source, folder, wanted, sampled, **pick(SystemOptions, options)), RUN_OUTPUTS
+            settings = pick(SystemOptions, options)
+            return run_joined(package, source, folder, wanted, sampled, expected, **settings), RUN_OUTPUTS
         except SspError as error:
             if all(map(can_run, error.problems)):
                 error.add_note("The FMUs can run in spite of this: --run-anyway.")

@@ -7,8 +7,7 @@ from typing import Annotated
 
 from vdfmu.base.option import Option
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
-from vdfmu.cli.options import JsonOption, OverwriteOption, RobotOption, known_scenarios, load, target_file
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import JsonOption, OverwriteOption, Positional, RobotOption, known_scenarios, load, target_file
 from vdfmu.cli.terminal import console, say, say_json, say_list, say_notes, say_written, table
 
 app = App("scenario", no_args_is_help=True, help="List and show scenarios and motions.")

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Unpack
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
-from vdfmu.cli.options import ForeignOption, JsonOption, TrustOption, known_scenarios
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import ForeignOption, JsonOption, Positional, TrustOption, known_scenarios
 from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
 from vdfmu.study.options import SweepOptions
 

@@ -9,8 +9,7 @@ from rich.markup import escape
 
 from vdfmu.base.option import Option
 from vdfmu.cli.app import RUNS, App, meets_code
-from vdfmu.cli.options import JsonOption
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import JsonOption, Positional
 from vdfmu.cli.terminal import console, say, say_json, say_written, table
 
 app = App("unit", no_args_is_help=True, help="List and show units, and write your own.")

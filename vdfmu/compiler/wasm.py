@@ -1,4 +1,4 @@
-"""Modules of WebAssembly, written without a compiler: traced functions with the bits of their C.
+"""Modules of WebAssembly, written without a compiler: traced functions, bit-identical to their C.
 
 They call functions of a compiled module. Specification: WebAssembly Core 2.0, sections 5.4 (instructions) and 5.5
 (modules).

@@ -5,8 +5,10 @@ kinds: scenarios, packages, sweeps, tuning and margins have it, and `vdfmu.engin
 """
 
 # Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
+import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
@@ -212,3 +214,20 @@ class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions,
         "replaces the files of an earlier run.", typed=Path | None)]
     variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
         metavar="SSD")]
+
+
+class Limits:
+    """Limits of components: `time` of each call, default 300 s, and `memory` [MB], default half of the machine's."""
+
+    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
+        self.time = 300.0 if time is None else time
+        self.memory = math.inf if memory is None else memory
+        if memory is None:
+            with suppress(AttributeError, ValueError, OSError):  # unknown
+                self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
+        if not 0.0 < self.time < math.inf:
+            raise UsageError(
+                f"wait_limit must be a positive, finite time in s, got {self.time:g}. The default is 300 s."
+            )
+        if not self.memory > 0.0:
+            raise UsageError(f"memory_limit must be positive, got {self.memory:g} MB")

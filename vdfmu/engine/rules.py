@@ -17,7 +17,7 @@ Place = tuple[str, int]
 
 
 class Rule(NamedTuple):
-    """A rule: its requirement, and the way out for a file that breaks it."""
+    """A rule: its requirement, and the fix for a file that breaks it."""
 
     number: str
     title: str
@@ -220,7 +220,7 @@ RUN010 note | The algorithm couples all components with its order of accuracy | 
 SRC001 | A robot, a scenario, a system or a unit can be read | change the named entry
 SRC002 note | No entry of such a file looks like a mistake | see the named entry
 """
-"""Number, with "note" for notes; requirement; way out."""
+"""Number, with "note" for notes; requirement; fix."""
 
 
 RULES = {

@@ -19,8 +19,9 @@ from vdfmu.base.files import require_ours, storing
 from vdfmu.base.option import checks_types, pick, with_options
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
-from vdfmu.engine.package.join import Connections, join
+from vdfmu.engine.package.join import join
 from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package.system import Connections
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator, simulate
@@ -328,7 +329,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
             raise UsageError(f"connections: expected a scenario, got the package {source}, which has its own.")
         return System(Path(source))  # pyright: ignore[reportArgumentType]
     from vdfmu.study.analysis.arm_space import packaged  # takes long to import
-    from vdfmu.study.analysis.reach import scenario_of
+    from vdfmu.study.run.prepare import scenario_of
     from vdfmu.system.scenario.replace import unfolded, with_units
 
     scenario = unfolded(scenario_of(source)) if isinstance(source, str | os.PathLike) else source

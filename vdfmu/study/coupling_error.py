@@ -80,7 +80,8 @@ def differences(
     in a step at most.
     """
     first, half, quarter = at_common_times(runs)
-    scale, constant = _scales(runs[2], names, units)
+    scale, constant = scales(runs[2], names, units)
+    scale = np.where(scale > 0.0, scale, np.inf)
     read = np.ones(len(names), bool) if read is None else read
     change: Any = np.abs(np.diff(runs[2], axis=0)) / scale
     jumping = change[1:-1] > np.clip(_JUMP * np.maximum(change[:-2], change[2:]), *_JUMPS)
@@ -105,8 +106,11 @@ def at_common_times(runs: Sequence[Floats]) -> list[Floats]:
     return [run[:: 2**k][:least] for k, run in enumerate(runs)]
 
 
-def _scales(run: Floats, names: Sequence[str], units: Sequence[str]) -> tuple[Floats, Any]:
-    """Return the swing of each signal, or the value of a constant one; and whether it is constant."""
+def scales(run: Floats, names: Sequence[str], units: Sequence[str]) -> tuple[Floats, Any]:
+    """Return the swing of each signal, or the value of a constant one, and whether it is constant.
+
+    `run` is (rows, signals); the scale of a signal without any size is 0.
+    """
     size, swing = np.abs(run).max(axis=0), np.ptp(run, axis=0)
     vectors = np.array([name.partition("[")[0] for name in names])
     scale = np.maximum(swing, [_FLOOR * swing[vectors == vector].max() for vector in vectors])
@@ -115,8 +119,7 @@ def _scales(run: Floats, names: Sequence[str], units: Sequence[str]) -> tuple[Fl
         rounding = [_ROUNDING * size[alike == unit].max() if unit not in ("", "1") else 0.0 for unit in units]
         scale = np.maximum(scale, rounding)
     constant = swing <= _FLOOR * size
-    scale = np.where(constant, np.maximum(size, scale), scale)
-    return np.where(scale > 0.0, scale, np.inf), constant
+    return np.where(constant, np.maximum(size, scale), scale), constant
 
 
 def error_of(d1: Any, order: int) -> Any:

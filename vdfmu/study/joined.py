@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from vdfmu.base.errors import LOG, CosimError
 from vdfmu.base.option import pick
@@ -15,17 +15,18 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.folder import PAGE, RUN_OUTPUTS
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import verdict_of
+from vdfmu.engine.results.verdict import GOOD, verdict_of
 from vdfmu.engine.run import Interrupted
+from vdfmu.study.expected import Expected
 
 
 def run_joined(
     package: Path, source: str | None, folder: Path, wanted: float | None, sampled: bool | None,
-    **options: Unpack[SystemOptions],
+    expected: Expected | None = None, **options: Unpack[SystemOptions],
 ) -> Results:  # fmt: skip
     """Run a package of any tool, judge the run and write its page, all in a folder.
 
-    It is judged by the largest error `wanted`, a share of each swing, unless that is None.
+    It is judged by the largest error `wanted`, a share of each swing, and by `expected` results, unless these are None.
 
     The run needs the engine alone: where CasADi is missing, it has no page. `source` is the name of a package that was
     made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
@@ -37,7 +38,10 @@ def run_joined(
         if source is not None:
             shutil.copyfile(package, partial / "system.ssp")
         if wanted is not None:
-            _judge(package, results, wanted, sampled, options)
+            results.summary["judgement"] = _judgement(package, results, wanted, sampled, options)
+        if expected is not None:
+            results.summary["expected"] = expected.compare(results)
+        _judge(results.summary)
         try:
             from vdfmu.study.report.page import write_report  # takes long to import
             from vdfmu.study.report.shown_run import ShownRun
@@ -56,17 +60,25 @@ def run_joined(
     return run_system(package, source, RUN_OUTPUTS, finish, failed, **{**options, "out": folder})
 
 
-def _judge(package: Path, results: Results, wanted: float, sampled: bool | None, options: SystemOptions) -> None:
-    """Add judgement and verdict to the summary of a run."""
+def _judgement(
+    package: Path, results: Results, wanted: float, sampled: bool | None, options: SystemOptions
+) -> dict[str, Any]:
+    """Return the judgement of the coupling of a run."""
     from vdfmu.study.judgement import judge  # takes long to import
-    from vdfmu.study.verdict import calculated_checks
 
-    summary = results.summary
     judgement = judge(
         load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-        algorithm=summary["algorithm"], parameters=options["parameters"],
+        algorithm=results.summary["algorithm"], parameters=options["parameters"],
         **pick(SpanOptions, options), **pick(LoadedOptions, options),
     )  # fmt: skip
-    summary["judgement"] = judgement.to_dict()
-    sentence = summary["judgement"]["text"].partition(". ")[0]
-    summary["verdict"] = verdict_of([*calculated_checks(summary)], [sentence])
+    return judgement.to_dict()
+
+
+def _judge(summary: dict[str, Any]) -> None:
+    """Add the verdict to the summary of a run that was judged."""
+    if summary.keys().isdisjoint(("judgement", "expected")):
+        return
+    from vdfmu.study.verdict import calculated_checks  # takes long to import
+
+    checks = [*calculated_checks(summary)]
+    summary["verdict"] = verdict_of(checks, [check.sentence for check in checks if check.state == GOOD])

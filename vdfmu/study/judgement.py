@@ -115,7 +115,10 @@ def check_wanted(wanted: float | None, sampled: bool | None, adaptive: float | N
             raise UsageError("sampled and continuous need judge. Give --judge with the largest error in %.")
         return
     if not 0.0 < wanted < 1.0:
-        raise UsageError(f"wanted must be an error between 0 and 1, got {wanted:g}. Give 0.01 for 1 %.")
+        raise UsageError(
+            f"the wanted error must be between 0 and 100 % of the swing, got {100.0 * wanted:g} %. "
+            "Give wanted=0.01, or --judge 1 on the command line, for 1 %."
+        )
     if adaptive is not None:
         raise UsageError("judge compares fixed steps, got adaptive. Leave it out.")
 

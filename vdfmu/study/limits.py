@@ -163,3 +163,8 @@ def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] 
             )
         changed[key] = limits[key]._replace(value=value, by=by)
     return changed
+
+
+def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
+    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

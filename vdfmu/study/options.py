@@ -31,7 +31,7 @@ from vdfmu.engine.options import (
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
-    from vdfmu.engine.package.join import Connections
+    from vdfmu.engine.package.system import Connections
 
 
 def known_robots() -> Iterable[str]:
@@ -124,6 +124,18 @@ class JudgeOptions(TypedDict, total=False):
         "their FMUs decide, or else both readings are judged.", flag="--sampled/--continuous")]
 
 
+class ExpectOptions(TypedDict, total=False):
+    """Recorded results that a run must equal."""
+
+    expect: Annotated["str | os.PathLike[str] | None", Option(
+        "Recorded results; a run that differs has failed.", "path",
+        "A CSV file, or another file of results. All of its signals and rows are compared: those of the run are "
+        "interpolated at its times. Names without a component are those of the only component that has them.",
+        metavar="FILE", typed=Path | None)]
+    within: Annotated[float | None, Option("Allowed difference from --expect (default 1e-6).", "float",
+        "A share of each signal's swing, or of the value of a constant one.", metavar="SHARE")]
+
+
 class JudgingOptions(SpanOptions, SimulatorOptions, total=False):
     """Options of `vdfmu.judge`."""
 
@@ -132,8 +144,8 @@ class JudgingOptions(SpanOptions, SimulatorOptions, total=False):
 
 
 class ScenarioRunOptions(
-    ScenarioOptions, StepperOptions, IsolationOptions, JudgeOptions, ResultOptions, PictureOptions, LogOptions,
-    ObserverOptions, total=False,
+    ScenarioOptions, StepperOptions, IsolationOptions, JudgeOptions, ExpectOptions, ResultOptions, PictureOptions,
+    LogOptions, ObserverOptions, total=False,
 ):
     """Options of `vdfmu.run`."""
 

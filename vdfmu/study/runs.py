@@ -118,7 +118,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     texts = {folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")}
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
-    readme = folder / "README.md"  # its mark stands for tables and script too
+    readme = folder / "README.md"  # its mark is for tables and script too
     require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:

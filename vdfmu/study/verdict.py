@@ -14,11 +14,10 @@ from vdfmu.base.measure import number, quantity
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, STATES, UNJUDGED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
-from vdfmu.study.analysis.loops import judged
 from vdfmu.study.coupling_error import RIGHT, WRONG
-from vdfmu.study.limits import LIMITS, Limit
-from vdfmu.study.run.summary_keys import Summary, energies
-from vdfmu.system.reference.reference import RESOLUTION
+from vdfmu.study.expected import expected_checks
+from vdfmu.study.limits import LIMITS, Limit, energies
+from vdfmu.study.run.summary_keys import Summary
 
 Limits = Mapping[str, Limit]
 ENERGY_FLOOR = 1e-3
@@ -86,10 +85,12 @@ def _growth(figures: Summary, limits: Limits) -> Iterator[Check]:
         yield limits["growth"].check(growth["value"], place=growth["place"], **times)
 
 
-def explain(error: CosimError | Interrupted, poses: Poses) -> dict[str, Any]:
+def explain(error: CosimError | Interrupted, poses: Poses | None) -> dict[str, Any]:
     """Return the numbers of the loops of a failed run, if they are unstable, and note it in the error; else nothing."""
-    if isinstance(error, Interrupted) or poses.lacking or not poses.seconds:
+    if poses is None or isinstance(error, Interrupted) or poses.lacking or not poses.seconds:
         return {}
+    from vdfmu.study.analysis.loops import judged  # needs CasADi, which runs of FMUs do without
+
     figures = judged(poses, 0.0, error.time, failed=True).figures
     if "unstable" not in figures:
         return {}
@@ -154,7 +155,8 @@ def _cut(summary: Summary) -> Iterator[Check]:
 
 
 def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
-    """Yield the checks of the numbers of a complete run against other calculations, and of its energy."""
+    """Yield the checks of the numbers of a complete run against others, recorded or calculated, and of its energy."""
+    yield from expected_checks(summary)
     yield from _coupling(summary)
     yield from _reference(summary, limits)
     bond: Summary | None = summary.get("power_bond")
@@ -190,6 +192,8 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         apart = max(compared["rms_position_difference"], compared["rms_torque_difference"])
         yield limits["statistics"].check(apart)
         return
+    from vdfmu.system.reference.reference import RESOLUTION  # needs CasADi, which runs of FMUs do without
+
     row = limits["reference"]
     si = {"deg": math.pi / 180.0, "mm": 1e-3}
     largest = max(si[u] * error for error, u in zip(errors, units, strict=True))

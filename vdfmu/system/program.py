@@ -108,6 +108,8 @@ class SystemProgram:
             return
         if unit.interface.unit.exchange:
             yield f"{name}: is integrated together with others"
+        if unit.at_events:
+            yield f"{name}: has events, which end internal steps at times of their own"
         program = unit.interface.program
         groups = {choice for call in (*program.calls, *program.step) for choice, _ in call.when} | {"solver"}
         for v in unit.interface.variables:

@@ -11,7 +11,7 @@ from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.parameters import PARAMETERS, section
-from vdfmu.arm.robot.plain import PLAIN
+from vdfmu.arm.robot.robot_file import PLAIN
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
 

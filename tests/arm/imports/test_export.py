@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import vdfmu
 from tests.arm.imports.conftest import differences, largest_difference, pinocchio_arm
-from vdfmu.arm.equations.plant import equilibrium_torque, plant_derivative
+from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import Robot
 
@@ -26,7 +26,7 @@ def linear(robot: Robot, **flags: bool) -> Robot:
 @pytest.mark.parametrize(
     ("name", "coupling"), [("manipulator_6dof", True), ("manipulator_6dof", False), ("slider_3dof", True)]
 )
-def test_the_fall_in_mujoco_is_that_of_the_plant(tmp_path, name, coupling):
+def test_the_fall_in_mujoco_is_that_of_the_plant(tmp_path, plant_function, name, coupling):
     robot, path = linear(vdfmu.load_robot(name), rotor_coupling=coupling), tmp_path / "arm.xml"
     assert vdfmu.export_robot(robot, path) == []
     model = mujoco.MjModel.from_xml_path(str(path))
@@ -37,12 +37,11 @@ def test_the_fall_in_mujoco_is_that_of_the_plant(tmp_path, name, coupling):
     tau = np.asarray(equilibrium_torque(robot, np.zeros(robot.n)), dtype=float)
     data.qpos[rotors] = tau * robot.ell * (1.0 / robot.K_f0 + 1.0 / (robot.ell**2 * robot.K_w0))
     mujoco.mj_step(model, data, nstep=round(STOP / STEP))
-
-    def rate(t: float, x: np.ndarray) -> np.ndarray:
-        return np.asarray(plant_derivative(robot, x, np.zeros(robot.n), np.zeros(6)), dtype=float)
-
-    start = np.concatenate([np.zeros(3 * robot.n), tau])
-    plant = solve_ivp(rate, (0.0, STOP), start, method="DOP853", rtol=1e-9, atol=1e-11).y[: robot.n, -1]
+    derivatives, start = plant_function(robot, "derivatives"), np.concatenate([np.zeros(3 * robot.n), tau])
+    rest = np.zeros(robot.n), np.zeros(6)
+    plant = solve_ivp(lambda t, x: derivatives(x, *rest), (0.0, STOP), start, method="DOP853", rtol=1e-9, atol=1e-11).y[
+        : robot.n, -1
+    ]
     assert np.abs(plant).max() > 0.01
     # springs of at most 100 Hz at steps of 0.1 ms: (2 pi 100 STEP)^5 / 120 of some 1e-3 rad a step, 1e-8 in all; c_f of
     # 1e-9 leaves 1e-14 of a spring's compliance, c_w 1e-8

@@ -125,7 +125,7 @@ def _tutorial(page: str, path: Path) -> Robot:
     return vdfmu.robot_from_urdf(path)
 
 
-@pytest.mark.parametrize("source", [*robot_names(), "start.md", "own_arm.md", "robot_r3", "kr300"])
+@pytest.mark.parametrize("source", [*robot_names(), "own_arm.md", "robot_r3", "kr300"])
 def test_every_joint_moves_the_tool_or_the_file_says_that_the_last_does_not(source, tmp_path):
     """By the Jacobian, which has another origin than the rule that it checks; 3 poses, since one may be singular."""
     example = {"robot_r3": "robot.toml", "kr300": "nominal.toml"}

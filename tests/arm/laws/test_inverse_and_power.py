@@ -92,10 +92,10 @@ def sized(difference, rates):
     return float(np.abs(difference).max() / (1.0 + np.abs(rates).max()))
 
 
-def deviation(robot):
+def deviation(robot, times=TIMES):
     """Return by how much the plant that is driven by the inverse leaves the motion, at worst."""
     worst = 0.0
-    for t in TIMES:
+    for t in times:
         x, tau, rates = inverse_at(robot, t)
         worst = max(worst, sized(plant_derivative(robot, x, tau, F_E)[: rates.size] - rates, rates))
     return worst
@@ -128,7 +128,7 @@ def check(robot, of: Row):
     before, after = (plant_derivative(each, x, tau, F_E) for each in (robot, other))
     assert sized(after - before, before) > VISIBLE, f"{of.name} moves no rate of the plant"
     reason = NOT_INVERTED.get(of.section) or NOT_INVERTED.get(of.name)
-    error = deviation(other)
+    error = deviation(other, TIMES[:1])
     if reason:
         assert error > VISIBLE, f"{of.name}: declared, though the exact inverse knows it: {reason}"
     else:

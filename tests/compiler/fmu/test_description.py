@@ -31,6 +31,7 @@ def root_of(interface: Interface, form: str) -> Element:
     return model_description(interface, GUID, TOOL, ABOUT, *([SOURCES] if form == "2.0" else []))
 
 
+@cache
 def read(root: Element) -> ModelDescription:
     build = build_description(SOURCES, {"DISABLE_PREFIX": "1"}, root.get("modelName", ""))
     data = io.BytesIO()

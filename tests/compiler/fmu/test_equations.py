@@ -52,7 +52,7 @@ def test_the_trajectory_is_equation_57_and_at_its_ends_does_not_depend_on_roundi
         unit.step(0.1)
     # At the start it moves already, at the end no more, in Python and C alike.
     unit = open_unit("trajectory", robot_name)
-    for T, t_start, pairs in rounded_ends(draws=10):
+    for T, t_start, pairs in rounded_ends(draws=2):
         for begin, end in pairs:
             unit.start(begin, q_start=0.0, q_end=1.0, T=T, t_start=t_start)
             assert (unit.get("q_d_dddot") > 0.0).all()

@@ -24,9 +24,10 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "fmpy_master.py"
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pythonfmu")
-    for file in FILES.values():
-        words = [sys.executable, "-m", "pythonfmu", "build", "-f", data_path("fmu_src") / file]
-        subprocess.run(words, cwd=folder, check=True)
+    code = "import sys\nfrom pythonfmu.__main__ import cli_main\nfor file in sys.argv[1:]:\n"
+    code += "    sys.argv = ['pythonfmu', 'build', '-f', file]\n    cli_main()"
+    files = [data_path("fmu_src") / file for file in FILES.values()]
+    subprocess.run([sys.executable, "-c", code, *files], cwd=folder, check=True)
     return folder
 
 

@@ -16,6 +16,7 @@ from vdfmu.base import compile, platforms
 from vdfmu.base.compile import Compilation, compile_library
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.platforms import PLATFORMS, native_available, this_platform
+from vdfmu.compiler.c.rolled import rolled
 from vdfmu.compiler.fmu.content import Content
 from vdfmu.compiler.fmu.native import fmi_headers, unit_sources
 
@@ -162,6 +163,15 @@ def test_an_object_of_several_files_depends_on_each():
     keys = Compilation("a", SMALL | {"kernel_a.c": b""}, this_platform()).objects
     other = Compilation("a", SMALL | {"kernel_a.c": b"\n"}, this_platform()).objects
     assert keys.keys() == other.keys() and keys["together.c"] != other["together.c"]
+
+
+def test_loops_over_joints_in_a_solver_step_are_not_unrolled():
+    loop = "\n".join(rolled([f"w[{k}] = a[{k}];" for k in range(9)])).encode()
+    for platform, step in (("x86_64-linux", "kernel_a_step_avx2.c"), ("aarch64-linux", "kernel_a_step.c")):
+        for text, kept in ((loop, {step}), (b"", set())):
+            job = Compilation("a", {"kernel_a_step.c": text, "kernel_a_step_avx2.c": b"", "unit.c": loop}, platform)
+            optimised = {step, "unit.c"}
+            assert {name for name in optimised if "-fno-unroll-loops" in job.flags_of(name)} == kept
 
 
 @pytest.mark.heavy

@@ -12,6 +12,7 @@ import fmpy.validation
 import pytest
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from tests.conftest import heavy
 from tests.extras.efmi.conftest import SHIPPED
 from tests.extras.efmi.efmu import Efmu
 from vdfmu.arm.fmus import build_fmus
@@ -41,7 +42,7 @@ def findings(efmu: Path, folder: Path) -> list[str]:
     return errors or [f"exit code {done.returncode}"] * (done.returncode != 0)
 
 
-@pytest.mark.parametrize("unit", ["controller", "notch_filter"])
+@pytest.mark.parametrize("unit", ["notch_filter", *heavy("controller")])
 def test_checker_finds_nothing(efmu, unit, tmp_path):
     assert not findings(efmu(unit), tmp_path)
 

@@ -258,7 +258,7 @@ def test_positions_in_degrees_are_named_with_and_without_links_and_torques_of_ro
     """Headings say rad. Slow motions too, with speeds below the limit; torques of another size have their own cause."""
     arm = load_robot(name)
     sines = multisine([0.2] * arm.n, amplitude, [1, 2, 5, 9], period=12.0, phases="random")
-    log, degree = exact_log(arm, sines, 0.004), np.rad2deg(1.0)
+    log, degree = exact_log(arm, sines, 0.01), np.rad2deg(1.0)
     for q in (log.q, None):
         encoders = {} if q is None else {"q": q}
         for unit, size, keys in ((degree, 1.0, ["degrees"]), (1.0, 1.0 / arm.ell, ["torque"]), (1.0, 1.0, [])):

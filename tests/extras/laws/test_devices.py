@@ -1,4 +1,4 @@
-"""Actuators, sensors and communication against independent witnesses: integers, lists of packets, closed forms."""
+"""Actuators, sensors and communication against independent checks: integers, lists of packets, closed forms."""
 
 from itertools import islice
 
@@ -96,7 +96,7 @@ def test_an_encoder_reads_in_steps_and_late_and_with_whole_samples_of_delay_has_
     assert (np.abs(error).max(axis=0) > 0.4 * r).all()
     counts = rows["q_m"] / r
     np.testing.assert_allclose(counts, np.rint(counts), rtol=0, atol=1e-9)  # up to 1e4 steps, of rounding
-    # the witness: each joint by itself, from the samples two and three before
+    # independently: each joint by itself, from the samples two and three before
     for i, (T_v, r_i) in enumerate(zip([0.0, 4e-3], r, strict=True)):
         x = np.array([q(max(s, 0.0))[i] for s in H * np.arange(-3, 600)])
         read = r_i * np.floor((0.75 * x[1:-2] + 0.25 * x[:-3]) / r_i + 0.5)

@@ -5,6 +5,7 @@ import pytest
 from fmpy import simulate_fmu
 
 import vdfmu
+from tests.conftest import heavy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
 from vdfmu.base.state_space import Linear, held
@@ -52,7 +53,7 @@ def test_the_torque_of_a_cycle_is_that_of_the_one_before_without_high_harmonics(
         np.testing.assert_allclose(u[k + 1], np.fft.irfft(spectrum, N), rtol=0, atol=N * EPS)
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
+@pytest.mark.parametrize("share", [0.5, *heavy(1.0)])
 def test_what_is_not_learned_falls_as_the_linear_loop_says(share):
     """By 1 - L T_C in each harmonic: in amplitude and phase, for the load less the torque that is learned."""
     K_p, K_v = 4000.0, 40.0  # poles at -200 1/s twice

@@ -265,7 +265,7 @@ def test_the_best_values_are_within_the_limits_also_where_others_cost_less(metho
     assert best.cost[0] < 0.42 + 0.05 * (start.cost[0] - 0.42)
 
 
-@pytest.mark.parametrize("margin", [(), ("--margin", "0.5")])
+@pytest.mark.parametrize("margin", [("--margin", "0.5"), pytest.param((), marks=pytest.mark.heavy)])
 def test_a_system_without_a_robot_is_tuned(tmp_path, monkeypatch, margin):
     """Its loop is opened at the input that cuts it."""
     monkeypatch.chdir(tmp_path)

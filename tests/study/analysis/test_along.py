@@ -14,7 +14,7 @@ from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import grown, judged, margins_along, run_along
 from vdfmu.study.analysis.reach_file import write_reach
-from vdfmu.study.report.simulation import knobs, values_of
+from vdfmu.study.report.simulation import sliders, values_of
 from vdfmu.study.report.tracks import tracks
 from vdfmu.study.run.prepare import prepare
 from vdfmu.study.verdict import loop_checks, loop_sentences
@@ -136,7 +136,7 @@ def test_all_commands_have_one_margin(algorithm, tmp_path):
     least, shown = margins.loops.modulus, summary["key_figures"]["margin"]["value"]
     assert shown == least.min() > 0.3
     system = SystemDescription(load_scenario(path))
-    gain = next(knob for knob in knobs(system) if knob["key"] == "controller.K_p")
+    gain = next(slider for slider in sliders(system) if slider["key"] == "controller.K_p")
     span = (0.0, system.scenario.stop, system.scenario.step)
     (track,) = tracks(tmp_path / "run" / "system.ssp", algorithm, [gain], values_of(system), span)
     assert (track is None) == (algorithm == "jacobi")  # torques wait for a step there: gains are in the states too

@@ -182,6 +182,10 @@ class Browser:
         answer = self.call("Page.captureScreenshot", format="png", clip=box | {"scale": 1}, captureBeyondViewport=True)
         return base64.b64decode(answer["data"])
 
+    def window(self) -> bytes:
+        """Picture of what the window shows, as PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
     def key(self, key: str, code: int) -> None:
         """Press a key."""
         text = {"text": {" ": " ", "Enter": "\r"}[key]} if key in (" ", "Enter") else {}

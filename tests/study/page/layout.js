@@ -1,7 +1,8 @@
-// What is too small or cut on a page: texts, controls and bars; called by test_access.py.
+// What is too small, cut or run together on a page: texts, controls and bars; called by test_access.py.
 (() => {
   const LEAST = 8, // px
-    ROUND = 1.5; // px, of boxes at fractions of a pixel
+    ROUND = 1.5, // px, of boxes at fractions of a pixel
+    GAP = 5; // px between texts of neighbouring cells, as a space is wide
   const problems = [];
   const named = (e) => `${e.tagName.toLowerCase()}.${e.getAttribute("class") ?? ""} "${e.textContent.trim().slice(0, 40)}"`;
   const said = (e) => e.closest(".hidden, .skip, [aria-hidden=true]") || getComputedStyle(e).clipPath !== "none";
@@ -32,6 +33,21 @@
         problems.push(`small text: ${named(e)} ${box.height}`);
       if (cut(box, e)) problems.push(`cut text: ${named(e)}`);
     }
+  }
+  /** Boxes of the lines of an element's text. */
+  function lines(element) {
+    const range = document.createRange();
+    range.selectNodeContents(element);
+    return [...range.getClientRects()].filter((box) => box.width);
+  }
+
+  for (const row of document.querySelectorAll("tr")) {
+    const cells = [...row.cells].filter((cell) => cell.textContent.trim() && seen(cell));
+    cells.slice(1).forEach((cell, k) => {
+      const close = lines(cells[k]).some((left) => lines(cell).some((right) =>
+        right.left - left.right < GAP && left.left <= right.left && left.top < right.bottom - ROUND && right.top < left.bottom - ROUND));
+      if (close) problems.push(`texts run together: ${named(cells[k])} ${named(cell)}`);
+    });
   }
   for (const e of document.querySelectorAll("a[href], button, select, input, summary")) {
     if (!seen(e)) continue;

@@ -79,9 +79,9 @@ def test_keys_alone_choose_a_point_and_simulate(pages, browser):
     browser.key("Enter", 13)
     assert browser.run("report.lab.chosen") is not None
     show(browser, pages["run"], *WIDE)
-    browser.run("document.querySelector('.knob input').focus()")
+    browser.run("document.querySelector('.slider input').focus()")
     browser.key("ArrowRight", 39)
-    assert browser.run("document.querySelector('.knob input').value") == "1"
+    assert browser.run("document.querySelector('.slider input').value") == "1"
     browser.run("document.querySelector('.tile').focus()")
     browser.key("Enter", 13)
     assert browser.run("report.view.time") == float(browser.run("document.querySelector('.tile').dataset.time"))

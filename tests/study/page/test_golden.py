@@ -75,7 +75,7 @@ def of_page(browser: Browser, places: Mapping[str, float]) -> dict[str, Any]:
     """Return verdict and values of the page that is open, with its sliders at places."""
     return browser.run(f"""(async () => {{
         const {{ simulation }} = report, places = {json.dumps(dict(places))};
-        for (const slider of simulation.sliders) slider.state = String(places[slider.knob.key] ?? 1);
+        for (const slider of simulation.sliders) slider.state = String(places[slider.parameter.key] ?? 1);
         simulation.rerun();
         while (simulation.busy) await new Promise((done) => setTimeout(done, 10));
         const {{ state, headline, checks }} = simulation.verdict;

@@ -43,7 +43,7 @@ document.adoptedStyleSheets = [sheet];
 """
 )
 """Pages take the font of the system. This one, which matplotlib brings, makes texts as wide on each machine."""
-MOVE = "(s => { s.value = s.max; s.dispatchEvent(new Event('input')) })(document.querySelectorAll('.knob input')[1])"
+MOVE = "(s => { s.value = s.max; s.dispatchEvent(new Event('input')) })(document.querySelectorAll('.slider input')[1])"
 ZOOM = "report.view.change('range', [0.2, 0.6]); report.view.show('hiddenJoints', 2, false)"
 STATES = {
     "run": ("run", WIDE, "light", ""),

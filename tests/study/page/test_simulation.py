@@ -17,7 +17,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
-from vdfmu.study.report.simulation import ROWS, knobs, simulation_of
+from vdfmu.study.report.simulation import ROWS, simulation_of, sliders
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
 
@@ -38,7 +38,7 @@ def found_in(folder: Path, **changed: Any) -> tuple[dict[str, Any], dict[str, st
 @pytest.mark.heavy
 def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(planar):
     figures = read_run(planar).summary["key_figures"]
-    tracks = [track for knob in found_in(planar)[0]["knobs"] if (track := knob["track"])]
+    tracks = [track for slider in found_in(planar)[0]["sliders"] if (track := slider["track"])]
     at_1 = {track["figures"][track["places"].index(0.0)]["margin"]["value"] for track in tracks}
     (margin,) = at_1
     assert margin == pytest.approx(figures["margin"]["value"], abs=1e-5)  # the same rows, five digits
@@ -48,7 +48,7 @@ def test_sliders_at_1_have_the_margin_of_the_verdict_and_none_where_it_has_none(
         ({"margin": {"value": 0.0, "place": "joint 1", "at_s": 0.15}}, "the run has none at 0.15 s"),
     ):
         described = found_in(planar, key_figures=rest | changed)[0]
-        assert all(knob["track"] is None for knob in described["knobs"]) and described["why"] == why
+        assert all(slider["track"] is None for slider in described["sliders"]) and described["why"] == why
 
 
 def test_the_page_has_the_program_of_the_run(planar):
@@ -79,9 +79,9 @@ def test_recorded_rows_are_those_of_the_run_and_separate_solutions_are_judged_by
     assert recorded["limit"] == pytest.approx(3e-3, rel=1e-12) and "separate" in recorded["note"]
 
 
-def test_knobs_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(planar):
+def test_sliders_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(planar):
     described = found_in(planar)[0]
-    shown = {knob["key"]: knob for knob in described["knobs"]}
+    shown = {slider["key"]: slider for slider in described["sliders"]}
     assert list(shown) == ["controller.K_p", "controller.K_v", "plant.mass", "plant.K_f0", "plant.f_c", "trajectory.T"]
     gains = shown["controller.K_p"]
     assert (gains["values"], gains["units"]) == ([1500.0, 1500.0], ["N.m/rad", "N.m/rad"])
@@ -89,12 +89,12 @@ def test_knobs_are_parameters_of_the_run_and_friction_that_of_the_rotors_too(pla
         {"unit": "feedforward", "name": "mass"}, {"unit": "feedforward", "name": "inertia"},
     ]  # fmt: skip
     parameters = {unit["name"]: unit["parameters"] for unit in described["units"]}
-    for knob in shown.values():
-        for target in (*knob["targets"], *knob["known"]):
+    for slider in shown.values():
+        for target in (*slider["targets"], *slider["known"]):
             groups = [name.partition("[")[0] for name in parameters[target["unit"]]]
             assert target["name"] in groups
     system = SystemDescription(load_scenario("tracking_split"))
-    (friction,) = [knob for knob in knobs(system) if knob["words"] == "Friction"]
+    (friction,) = [slider for slider in sliders(system) if slider["words"] == "Friction"]
     assert [target["name"] for target in friction["targets"]] == ["f_c", "f_s", "f_v", "f_ck"]
     assert {"unit": "feedforward", "name": "f_ck"} in friction["known"]
 
@@ -108,11 +108,11 @@ def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own():
         connections |= {end(start): [*map(end, ends)] for start, ends in scenario.system.connections.items()}
     system = replace(scenario.system, parts=parts, connections=connections, shared={})
     both = SystemDescription(replace(scenario, system=system), {name: {} for name in parts})
-    words = [knob["words"] for knob in knobs(both)]
+    words = [slider["words"] for slider in sliders(both)]
     assert len(words) == len(set(words)) == 12
     assert {"Proportional gains, controller", "Proportional gains, controller_2"} <= set(words)
-    masses = [knob for knob in knobs(both) if knob["words"].startswith("Masses")]
-    assert [{target["unit"] for target in knob["known"]} for knob in masses] == [{"feedforward"}, {"feedforward_2"}]
+    masses = [slider for slider in sliders(both) if slider["words"].startswith("Masses")]
+    assert [{target["unit"] for target in slider["known"]} for slider in masses] == [{"feedforward"}, {"feedforward_2"}]
 
 
 def test_a_run_without_references_says_why_its_loop_may_differ(planar):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.study.page.browser import Browser, centre, number, show
+from tests.study.page.browser import Browser, calm, centre, number, show
 from vdfmu.base.errors import CosimError
 from vdfmu.base.measure import quantity
 from vdfmu.engine.package_run import run_system
@@ -40,9 +40,9 @@ def opened(browser: Browser, page: Path, *size: int, **more: str) -> None:
 
 def slide(browser: Browser, words: str, place: int, joint: int = 0) -> None:
     browser.run(f"""(async () => {{
-        const knob = report.simulation.sliders.find(({{ knob }}) => knob.words.startsWith({words!r})).element;
+        const row = report.simulation.sliders.find(({{ parameter }}) => parameter.words.startsWith({words!r})).element;
         const select = document.querySelector("[aria-label='Joint of the sliders']");
-        const slider = knob.querySelector("input");
+        const slider = row.querySelector("input");
         select.value = {joint};
         select.dispatchEvent(new Event("change"));
         slider.value = {place};
@@ -108,8 +108,8 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     opened(browser, run / "report.html", 1280, 2600)
     table = words_of(browser, "#found table")
     slide(browser, "Proportional", -50)  # 0.1 to the power of one half, in three digits
-    assert words_of(browser, ".knob output") == "× 0.316"
-    factor = {"controller.K_p": [0.316 * k for k in browser.run("report.simulation.sliders[0].knob.values")]}
+    assert words_of(browser, ".slider output") == "× 0.316"
+    factor = {"controller.K_p": [0.316 * k for k in browser.run("report.simulation.sliders[0].parameter.values")]}
     other = vdfmu.run(
         "tracking", stop=1.0, out=run / "other", parameters={"trajectory.T": 1.0, **factor}, reference=False
     )
@@ -160,7 +160,7 @@ def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
     names = {change["name"] for change in changes}
     assert "mass[3]" in names and "inertia[3,1,1]" in names and not any("[2" in name for name in names)
     unknown = np.abs(simulated(browser, 0)).max()
-    browser.run(f"(async () => {{ document.querySelector('.knob .chip').click(); {DONE} }})()")
+    browser.run(f"(async () => {{ document.querySelector('.slider .chip').click(); {DONE} }})()")
     compensated = np.abs(simulated(browser, 0)).max()
     assert {change["unit"] for change in browser.run("report.simulation.changes()")} == {"plant", "feedforward"}
     assert compensated < 0.1 * unknown  # an arm that is known is followed as well as before
@@ -232,19 +232,19 @@ def test_a_run_that_failed_has_sliders_and_goes_on_with_others(browser, tmp_path
 
 def test_a_track_shows_the_margin_before_the_limit_is_passed(run, browser):
     opened(browser, run / "report.html")
-    gains = browser.run("report.runs[0].simulation.knobs[1]")
+    gains = browser.run("report.runs[0].simulation.sliders[1]")
     low, high = gains["track"]["limits"]
     # with less damping the wrist's rotor swings where friction falls with speed; with more the samples are too late
     assert -100 < low < 0 < high < 100
-    track = "document.querySelector('.knob:nth-child(2) .track')"
+    track = "document.querySelector('.slider:nth-child(2) .track')"
     places = browser.run(f"[...{track}.querySelectorAll('b')].map(e => parseFloat(e.style.left))")
     assert places == pytest.approx([50 + low / 2, 50 + high / 2], abs=1e-3)  # percent, as written
     # stable below the limit and unstable above it, in words too, and so it is in the run
     for place, word in ((high - 3, "margin"), (high + 3, "unstable")):
         slide(browser, "Derivative", round(place))
-        said = words_of(browser, ".knob:nth-child(2) small")
+        said = words_of(browser, ".slider:nth-child(2) small")
         assert said.startswith(word) and re.search(r"; stable × 0\.\d+ to \d", said)
-        assert word in browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')")
+        assert word in browser.run("document.querySelectorAll('.slider input')[1].getAttribute('aria-valuetext')")
     assert "derivative gains × " in words_of(browser, "#simulate [role=alert]")
     slide(browser, "Derivative", 0)
 
@@ -253,7 +253,7 @@ def test_a_link_opens_the_sliders_as_they_were(run, browser):
     opened(browser, run / "report.html")
     slide(browser, "Proportional", 20, joint=2)
     slide(browser, "Masses", 100)
-    browser.run("document.querySelectorAll('.knob .chip')[0].click()")
+    browser.run("document.querySelectorAll('.slider .chip')[0].click()")
     browser.run(f"(async () => {{ {DONE} await new Promise(d => setTimeout(d, 400)); }})()")
     address, changes, curves = (
         browser.run("location.href"), browser.run("report.simulation.changes()"), simulated(browser, 0),
@@ -299,7 +299,7 @@ def test_what_limits_a_run_is_found_by_running_again(run, browser):
 def test_the_last_of_many_moves_is_shown(run, browser):
     opened(browser, run / "report.html")
     browser.run(f"""(async () => {{
-        const slider = document.querySelector(".knob input"), {{ worker }} = report.simulation;
+        const slider = document.querySelector(".slider input"), {{ worker }} = report.simulation;
         const run = worker.run.bind(worker);
         report.runsMade = 0;
         worker.run = (...how) => {{ report.runsMade += 1; return run(...how); }};
@@ -323,7 +323,7 @@ def test_a_slow_run_ends_for_a_newer_one(run, browser):
     browser.run("report.runs[0].simulation.steps = 2e5; report.runs[0].simulation.stop = 200")
     browser.run(f"""(async () => {{
         report.first = report.simulation.worker.worker;
-        const slider = document.querySelector(".knob input");
+        const slider = document.querySelector(".slider input");
         const move = (place) => {{ slider.value = place; slider.dispatchEvent(new Event("input")); }};
         move(-30);
         await new Promise((done) => setTimeout(done, 30));
@@ -339,12 +339,12 @@ def test_a_slow_run_ends_for_a_newer_one(run, browser):
 
 def test_keys_and_names_of_the_sliders(run, browser):
     opened(browser, run / "report.html")
-    browser.run("document.querySelectorAll('.knob input')[1].focus()")
+    browser.run("document.querySelectorAll('.slider input')[1].focus()")
     browser.key("ArrowLeft", 37)
     browser.run(f"(async () => {{ {DONE} }})()")
     assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
     assert browser.run("report.simulation.sliders[1].places[0]") == -1
-    assert browser.run("document.querySelectorAll('.knob input')[1].getAttribute('aria-valuetext')").startswith(
+    assert browser.run("document.querySelectorAll('.slider input')[1].getAttribute('aria-valuetext')").startswith(
         "times 0.977; margin 0."
     )
     unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
@@ -393,3 +393,23 @@ def test_a_run_that_stops_is_not_said_to_have_small_errors(browser, tmp_path):
     opened(browser, tmp_path / "report.html")
     slide(browser, "Derivative gains", 100)
     assert re.match(r"Simulated, failed: unstable from the start, joint \d", words_of(browser, ".verdict"))
+
+
+def test_undo_takes_back_one_slider_after_the_other(run, browser):
+    opened(browser, run / "report.html")
+    places = "report.simulation.sliders.map(({ places }) => places[0]).slice(0, 2)"
+    undo = "[...document.querySelectorAll('#simulate button')].find((b) => b.textContent === 'Undo')"
+    assert browser.run(f"{undo}.disabled")
+    browser.run("""for (const place of [3, 4, 5]) {  // as a drag does
+        const { slider } = report.simulation.sliders[0];
+        slider.value = place;
+        slider.dispatchEvent(new Event("input"));
+    }""")
+    calm(browser)
+    browser.run("new Promise((done) => setTimeout(done, 800))")  # another change of the same slider is not a part of it
+    slide(browser, "Derivative", 7)
+    for left in ([5, 7], [5, 0], [0, 0]):
+        assert browser.run(places) == left
+        browser.run(f"{undo}.click()")
+        calm(browser)
+    assert browser.run(f"{undo}.disabled") and browser.run(places) == [0, 0]

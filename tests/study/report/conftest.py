@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
@@ -49,7 +50,7 @@ def make_results(n: int, points: int = POINTS, at_rest: bool = False) -> Results
     return Results(time, signals, {"real": np.hstack(list(columns.values()))})
 
 
-@pytest.fixture(params=list(TYPES), ids=lambda n: f"n={n}")
+@pytest.fixture(params=[1, *heavy(2), 3, 6], ids=lambda n: f"n={n}")
 def types(request: pytest.FixtureRequest) -> tuple[str, ...]:
     return TYPES[request.param]
 

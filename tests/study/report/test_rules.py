@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from vdfmu.study import report
 from vdfmu.study.limits import LIMITS, ROWS, read_limits
-from vdfmu.study.report import rules
-from vdfmu.study.report.rules import row_of, rules_of
+from vdfmu.study.report.simulation import row_of, rules_of
 
-WEB = Path(rules.__file__).parent / "web"
+WEB = Path(str(report.__file__)).parent / "web"
 PAGE = Path(__file__).parents[3] / "docs" / "report.md"
 
 

@@ -65,9 +65,9 @@ def test_tracking_rows_with_and_without_a_paper_and_units_behind_the_numbers_whe
 
 
 @pytest.mark.parametrize(("changed", "said"), [
-    ({}, "An ideal case: plant and model are identical, and the gains are chosen."),
-    ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by chosen values."),
-    ({"parameters": {"plant.K_f0": "500"}}, "The plant differs from the model by chosen values."),
+    ({}, "An ideal case: the feedforward model equals the plant, and the gains are ours."),
+    ({"plant_factors": {"mass": 1.02}}, "The plant differs from the model by values of our choice."),
+    ({"parameters": {"plant.K_f0": "500"}}, "The plant differs from the model by values of our choice."),
 ])  # fmt: skip
 def test_below_the_errors_stands_why_they_are_small(changed, said):
     assert tracking_sheet({**TRACKING, **changed}).notes[-1].startswith(said)

@@ -13,7 +13,7 @@ from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.run.simulator import Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED
-from vdfmu.study.report.simulation import LESS, causes, knobs, values_of
+from vdfmu.study.report.simulation import LESS, causes, sliders, values_of
 from vdfmu.study.report.tracks import NOTCHES, factor, tracks
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
@@ -68,7 +68,7 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
 
 def test_margins_along_a_slider_are_those_of_runs_with_its_gains(planar, described):
     """The least margin moves to another row of the run."""
-    (chosen,) = [knob for knob in knobs(described) if knob["key"] == "controller.K_v"]
+    (chosen,) = [slider for slider in sliders(described) if slider["key"] == "controller.K_v"]
     (track,) = tracks_of(planar, [chosen])
     gains = {name: value for name, value in values_of(described)["controller"].items() if "K_v[" in name}
     for place in (-NOTCHES, -NOTCHES / 4, NOTCHES / 2):
@@ -79,8 +79,8 @@ def test_margins_along_a_slider_are_those_of_runs_with_its_gains(planar, describ
 
 
 def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
-    chosen = list(knobs(described))
-    of = {knob["key"]: each for knob, each in zip(chosen, tracks_of(planar, chosen), strict=True)}
+    chosen = list(sliders(described))
+    of = {slider["key"]: each for slider, each in zip(chosen, tracks_of(planar, chosen), strict=True)}
     gains = {"controller.K_p", "controller.K_v"}
     assert {key for key, track in of.items() if track is not None} == gains
     recorded = margin_at(of["controller.K_v"], 0.0)
@@ -98,8 +98,9 @@ def test_sliders_of_gains_have_tracks_and_others_none(planar, described):
 
 
 def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(described):
-    knob = {"least": 0.1, "most": 10.0}
-    assert [factor(knob, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, pytest.approx(10**0.5, rel=1e-15), 10.0]
+    slider = {"least": 0.1, "most": 10.0}
+    root = pytest.approx(10**0.5, rel=1e-15)
+    assert [factor(slider, place) for place in (-100, 0, 50, 100)] == [0.1, 1.0, root, 10.0]
     assert factor({"least": 0.0, "most": 3.0}, -100) == 0.0
     values = values_of(described)
     assert {"f_c[1]", "f_s[1]", "f_v[1]"} <= values["plant"].keys()
@@ -108,7 +109,7 @@ def test_factors_of_a_slider_and_friction_that_excites_itself_is_left_out(descri
 
 
 def test_causes_are_those_that_the_system_has(described):
-    values, chosen = values_of(described), list(knobs(described))
+    values, chosen = values_of(described), list(sliders(described))
     words = [cause["words"] for cause in causes(values, chosen, True)]
     assert words == [f"Sampled {LESS} times as often", "No friction, and none expected",
                      f"Drives {LESS} times as stiff, and known to be"]  # fmt: skip

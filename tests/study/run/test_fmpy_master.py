@@ -1,4 +1,4 @@
-"""The example that is a master: nothing but fmpy and numpy, with the bits of ours and close to scipy."""
+"""The example that is a master: nothing but fmpy and numpy, bit-identical to ours and close to scipy."""
 
 import subprocess
 import sys

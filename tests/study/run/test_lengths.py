@@ -19,11 +19,10 @@ from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.report import content
 from vdfmu.study.report.parts import tiles_of
-from vdfmu.study.run import accuracy
-from vdfmu.study.run import key_figures as key_figures_of_run
+from vdfmu.study.run import measure
 from vdfmu.study.run import summary as numbers
-from vdfmu.study.run.accuracy import accuracy_notes
 from vdfmu.study.run.key_figures import cut_figures, key_figures
+from vdfmu.study.run.measure import accuracy_notes
 from vdfmu.study.run.summary import ArmLimits
 from vdfmu.study.sweeps.measures import REDUCTIONS, measured, read_measures
 from vdfmu.system.package.description import SystemDescription
@@ -44,9 +43,8 @@ MEASURES = [f"m{k} = {name}(plant.q{', 0' if name == 'at' else ''})" for k, name
 @pytest.fixture(autouse=True)
 def every_note(monkeypatch):
     """Let a run have each note on its accuracy, however small the effect."""
-    monkeypatch.setattr(accuracy, "_LOST", 0.0)
-    monkeypatch.setattr(accuracy, "_SHOWN", 0.0)
-    monkeypatch.setattr(key_figures_of_run, "_modes", lambda *_: [])  # single rows, which take most of the time
+    monkeypatch.setattr(measure, "_LOST", 0.0)
+    monkeypatch.setattr(measure, "_SHOWN", 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import pytest
 import vdfmu
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorder import Blocks
-from vdfmu.study.run import accuracy
-from vdfmu.study.run.accuracy import PowerBond
+from vdfmu.study.run import measure
+from vdfmu.study.run.measure import PowerBond
 from vdfmu.study.verdict import calculated_checks
 
 NAMES = [f"{name}[{i}]" for name in ("plant.kappa_dot", "controller.tau", "x.y", "plant.tau", "controller.kappa_dot")
@@ -33,7 +33,7 @@ def test_energies_are_those_of_the_whole_run_in_stretches_of_seven_rows(count):
     robot = vdfmu.load_robot("planar_2dof")
     dice = np.random.default_rng(2)
     times, rows = 1.0 + 0.01 * np.arange(count), dice.standard_normal((count, len(NAMES)))
-    signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in accuracy.POWER}
+    signals = {name: rows[:, [NAMES.index(f"{name}[{i}]") for i in (1, 2)]] for name in measure.POWER}
     taken = robot.ell * signals["plant.tau"] * signals["plant.kappa_dot"]
     supplied = robot.ell * signals["controller.tau"] * signals["controller.kappa_dot"]
     residual = 0.5 * np.diff(times, prepend=times[0])[:, None] * (taken - supplied)

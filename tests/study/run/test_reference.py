@@ -20,6 +20,12 @@ from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import group_value, system_values
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder in which the FMUs of a robot are built once."""
+    return tmp_path_factory.mktemp("reference")
+
+
 class Case:
     """A scenario with its package, at one solver tolerance."""
 
@@ -58,32 +64,32 @@ POSITION, TORQUE = 1e-7, 1e-4
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("name", ["planar_tracking", "slider_tracking"])
-def test_each_algorithm_matches_its_sampled_reference(tmp_path, name, algorithm):
-    case = Case(tmp_path, name, "1e-9")
+def test_each_algorithm_matches_its_sampled_reference(folder, name, algorithm):
+    case = Case(folder, name, "1e-9")
     case.require_same(algorithm, 1e-3, 0.5)
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
-def test_the_whole_tracking_run_matches_its_sampled_reference(tmp_path, algorithm):
-    case = Case(tmp_path, "tracking", "1e-9")
+def test_the_whole_tracking_run_matches_its_sampled_reference(folder, algorithm):
+    case = Case(folder, "tracking", "1e-9")
     case.require_same(algorithm, 1e-3, 10.0)
 
 
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("velocity", ["q_dot", "mixed"])
-def test_each_choice_of_the_derivative_term_matches_its_reference(tmp_path, velocity, algorithm):
+def test_each_choice_of_the_derivative_term_matches_its_reference(folder, velocity, algorithm):
     """Across the spring (q_dot) the loop is unstable: short enough to stay small."""
-    case = Case(tmp_path, "planar_tracking", "1e-9", controller__velocity=velocity)
+    case = Case(folder, "planar_tracking", "1e-9", controller__velocity=velocity)
     case.require_same(algorithm, 1e-3, 0.02)
 
 
 @pytest.mark.heavy
-def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(tmp_path):
+def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(folder):
     robot = load_robot("planar_2dof").to_dict() | {"payload": {"mass": 0.5, "centroid": [0.1, 0.0, 0.0]}}
     worst = []
     for mass in (0.5, 0.0):
         settings = {"feedforward__payload_mass": mass, "plant__payload_mass": 0.5}
-        case = Case(tmp_path, "planar_tracking", "1e-9", robot_from_dict(robot), **settings)
+        case = Case(folder, "planar_tracking", "1e-9", robot_from_dict(robot), **settings)
         case.require_same("gauss-seidel", 1e-3, 0.5)
         solution = reference("sampled", case.description, step=1e-3, stop=0.5)
         q = solution["plant.q"]
@@ -101,10 +107,10 @@ def limited():
     return robot_from_dict(data)
 
 
-def test_limits_of_joints_and_motors_are_those_of_the_reference_and_no_start_is_beyond_them(tmp_path):
+def test_limits_of_joints_and_motors_are_those_of_the_reference_and_no_start_is_beyond_them(folder):
     motions = []
     for settings in ({}, {"plant__q_max[1]": -1.55, "plant__tau_stall": 0.05}):
-        case = Case(tmp_path, "planar_tracking", "1e-9", limited(), **settings)
+        case = Case(folder, "planar_tracking", "1e-9", limited(), **settings)
         case.require_same("gauss-seidel", 1e-3, 0.5)
         motions.append(reference("sampled", case.description, step=1e-3, stop=0.5)["plant.q"])
     assert np.abs(motions[1] - motions[0]).max() > 1e-3  # they act
@@ -138,31 +144,31 @@ def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
 
 
 @pytest.mark.heavy
-def test_the_algorithms_do_not_match_each_other(tmp_path):
+def test_the_algorithms_do_not_match_each_other(folder):
     """The test above can fail: one sample of delay is far outside its bounds."""
-    case = Case(tmp_path, "planar_tracking", "1e-9")
+    case = Case(folder, "planar_tracking", "1e-9")
     position, torque = case.differences("jacobi", "sampled", 1e-3, 0.5)
     assert position > 10 * POSITION
     assert torque > 10 * TORQUE
 
 
 @pytest.mark.heavy
-def test_required_velocities_and_settings_reach_the_reference(tmp_path):
+def test_required_velocities_and_settings_reach_the_reference(folder):
     settings = {
         "feedforward__mode": "vdc", "controller__velocity": "kappa_dot", "plant__equilibrium": "false",
         "plant__tau_s_0[1]": "3.0", "plant__q_0[2]": "0.05", "controller__tau_max": "2.0", "plant__mass[1]": "4.0",
     }  # fmt: skip
-    case = Case(tmp_path, "planar_tracking", "1e-9", **settings)
+    case = Case(folder, "planar_tracking", "1e-9", **settings)
     case.require_same("gauss-seidel", 1e-3, 0.3)
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
-def test_first_order_in_the_communication_step_against_the_continuous_reference(tmp_path, algorithm):
+def test_first_order_in_the_communication_step_against_the_continuous_reference(folder, algorithm):
     """Five step sizes, each half of the one before: the error halves."""
     # The position error of a held input is ``C h + O(h^2)``; over the finest pair the observed order is 1 within 0.1,
     # over all five within 0.25 for the second term at the coarse end.
-    case = Case(tmp_path, "tracking", "1e-10")
+    case = Case(folder, "tracking", "1e-10")
     steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5])
     stop = 0.5
     errors = []
@@ -184,10 +190,10 @@ def test_an_unknown_reference_is_refused():
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
-def test_estimates_are_those_of_the_reference(tmp_path, algorithm):
+def test_estimates_are_those_of_the_reference(folder, algorithm):
     """Another wiring: the estimator, which feeds through, reads plant and controller."""
     # The solver's error of 1e-10 in each of 300 steps is at most 3e-8 of the size of a signal.
-    case = Case(tmp_path, "estimation", "1e-10")
+    case = Case(folder, "estimation", "1e-10")
     results = simulate(case.package, step=1e-3, stop=0.3, algorithm=algorithm)
     solution = reference(ALGORITHMS[algorithm].reference, case.description, step=1e-3, stop=0.3)
     for signal in ("estimator.tau_s_hat", "estimator.tau_f_hat", "plant.kappa"):

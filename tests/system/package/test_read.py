@@ -4,7 +4,7 @@ import pytest
 
 from tests.engine.texts import binding, component, connections, connector_list, elements, ssd, values
 from tests.system.package.problems import problems, write
-from vdfmu.engine.package import limits
+from vdfmu.engine.package import archive
 from vdfmu.engine.package.read import load_ssp, read_system
 
 
@@ -15,7 +15,7 @@ from vdfmu.engine.package.read import load_ssp, read_system
     ("DIRECTORY_LIMIT", 205, [0, 0, 0], "has a directory of 206 bytes; the limit is 205. Pack fewer files"),
 ])  # fmt: skip
 def test_what_is_large_is_refused(tmp_path, monkeypatch, limit, value, sizes, expected):
-    monkeypatch.setattr(limits, limit, value)
+    monkeypatch.setattr(archive, limit, value)
     (fault,) = problems(write(tmp_path / "x.ssp", ssd(), {str(k): bytes(size) for k, size in enumerate(sizes)}))
     assert fault.startswith("x.ssp: ") and expected in fault
 

@@ -11,8 +11,8 @@ from tests.engine.files import check_file
 from tests.hostile.packages import pack
 from tests.system.package.problems import problems
 from tests.warm import command
-from vdfmu.engine.package import limits
-from vdfmu.engine.package.limits import package_limit
+from vdfmu.engine.package import archive
+from vdfmu.engine.package.archive import package_limit
 from vdfmu.engine.package.read import load_ssp
 
 
@@ -56,7 +56,7 @@ def chain(path: Path, way: str, levels: int, fan: int) -> Path:
 @pytest.mark.parametrize("way", WAYS)
 def test_references_that_multiply_are_stopped(tmp_path, monkeypatch, way):
     """8 levels with 10 references each are 10**8 elements; the file has some hundred."""
-    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 1000)  # for speed
+    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 1000)  # for speed
     path = chain(tmp_path / "x.ssp", way, levels=8, fan=10)
     (fault,) = problems(path)
     assert "the system has more than 1000 elements" in fault
@@ -67,23 +67,23 @@ def test_references_that_multiply_are_stopped(tmp_path, monkeypatch, way):
 @pytest.mark.parametrize("way", ["definition", "package"])
 def test_the_limit_counts_every_element_once(tmp_path, monkeypatch, way):
     path = chain(tmp_path / "x.ssp", way, levels=2, fan=3)  # 3 elements with 3 each
-    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 12)
+    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 12)
     assert load_ssp(path).components == ()
-    monkeypatch.setattr(limits, "ELEMENT_LIMIT", 11)
+    monkeypatch.setattr(archive, "ELEMENT_LIMIT", 11)
     assert "more than 11 elements" in problems(path)[0]
 
 
 @pytest.mark.parametrize("way", ["definition", "id"])
 def test_a_chain_of_references_has_a_limit(tmp_path, way):
     """Of an SSD with systems of its own, those count as well; packages have a lower limit of their own."""
-    assert load_ssp(chain(tmp_path / "x.ssp", way, limits.DEPTH_LIMIT, 1)).components == ()
+    assert load_ssp(chain(tmp_path / "x.ssp", way, archive.DEPTH_LIMIT, 1)).components == ()
     (fault,) = problems(chain(tmp_path / "y.ssp", way, 400, 1))
     assert "more than 32 systems inside each other; that is the limit (DEPTH_LIMIT)" in fault
 
 
 def test_systems_written_in_systems_have_the_same_limit(tmp_path):
     text = ""
-    for _ in range(limits.DEPTH_LIMIT + 1):
+    for _ in range(archive.DEPTH_LIMIT + 1):
         text = f'<ssd:System name="s"><ssd:Elements>{text}</ssd:Elements></ssd:System>'
     path = tmp_path / "x.ssp"
     path.write_bytes(pack({"SystemStructure.ssd": ssd(text.replace("<ssd:Elements></ssd:Elements>", ""))}))
@@ -105,21 +105,21 @@ def nested(path: Path, count: int) -> Path:
 
 def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
     """Each by itself is below the limit; the fourth is not read."""
-    monkeypatch.setattr(limits, "TOTAL_LIMIT", 2_000_000)
+    monkeypatch.setattr(archive, "TOTAL_LIMIT", 2_000_000)
     faults = problems(nested(tmp_path / "x.ssp", 4))
     assert "x.ssp: has more than 2000000 bytes unpacked, including packages inside it" in faults[-1]
-    assert "--unpack-limit, or package_limit of vdfmu.engine.package.limits" in faults[-1]
+    assert "--unpack-limit, or package_limit of vdfmu.engine.package.archive" in faults[-1]
     with package_limit(4_000_000):
         assert not any("bytes unpacked" in text for text in problems(tmp_path / "x.ssp"))
 
 
 def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "MEMORY_LIMIT", 1_500_000)
+    monkeypatch.setattr(archive, "MEMORY_LIMIT", 1_500_000)
     assert "has more than 1500000 bytes of XML" in problems(nested(tmp_path / "x.ssp", 4))[-1]
 
 
 def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "PACKAGE_LIMIT", 3)
+    monkeypatch.setattr(archive, "PACKAGE_LIMIT", 3)
     assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(nested(tmp_path / "x.ssp", 4))
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from vdfmu.arm.imports.tree import MOVING, Body, Numbers
 from vdfmu.arm.robot.catalogue import NAMED, tables_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
-from vdfmu.arm.robot.plain import PLAIN, in_paper_words
-from vdfmu.arm.robot.robot_file import section_numbers
+from vdfmu.arm.robot.robot_file import PLAIN, in_paper_words, section_numbers
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import JOINT_TYPES, measure
 from vdfmu.base.text import matching, nearest

@@ -76,7 +76,7 @@ def line(
     Raises
     ------
     UsageError
-        If a path leaves the reach or the end stops or meets a singular pose, with place, joint and way out.
+        If a path leaves the reach or the end stops or meets a singular pose, with place, joint and fix.
     """
     targets = np.atleast_2d(np.array(points, dtype=float))
     if targets.ndim != 2 or targets.shape[1] != 3 or not np.all(np.isfinite(targets)):

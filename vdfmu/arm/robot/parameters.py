@@ -53,7 +53,7 @@ class Row:
     largest: float = LARGEST_NUMBER
     """Largest absolute value, in SI units, far above any machine."""
     smallest: float | None = None
-    """Smallest value. `POSITIVE` stands for "above 0", None for minus the largest."""
+    """Smallest value. `POSITIVE` means "above 0", None for minus the largest."""
     default: Any = None
     """Value of every entry, or of all, if the file lacks it. None: the file must have it."""
     shape: tuple[int, ...] = ()

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
-from vdfmu.arm.robot.plain import plain_notes
 from vdfmu.arm.robot.robot import Robot
+from vdfmu.arm.robot.robot_file import plain_notes
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import JOINT_TYPES
 
@@ -94,7 +94,7 @@ CHECKS = (
 
 
 def robot_notes(robot: Robot) -> list[str]:
-    """Return how plain words were converted, and probable mistakes: number, likely cause, way out."""
+    """Return how plain words were converted, and probable mistakes: number, likely cause, fix."""
     return [*plain_notes(robot.sources), *doubts(robot)]
 
 

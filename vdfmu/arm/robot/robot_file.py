@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
@@ -11,21 +12,30 @@ from typing import Any, cast
 import numpy as np
 
 from vdfmu.arm.drive.options import OPTIONS
-from vdfmu.arm.robot.catalogue import NAMED, filled_from_catalogue
+from vdfmu.arm.robot.catalogue import NAMED, catalogue, filled_from_catalogue
 from vdfmu.arm.robot.drive_file import DriveFile
 from vdfmu.arm.robot.own_drive import robot_class
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, Row, Section, read_only, section
 from vdfmu.arm.robot.physical import CONTRACTION, STATIC_FRICTION, check_conditions, check_inertia, check_rotation
-from vdfmu.arm.robot.plain import PLAIN, in_paper_words
 from vdfmu.arm.robot.robot import FRICTION_ARRANGEMENTS, Robot, joint_free, robot_argument
-from vdfmu.arm.robot.visual import read_visuals
+from vdfmu.arm.robot.visual import SHAPES, Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.base.measure import JOINT_TYPES, POSITIVE
+from vdfmu.base.measure import JOINT_TYPES, POSITIVE, unit_of
 from vdfmu.base.option import checks_types
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
+
+RIGID, LINEAR = 1e11, 1e-6
+"""K_w0 [N.m/rad] and c_f, c_w [1/(N.m), 1/N] of a linear spring. Its compliance differs from 1 / K_f0 by less than
+(c_f tau)^2, 1e-8 of itself at 100 N.m, and the compliance 1 / (ell^2 K_w0) of the wave generator."""
+PLAIN = {
+    "stiffness": ("stiffness", ("K_f0", "c_f", "K_w0", "c_w"), "Stiffness of a linear spring, link-side",
+                  f"K_f0 = stiffness, K_w0 = {RIGID:g} N.m/rad, c_f = c_w = {LINEAR:g}"),
+    "rotor_inertia": ("kg.m2", ("I_m",), "Rotor inertia, motor-side", "I_m = ell * rotor_inertia"),
+}  # fmt: skip
+"""Word to its unit of measurement, or a key of `unit_of`, to the paper's keys, its meaning and its conversion."""
 
 
 def _keys(name: Section) -> list[str]:
@@ -85,7 +95,7 @@ def robot_from_dict(
     for i, joint in enumerate(read, 1):
         for option in (option for option in JOINT_OPTIONS if options[option] and not joint[option]):
             problems.add(f"joints[{i}].{option}", "a table, as other joints have", "nothing", "Give it to all or none.")
-    visuals = read_visuals(problems, file.data.get("visuals", []), len(read))
+    visuals = _read_visuals(problems, file.data.get("visuals", []), len(read))
     problems.raise_any()
     arrays: dict[str, Any] = {
         name: read_only(whole[name] if name in whole else [joint.get(name, 0.0) for joint in read])
@@ -243,3 +253,75 @@ def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
     else:
         file.problems.add("sources", "a table", value_text(sources), "Its entries are: key = source of the number.")
     return texts
+
+
+def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") -> tuple[Any, dict[str, str]]:
+    """Return a joint's table with the paper's keys for plain words, and sources. Both together are a problem."""
+    drive = joint.get("drive") if isinstance(joint, dict) else None
+    if not isinstance(drive, dict) or PLAIN.keys().isdisjoint(drive):
+        return joint, {}
+    drive = cast("dict[str, Any]", drive)
+    paper = {key: value for key, value in drive.items() if key not in PLAIN}
+    sources: dict[str, str] = {}
+    for word, (quantity, keys, text, _) in PLAIN.items():
+        if word not in drive:
+            continue
+        unit = unit_of(quantity, kind or joint.get("type", ""))
+        table = Table(problems, {word: drive[word]}, f"{path}.drive", None)
+        value = table.number(
+            word, above=0.0, at_most=1e12, unit=unit, way_out=f"It is the {text[0].lower()}{text[1:]}."
+        )
+        value = 1.0 if math.isnan(value) else value  # of a wrong value one problem is enough
+        if both := [key for key in keys if key in drive]:
+            problems.add(
+                table.key(word), f"{word} or {', '.join(keys)}", f"{word} and {', '.join(both)}", "Delete one."
+            )
+        if word == "stiffness":
+            numbers = {"K_f0": value, "c_f": LINEAR, "K_w0": RIGID, "c_w": LINEAR}
+        else:
+            ell = drive.get("ell", catalogue()["gears"].get(str(joint.get("gear")), {}).get("ratio"))
+            if ell is None:
+                problems.add(table.key(word), "ell beside it", "nothing", "I_m is ell * rotor_inertia: add ell.")
+            numbers = {"I_m": value * ell if isinstance(ell, int | float) else value}
+        paper |= numbers
+        sources |= {f"{path}.drive.{key}": f"{word} = {value:g} {unit}" for key in numbers}
+    return {**joint, "drive": paper}, sources
+
+
+def plain_notes(sources: Mapping[str, str]) -> list[str]:
+    """Return a note on each word that a robot's file has, by the sources of its numbers."""
+    words = {text.partition(" = ")[0] for text in sources.values()}
+    return [f"{word} was converted: {note}." for word, (*_, note) in PLAIN.items() if word in words]
+
+
+_VISUAL_KEYS = ("joint", "shape", "file", "size", "rotation", "offset", "color")
+
+
+def _read_visuals(problems: Problems, data: object, n: int) -> tuple[Visual, ...]:
+    """Read the tables [[visuals]] of a robot of `n` joints."""
+    if not isinstance(data, list):
+        problems.add("visuals", "tables", value_text(data), "Write [[visuals]] in double brackets.")
+        return ()
+    return tuple(_visual(problems, entry, f"visuals[{i}]", n) for i, entry in enumerate(data, 1))
+
+
+def _visual(problems: Problems, data: object, path: str, n: int) -> Visual:
+    table = Table(problems, data, path, _VISUAL_KEYS)
+    joint = table.value("joint", f"a joint from 0 to {n}")
+    if joint is not None and (isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint <= n):
+        problems.add(f"{path}.joint", f"a joint from 0 to {n}", value_text(joint), "0 is for shapes at rest.")
+    shape = table.text("shape", choices=tuple(SHAPES))
+
+    def numbers(key: str, size: tuple[int, ...], unit: str, default: Any, **bounds: Any) -> Floats:
+        return read_only(table.numbers(key, size, unit, default, **bounds))
+
+    rotation = numbers("rotation", (3, 3), "", np.eye(3).tolist())
+    check_rotation(problems, f"{path}.rotation", rotation)
+    mesh, size = shape == "mesh", (SHAPES.get(shape, 0),)
+    return Visual(
+        joint=joint if isinstance(joint, int) else 0, shape=shape, rotation=rotation,
+        size=numbers("size", size, "", [1.0] * 3) if mesh else numbers("size", size, "m", None, at_least=0.0),
+        offset=numbers("offset", (3,), "m", [0.0] * 3),
+        color=numbers("color", (4,), "", [0.7, 0.7, 0.7, 1.0], at_least=0.0, at_most=1.0),
+        file=table.text("file") if mesh else table.text("file", ""),
+    )  # fmt: skip

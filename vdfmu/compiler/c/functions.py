@@ -6,13 +6,15 @@ every access, and a solver's interface to each function.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import casadi as ca
 
-from vdfmu.base.cache import cached_per_command
+from vdfmu.base.cache import cache_folder, cached_per_command, load_or_make
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.calls import VectorText
 from vdfmu.compiler.c.grouping import Operation, grouped
@@ -20,6 +22,7 @@ from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
 from vdfmu.compiler.functions.chain import LOCAL
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions, lookup_table
+from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP
 
@@ -38,8 +41,23 @@ def kernel_files(
 ) -> dict[str, str]:
     """Return file name to text of a traced function, without its callees in `apart`.
 
-    `derivative` traces a derivative by its direction. With it, the files of both derivatives are made too.
+    `derivative` traces a derivative by its direction. With it, the files of both derivatives are made too. The cache
+    keeps the texts by the function and the sources of the compiler.
     """
+    key = source_digest("compiler"), function.serialize(), sorted(apart), derivative is not None
+    place = cache_folder() / "texts" / sha256(repr(key).encode()).hexdigest()
+    files = load_or_make(place, lambda: json.dumps(_written(function, apart, derivative)).encode(), json.loads)
+    return files | (c_operations() if any(_TABLES in text for text in files.values()) else {})
+
+
+_TABLES = '#include "operations.h"'
+"""In a file with tables, which need the runner."""
+
+
+def _written(
+    function: ca.Function, apart: Collection[str], derivative: Callable[[str], ca.Function] | None
+) -> dict[str, str]:
+    """Write the files of :func:`kernel_files` without the runner of tables."""
     calls = not function.is_a("SXFunction")
     texts = c_texts(function, apart)
     name = f"kernel_{function.name()}"
@@ -50,8 +68,7 @@ def kernel_files(
         return files
     text = head(f"The derivatives of the traced function {function.name()}.")
     if not calls and function.n_instructions() > _MOST_IN_C and has_table(function) and not has_roundings(function):
-        text += f'#include "elementary.h"\n#include "operations.h"\n\n{c_derivatives(function)}'
-        files |= c_operations()
+        text += f'#include "elementary.h"\n{_TABLES}\n\n{c_derivatives(function)}'
     else:
         text += '#include "elementary.h"\n'
         shared = {_name_in_c(function, callee.name()) for callee in function.find_functions(0)} if calls else set[str]()

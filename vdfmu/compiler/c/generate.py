@@ -33,7 +33,7 @@ from vdfmu.compiler.c.text import (
     wrapped,
 )
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER
-from vdfmu.compiler.unit.declaration import PHASES
+from vdfmu.compiler.unit.declaration import AT, PHASES
 from vdfmu.compiler.unit.evaluate import traced_margins, traced_requirements
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.trace import Call, argument_name
@@ -68,7 +68,8 @@ class _TracedFunctions:
         program = interface.program
         self.called = [call.function for call in program.calls]
         self.steps = sorted({call.function for call in program.step})
-        names = [*self.called, *self.steps, *(call.function for call in program.left)]
+        at_events = [call.function for calls in program.at_events.values() for call in calls]
+        names = [*self.called, *self.steps, *(call.function for call in program.left), *at_events]
         self.functions = {
             name: interface.functions.casadi_function(name)
             for name in counted(f"trace {interface.name}", names, len(names))
@@ -159,6 +160,7 @@ class _UnitGenerator:
             *self._programs(),
             *self._solver_step(),
             *self._left(),
+            *self._events(),
             self._unit(),
         )
         return "\n".join(filter(None, parts))
@@ -275,6 +277,14 @@ class _UnitGenerator:
             lines = [f"*left = {c_constant(NEVER)};", *self._blocks(self.program.left, partial(self._step_call, ""))]
             yield _function("left", "const double *m, const double *rate, double *left", ("m", "rate"), lines)
 
+    def _events(self) -> Iterator[str]:
+        if not self.program.at_events:
+            return
+        lists = {f"event_{name.removeprefix(AT)}": calls for name, calls in self.program.at_events.items()}
+        for name, calls in {"events": self.program.events, **lists}.items():
+            yield _function(name, "double *m", "m", self._blocks(calls, partial(self._set, "m", "")))
+        yield f"static void (*const at_event[])(double *m) = {{{', '.join(lists)}}};\n"
+
     def _step_call(self, ending: str, call: Call) -> list[str]:
         function, places = self.functions[call.function], list[str]()
         for name in function.name_in():
@@ -321,6 +331,10 @@ class _UnitGenerator:
             "left": "left" if self.program.left else "NULL",
             "solver_step": "solver_step" if has_step else "NULL",
         }
+        if self.program.at_events:
+            where = interface.events
+            values |= {"n_events": where.stop - where.start, "event": where.start}
+            values |= {"events": "events", "at_event": "at_event"}
         lines = "".join(f"    .{name} = {value}".rstrip() + ",\n" for name, value in values.items())
         copy = "#ifdef AVX2_STEP\n    .solver_step_avx2 = solver_step_avx2,\n#endif\n" if has_step else ""
         return f"const Unit unit = {{\n{lines.replace(' */,', ' */')}{copy}}};\n"

@@ -42,16 +42,18 @@ def rolled(lines: Sequence[str]) -> list[str]:
 
 def _longest(texts: Sequence[int], numbers: Sequence[tuple[int, ...]], begin: int) -> tuple[int, int]:
     """Return the lines of the loop from a line on that covers most lines, and its rounds."""
-    best = (1, 1)
+    best, best_end = (1, 1), begin
     for period in range(1, min(_MOST, (len(texts) - begin) // _LEAST) + 1):
         if texts[begin] != texts[begin + period]:
             continue
+        if period % best[0] == 0 and best_end >= begin + 2 * period:
+            continue  # the line that ends the loop of the shorter period ends this one too
         end = begin + period
         while end < len(texts) and texts[end] == texts[end - period] and _is_even(numbers, begin, end, period):
             end += 1
         rounds = (end - begin) // period
         if rounds >= _LEAST and period * rounds > best[0] * best[1]:
-            best = period, rounds
+            best, best_end = (period, rounds), end
     return best
 
 

@@ -82,7 +82,7 @@ def model_description(
         "canRunAsynchronuously": "false",
     }
     if native and interface.has_exchange:
-        root.set("numberOfEventIndicators", "0")
+        root.set("numberOfEventIndicators", str(interface.events.stop - interface.events.start))
         exchange = {"completedIntegratorStepNotNeeded": "true"}
         _add_sources(SubElement(root, "ModelExchange", common | exchange), sources)
     element = SubElement(root, "CoSimulation", common | simulation)
@@ -164,7 +164,7 @@ def _add_annotations(root: Element, interface: Interface, group: str, tag: str, 
     folded = interface.robot.constants() if interface.robot is not None and interface.has_robot else []
     named = [variable for variable in interface if variable.choices]
     sampled = interface.unit.sampled or interface.is_sampled
-    declared = interface.unit.sampled is not None or interface.is_sampled
+    declared = interface.unit.sampled is not None or interface.is_sampled or interface.events.stop > 0
     parent = SubElement(root, group) if declared or folded or named else root
     if declared:
         annotation = SubElement(parent, tag, {key: SAMPLED})
@@ -316,3 +316,5 @@ def _add_structure(root: Element, interface: Interface) -> None:
     add("Output", outputs, interface.step_dependencies)
     add("ContinuousStateDerivative", rates, interface.step_dependencies)
     add("InitialUnknown", outputs + rates, interface.start_dependencies)
+    events = [a for a in outputs if interface.events.start <= a.first < interface.events.stop]
+    add("EventIndicator", events if interface.has_exchange else (), interface.step_dependencies)

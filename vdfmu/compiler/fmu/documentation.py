@@ -8,7 +8,7 @@ from html import escape
 from vdfmu.base.page import page, table
 from vdfmu.compiler.fmu.content import Content, terms
 from vdfmu.compiler.fmu.reference_results import columns
-from vdfmu.compiler.unit.interface import Array
+from vdfmu.compiler.unit.interface import Array, Interface
 from vdfmu.compiler.unit.variable import Variable
 
 _KIND = {"input": "input", "output": "output", "local": "derivative", "independent": "time"}
@@ -35,7 +35,7 @@ def documentation_files(content: Content) -> dict[str, bytes]:
     end = interface.time + fmi.time_variable if native else len(interface)
     rows = [list(map(escape, _cells(content, array))) for array in interface.arrays if array.first < end]
     arrays = "A variable with a size is an array, row by row."
-    scalars = "A row with several value references stands for as many scalar variables."
+    scalars = "A row with several value references is for as many scalar variables."
     shown = table(_HEADS, rows, ("name", "ref", "", "", "", "", ""))
     parts.append(f'<h2>Interface</h2>\n<p>{arrays if fmi.arrays else scalars}</p>\n<div class="wide">{shown}</div>')
     return {"documentation/index.html": page(content.model_name, interface.description, "\n".join(parts), 62)}
@@ -44,7 +44,7 @@ def documentation_files(content: Content) -> dict[str, bytes]:
 def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
     """Return heading to HTML of sentences, and whether each holds."""
     interface, fmi, native = content.interface, content.fmi, content.backend == "native"
-    states, sampled = interface.has_states, interface.is_sampled
+    states, sampled, events = interface.has_states, interface.is_sampled, interface.events.stop > 0
     rate = ", or change at the rate that <code>fmi2SetRealInputDerivatives</code> sets"
     other = "" if interface.functions.shipped else " The C files that all units have are of vdfmu, MIT."
     return {"Use": {
@@ -64,10 +64,17 @@ def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
         "start of a communication step, by the inputs set for it, and inside a longer step by the same inputs: choose "
         "steps that divide the period. In model exchange they change in event mode, at times from the FMU.": sampled,
         "The unit has no state: its outputs after a communication step belong to its inputs and the end of the step."
-        : not states and not sampled,
+        : not states and not sampled and not events,
+        "Events: when one of the outputs " + _names(interface) + " rises above 0, states change. In co-simulation the "
+        "solver finds the time to rounding and goes on from there, inside the communication step. In model exchange "
+        "these outputs are the event indicators, in this order.": events and states,
+        "Events: when one of the outputs " + _names(interface) + " is above 0 at the end of a communication step and "
+        "was not before, states change.": events and not states,
     }, "Limits": {
         "There are no event indicators: equations that jump with a state or an input are solved with small steps "
-        "there. Switching by time is located. In model exchange it is a time event.": states,
+        "there. Switching by time is located. In model exchange it is a time event.": states and not events,
+        "Two changes of sign of an event's output within an eighth of an internal step may be missed. After 10,000 "
+        "changes in a communication step, it fails.": events and states,
         "If the solver cannot meet the tolerance, the error names time and state. It keeps the state before the step."
         : states,
         "Joint types, rotations of frames and some zeros of the robot are part of the code: the annotation "
@@ -85,6 +92,10 @@ def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
         f"{escape(terms(content.made_by))}{other} See "
         '<a href="licenses/license.txt">licenses/license.txt</a>.': True,
     } if native else {}}  # fmt: skip
+
+
+def _names(interface: Interface) -> str:
+    return ", ".join(f"<code>{v.name}</code>" for v in interface.memory[interface.events])
 
 
 def _docstring(text: str) -> list[str]:

@@ -101,13 +101,14 @@ def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[di
     """Yield the outputs of the initialization, then at the end of each interval."""
     interface = unit.interface
     hold = _time(interface, 1)
-    moves = interface.has_states or interface.is_sampled
+    moves = interface.has_states or interface.is_sampled or unit.at_events
     motion = ScipySolver(evaluation(interface, unit.memory) if moves else unit)  # tracing a long arm takes a while
     unit.memory[-1] = 0.0
     for group, values in held[0].items():
         unit.group(group)[:] = values
     unit.start()
     unit.outputs()
+    motion.events.begin()
     yield _values(unit, "output")
     for k, row in enumerate(held):
         for group, values in row.items():

@@ -8,6 +8,8 @@ from vdfmu.compiler.unit.declaration import (
     JOINTS,
     Choice,
     Derivative,
+    Event,
+    Held,
     Input,
     Output,
     Parameter,
@@ -21,7 +23,8 @@ from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
 from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
-    "JOINTS", "Choice", "Derivative", "Input", "Output", "Parameter", "RobotParameters", "Sampled", "State", "Switch",
-    "Terminal", "Unit", "casadi_call", "casadi_unit", "clip", "expm", "interpolate", "inv", "linear_unit",
-    "lookup", "maximum", "minimum", "normal", "seeded", "sgn", "solve", "table_unit", "uniform", "where", "zeros",
+    "JOINTS", "Choice", "Derivative", "Event", "Held", "Input", "Output", "Parameter", "RobotParameters", "Sampled",
+    "State", "Switch", "Terminal", "Unit", "casadi_call", "casadi_unit", "clip", "expm", "interpolate", "inv",
+    "linear_unit", "lookup", "maximum", "minimum", "normal", "seeded", "sgn", "solve", "table_unit", "uniform", "where",
+    "zeros",
 ]  # fmt: skip

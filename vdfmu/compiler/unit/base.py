@@ -12,16 +12,17 @@ import numpy as np
 
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.declaration import (
+    AT,
     JOINTS,
     SOLVER_TOLERANCE,
     SOLVERS,
     Choice,
     Declared,
+    Event,
     Input,
     Machine,
     Parameter,
     RobotParameters,
-    Sampled,
     State,
     Switch,
     Terminal,
@@ -110,7 +111,7 @@ class BaseUnit:
         added: dict[str, Declared] = {
             f"{state.name}_0": _start_parameter(state) for state in states if cls.start is BaseUnit.start
         }
-        if any(not isinstance(d, Sampled) for d in states):
+        if any(type(d) is State for d in states):
             added["tolerance"] = Parameter("1", (), _TOLERANCE, start=SOLVER_TOLERANCE, minimum=1e-12, maximum=0.1)
         if cls.backend == "python":  # scipy integrates it
             variables.pop("solver", None)
@@ -150,6 +151,11 @@ class BaseUnit:
         return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod
+    def event_methods(cls, robot: Machine | None) -> tuple[str, ...]:
+        """Names of the methods that run at the events, ``at_<name>``, in the order of the events."""
+        return tuple(f"{AT}{name}" for name, d in cls.declared_for(robot).items() if isinstance(d, Event))
+
+    @classmethod
     def description(cls) -> str:
         """First line of the docstring, without its full stop."""
         return ((cls.__doc__ or "").strip() or cls.__name__).splitlines()[0].rstrip(".")
@@ -168,6 +174,9 @@ class BaseUnit:
 
     def update(self) -> None:
         """Set the sampled states for the time until the next sample. A state that is not set keeps its value."""
+
+    def events(self) -> None:
+        """Set the numbers of the events: one that rises above 0 is an event, and its ``at_<name>`` runs."""
 
     def balance(self) -> Any:
         """Return the residual of the equations in the order of the states, (n_x,): zero at the right derivatives.

@@ -37,7 +37,9 @@ SOLVER_TOLERANCE = 1e-7
 SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))
 """Kinds of the solver: as many internal steps as the tolerance needs, or 1 to 4 in each communication step."""
 PHASES = ("start", "outputs", "derivatives", "update")
-"""The methods of a unit; `Declared.set_by` names one of them."""
+"""The methods of every unit. `Declared.set_by` names one of them, or ``events``."""
+AT = "at_"
+"""Begin of the name of a method that runs at an event."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,6 +173,22 @@ class Sampled(State):
     variability = "discrete"
     _: KW_ONLY
     delayed: bool = False
+
+
+class Held(State):
+    """A state that the methods of events set; it is held in between."""
+
+    variability = "discrete"
+
+
+class Event(Output):
+    """A number, set by ``events``, whose rise above 0 is an event: then the method ``at_<name>`` sets states.
+
+    The solver ends an internal step there. The next event needs a fall to 0 or below first, and another rise. A number
+    that is above 0 at the start is no event.
+    """
+
+    set_by = "events"
 
 
 class Derivative(Declared):

@@ -14,11 +14,14 @@ from vdfmu.base.measure import unit_of
 from vdfmu.base.text import kind_text
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit
 from vdfmu.compiler.unit.declaration import (
+    AT,
     JOINTS,
     SOLVERS,
     Choice,
     Declared,
     Derivative,
+    Event,
+    Held,
     Machine,
     Parameter,
     RobotParameters,
@@ -77,6 +80,7 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
         yield "solver", "solver must be the choice of the solver that a unit with continuous states has. Rename it"
     if unit.backend not in ("native", "python"):
         yield "backend", f'backend: expected "native" or "python", got {unit.backend!r}'
+    yield from _of_events(unit)
     for name in ABOUT:
         text = getattr(unit, name)
         if text is not None and not (isinstance(text, str) and text):
@@ -87,6 +91,24 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
             yield "terminals", f"{head} variables of the unit, got {', '.join(unknown)}"
         if terminal.side not in sides:
             yield "terminals", f"{head} the side {', '.join(sides[:3])} or {sides[3]}, got {terminal.side!r}"
+
+
+def _of_events(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
+    """Yield the variable or method, and the fault, of events that are not whole."""
+    events = {f"{AT}{name}": name for name, d in unit.declared.items() if isinstance(d, Event)}
+    for method, name in events.items():
+        if not callable(getattr(unit, method, None)):
+            yield name, f"{name} is an event and needs a method {method} that sets states"
+        if unit.declared[name].shape:
+            yield name, f"{name} is an event and must have no shape. Declare an event for each element"
+    listed = unit.events is not BaseUnit.events
+    for held in (name for name, d in unit.declared.items() if isinstance(d, Held) and not events):
+        yield held, f"{held} is a held state, which methods of events set: declare one, {held}_changes = Event(..)"
+    if listed and not events:
+        yield "events", "events() needs events: declare one, ground = Event(..)"
+    for method in dir(unit) if listed else ():
+        if method.startswith(AT) and method not in events and callable(getattr(unit, method)):
+            yield method, f"{method} is for an event that is not declared: {method[len(AT) :]} = Event(..)"
 
 
 def _of_machine(unit: type[BaseUnit], robot: Machine) -> Iterator[tuple[str, str]]:

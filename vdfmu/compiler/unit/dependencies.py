@@ -54,27 +54,30 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     calculated = np.isin(causality, ("output", "local"))
     moving = inputs | of_state | time
     for pattern, knowns in ((step, moving), (start, settable | time), (between, moving)):
-        pattern[~calculated] = False
-        pattern[:, ~knowns] = False
+        pattern &= calculated[:, None] & knowns
     return step, start, between
 
 
 def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
     """Return the pattern of positions after the calls on positions before them."""
     pattern = np.eye(interface.size, dtype=bool)
-    chosen = np.zeros(interface.size, dtype=bool)  # written by an earlier choice
+    written = np.zeros(interface.size, dtype=bool)  # by an earlier call; other rows are those of the identity
+    chosen = written.copy()  # by an earlier choice
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
-        packed = np.packbits(pattern, axis=1)
-        joined = np.array([np.bitwise_or.reduce(packed[row]) for row in direct[rows]], np.uint8)
-        through = np.unpackbits(joined.reshape(-1, packed.shape[1]), axis=1, count=interface.size).astype(bool)
+        through = direct[rows]
+        packed = np.packbits(pattern[written], axis=1)
+        joined = np.array([np.bitwise_or.reduce(packed[row]) for row in through[:, written]], np.uint8)
+        through[:, written] = False
+        through |= np.unpackbits(joined.reshape(-1, packed.shape[1]), axis=1, count=interface.size).astype(bool)
         for parameter, _ in call.when:
             through[through.any(axis=1) & differs[rows], interface.reference[parameter]] = True
         if call.when:
             through |= pattern[rows] & chosen[rows, None]
             chosen |= rows
         pattern[rows] = through
+        written |= rows
     return pattern
 
 

@@ -52,11 +52,16 @@ class Evaluation:
     """Set the derivatives of the continuous states."""
     update: Callable[[], None]
     """Set the sampled states."""
+    events: Callable[[], None]
+    """Set the numbers of the events, `levels`."""
+    at_events: list[Callable[[], None]]
+    """Set the states at each event."""
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         self.interface = interface
         self.memory = memory = interface.memory_of({}) if memory is None else memory
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
+        self.levels = memory[interface.events]
 
     def group(self, name: str) -> Floats:
         """Values of a group, in place."""
@@ -115,6 +120,8 @@ class Traced(Evaluation):
         super().__init__(interface, memory)
         for phase in PHASES:
             setattr(self, phase, self._bound(getattr(interface.program, phase)))
+        self.events = self._bound(interface.program.events)
+        self.at_events = [self._bound(calls) for calls in interface.program.at_events.values()]
 
     def _bound(self, calls: Sequence[Call]) -> Callable[[], None]:
         actions = [self._action(call) for call in calls]
@@ -156,9 +163,17 @@ class Plain(Evaluation, Values):
         super().__init__(interface, memory)
         unit = self.unit = interface.unit(interface.robot)
         self._robot: tuple[bytes, Any] = (b"", None)
-        self.start, self.outputs, self.derivatives, self.update = (partial(run, unit, phase, self) for phase in PHASES)
+        self.start, self._outputs, self.derivatives, self.update = (partial(run, unit, phase, self) for phase in PHASES)
+        self.events = partial(run, unit, "events", self)
+        self.at_events = [partial(run, unit, name, self) for name in unit.event_methods(interface.robot)]
         self.experiment = partial(run, unit, "experiment", self)
         self.requirements = partial(run, unit, "requirements", self)
+
+    def outputs(self) -> None:
+        """Set the outputs, and the numbers of the events."""
+        self._outputs()
+        if self.at_events:
+            self.events()
 
     def read(self, declared: Declared) -> Any:
         """Return the value of a variable."""
@@ -222,8 +237,9 @@ def state_space(
         [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part] for part in (x, u, y)
     )
     model = StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
-    still = ", ".join(dict.fromkeys(v.group for v in table.memory[table.sampled]))
-    return replace(model, notes=(f"sampled states are taken as constant: {still}",)) if still else model
+    still = ", ".join(dict.fromkeys(v.group for v in table if v.variability == "discrete"))
+    kind = "sampled" if table.is_sampled else "held"
+    return replace(model, notes=(f"{kind} states are taken as constant: {still}",)) if still else model
 
 
 def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:

@@ -19,7 +19,7 @@ import numpy as np
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UnitError, UsageError
 from vdfmu.compiler.unit.base import BaseUnit, unit_name
-from vdfmu.compiler.unit.declaration import Machine
+from vdfmu.compiler.unit.declaration import Declared, Event, Machine, Sampled
 from vdfmu.compiler.unit.declaration_check import check_unit
 from vdfmu.compiler.unit.dependencies import Pattern, patterns
 from vdfmu.compiler.unit.program import Program, UnitFunctions
@@ -68,6 +68,8 @@ class Interface:
         Length of the memory, and position of the time, the last.
     states, derivatives, sampled : slice
         Positions of the continuous states, of their derivatives in the same order, and of the sampled states.
+    events : slice
+        Positions of the numbers of the events.
     has_states, is_sampled, has_exchange, has_robot : bool
         Whether the unit has continuous states, sampled states, model exchange in a native FMU, and all run-time
         parameters of the robot.
@@ -87,10 +89,14 @@ class Interface:
         self.memory = (*self.variables, *derivatives, _TIME)
         self.size, self.time = len(self.memory), N + n_x
         self.has_states, self.has_exchange = n_x > 0, n_x > 0 or unit.exchange
-        sampled = [i for i, v in enumerate(self) if v.variability == "discrete"]
-        self.sampled = slice(sampled[0], sampled[-1] + 1) if sampled else slice(0, 0)
-        self.is_sampled = bool(sampled)
+        self.sampled, self.events = self._declared_as(Sampled), self._declared_as(Event)
+        self.is_sampled = self.sampled.stop > 0
         self.implementation = "ModelExchange" if unit.exchange else "CoSimulation"  # kind of component in SSP
+
+    def _declared_as(self, kind: type[Declared]) -> slice:
+        """Positions of the variables that are declared as a kind, which lie next to each other."""
+        places = [i for i, v in enumerate(self) if isinstance(self.unit.declared.get(v.group), kind)]
+        return slice(places[0], places[-1] + 1) if places else slice(0, 0)
 
     def _started(self, start: Mapping[str, float]) -> tuple[Variable, ...]:
         variables = list(self.variables)

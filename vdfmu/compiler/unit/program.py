@@ -32,10 +32,16 @@ class Program:
 
     `step` makes one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and returns
     `x_new`, `norm` and `ratio`. `left` returns the time until the derivatives switch, if they switch by time.
+
+    `events` sets the numbers of the events, which are outputs too. `at_events` has the calls of the method of each.
     """
 
     def __init__(self, functions: UnitFunctions) -> None:
-        self.start, self.outputs, self.derivatives, self.update = (tuple(functions.calls[phase]) for phase in PHASES)
+        calls = {phase: tuple(calls) for phase, calls in functions.calls.items()}
+        self.start, self.outputs, self.derivatives, self.update = (calls[phase] for phase in PHASES)
+        self.events = calls.get("events", ())
+        self.outputs += self.events
+        self.at_events = {name: calls[name] for name in functions.unit.event_methods(functions.robot)}
         switching = [call for call in self.derivatives if functions.switches(call.function)]
         self.step, self.left = (
             tuple(Call(functions.related(call.function, kind), call.when, call.reads, ()) for call in calls)
@@ -67,7 +73,9 @@ class UnitFunctions(Functions):
     def calls(self) -> dict[str, list[Call]]:
         """Calls of each method. UnitError for a wrong method."""
         instance = self.unit(self.robot)
-        return {phase: list(calls_of(instance, phase, {})) for phase in PHASES}
+        methods = self.unit.event_methods(self.robot)
+        phases = (*PHASES, "events", *methods) if methods else PHASES
+        return {phase: list(calls_of(instance, phase, {})) for phase in phases}
 
     @cached_property
     def _traced(self) -> dict[str, tuple[str, Call]]:

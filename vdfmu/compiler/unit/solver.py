@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from vdfmu.base.arrays import Floats, odeint
 from vdfmu.base.errors import SHORTEST_STEP, KernelError
 from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.compiler.unit.evaluate import Evaluation, holds
+from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
@@ -27,6 +29,12 @@ _ADVICE = "Check its inputs and the gains behind them, its start and its paramet
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
+_KEPT = 20
+"""Times that LSODA gets a Jacobian. It asks each 20 steps or so; the arms' Jacobians serve for 10 ms."""
+_DIFFERENCE = 1.5e-8
+"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
+
+
 class _RunawayError(ArithmeticError):
     """No end of the motion can be found."""
 
@@ -36,6 +44,7 @@ class Solver:
 
     def __init__(self, unit: Evaluation) -> None:
         self.unit, self.start = unit, 0.0
+        self.events = UnitEvents([unit], self._place, lambda: unit.x.copy())
 
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.
@@ -46,8 +55,23 @@ class Solver:
             if sampled:
                 self.sample(begin)
             whole = (begin, to) == (t, end)
-            self.advance(begin, duration if duration is not None and whole else to - begin)
+            if self.unit.at_events:
+                self._advance_by_events(begin, to)
+            else:
+                self.advance(begin, duration if duration is not None and whole else to - begin)
         self.unit.memory[-1] = end
+
+    def _advance_by_events(self, t: float, end: float) -> None:
+        """Move from `t` to `end` [s] with events. Without continuous states they are looked at at the end alone."""
+        x = self.unit.x
+        if x.size:
+            *_, x[:] = self.events.move(steps_of(self.advance, x), t, x.copy(), parts_of([t, end]))
+        else:
+            self.events.take(end, x)
+
+    def _place(self, t: float, x: Floats) -> None:
+        self.unit.memory[-1] = t
+        self.unit.x[:] = x
 
     def sample(self, t: float) -> None:
         """Update the sampled states at `t` [s]."""
@@ -57,6 +81,27 @@ class Solver:
     def advance(self, t: float, duration: float) -> None:
         """Move the continuous states from `t` by `duration` [s]."""
         raise NotImplementedError
+
+
+class Slopes:
+    """The Jacobian of a right-hand side f(t, x) by differences, as LSODA asks for it.
+
+    It decides the iterations of a step, not the error. So an old one serves until a step fails. Then LSODA asks again
+    at the same or an earlier time.
+    """
+
+    def __init__(self, rate: Callable[[float, Floats], Floats]) -> None:
+        self._rate = rate
+        self._slopes, self._asked, self._times = np.empty((0, 0)), math.inf, 0
+
+    def __call__(self, t: float, x: Floats) -> Floats:
+        """Return the Jacobian, a row for each state that changes."""
+        if t <= self._asked or self._times == _KEPT:
+            differences = _DIFFERENCE * (1.0 + np.abs(x))
+            here, *beside = (self._rate(t, each).copy() for each in (x, *(x + np.diag(differences))))
+            self._slopes, self._times = (np.array(beside) - here) / differences[:, None], 0
+        self._asked, self._times = t, self._times + 1
+        return self._slopes
 
 
 class ScipySolver(Solver):
@@ -76,11 +121,15 @@ class ScipySolver(Solver):
         self._drive(t)
         super().sample(t)
 
+    def _place(self, t: float, x: Floats) -> None:
+        self._drive(t)
+        super()._place(t, x)
+
     def advance(self, t: float, duration: float) -> None:
         """Move the continuous states from `t` by `duration` [s]."""
         if not self.unit.x.size:
             return
-        options = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
+        options: dict[str, Any] = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
         self._drive(t)
         for begin, to, crossing in switchings(self.unit.left, t, t + duration):
             if not np.isfinite(self.unit.x).all():
@@ -91,6 +140,7 @@ class ScipySolver(Solver):
                 if crossing:
                     self.unit.x[:] = x + (to - begin) * self._rate(begin, x)
                 elif end > begin:
+                    options |= {"Dfun": Slopes(self._rate), "col_deriv": 1}
                     states, fault = odeint(self._rate, x, np.array([begin, end]), tcrit=[end], **options)
                     self.unit.x[:] = math.nan if fault else states[-1]
             except _RunawayError:
@@ -208,11 +258,6 @@ class Integrator(Solver):
         if len(bad):
             return f"state {name} is not finite"
         return f"the local error of state {name} is {error:.3g} times the tolerance {self.tolerance:.3g}"
-
-
-def margin(t: float) -> float:
-    """Time before and after a switching at `t` [s] within which it may be, by rounding: 18 units in the last place."""
-    return 4e-15 * abs(t) + 1e-17
 
 
 def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator[tuple[float, float, bool]]:

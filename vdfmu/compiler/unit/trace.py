@@ -22,20 +22,12 @@ from vdfmu.base.text import kind_text
 from vdfmu.compiler.c.text import CALLED
 from vdfmu.compiler.scalar.symbol import SymbolArray, from_sx, refusal, refusals, to_sx
 from vdfmu.compiler.unit.base import BaseUnit, Values, unit_name
-from vdfmu.compiler.unit.declaration import Choice, Declared, Derivative, Output, Sampled, State, Switch
+from vdfmu.compiler.unit.declaration import AT, Choice, Declared, Derivative, Output, Sampled, State, Switch
 from vdfmu.compiler.unit.place import place, shown, source_file
 
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
 
-_MAY_SET: dict[str, tuple[type[Declared], ...]] = {
-    "start": (State,),
-    "outputs": (Output,),
-    "derivatives": (Derivative,),
-    "update": (Sampled,),
-    "balance": (),
-    "requirements": (),
-}
 _MEMORY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
 _TAKEN = CALLED.union(
     "p x x_dot t h tolerance norm ratio factors given made w null jac hess"
@@ -67,6 +59,13 @@ class Call:
     def group(self, name: str) -> str:
         """Group of an argument or a result."""
         return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
+
+
+def _may_set(phase: str, declared: Declared) -> bool:
+    """Whether a method may set a variable."""
+    if phase.startswith(AT):
+        return isinstance(declared, State) and not isinstance(declared, Sampled)
+    return isinstance(declared, Sampled) if phase == "update" else declared.set_by == phase
 
 
 class _ForkError(Exception):
@@ -108,7 +107,7 @@ class Recording(Values):
 
     def write(self, declared: Declared, value: Any) -> None:
         """Take the value of a variable that the method may set."""
-        if not isinstance(declared, _MAY_SET[self.phase]):
+        if not _may_set(self.phase, declared):
             raise refusal(UnitError(f"{self.phase}() must not set {declared.name}, {_kind(declared)}"))
         super().write(declared, value)
         result = np.asarray(self.sets[declared.name])
@@ -208,6 +207,7 @@ class Symbols(Recording):
         results: dict[str, ca.SX] = {}
         parts: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
+        new = "_new" if self.phase == "update" or self.phase.startswith(AT) else ""
         for name, value in self.sets.items():
             declared = self.unit.declared[name]
             if isinstance(declared, Derivative):
@@ -215,7 +215,10 @@ class Symbols(Recording):
             elif name in where:
                 parts["x"][name] = to_sx(value)
             else:
-                results[argument_name(name) + ("_new" if self.phase == "update" else "")] = to_sx(value)
+                results[argument_name(name) + new] = to_sx(value)
+        if new and parts["x"]:  # other states keep their values
+            kept = {name: to_sx(self.value(self.unit.declared[name])) for name in where if name}
+            parts = {"x_new": kept | parts["x"], "x_dot": {}}
         whole = {name: [by_state[state] for state in where if state] for name, by_state in parts.items() if by_state}
         return results | {name: ca.vertcat(*columns) for name, columns in whole.items()}
 
@@ -232,7 +235,10 @@ def state_slices(unit: BaseUnit) -> dict[str, slice]:
 
 
 def _kind(declared: Declared) -> str:
-    names = {"Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state"}
+    names = {
+        "Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state",
+        "Held": "a held state", "Event": "the number of an event",
+    }  # fmt: skip
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 
@@ -257,7 +263,9 @@ def calls_of(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Call]:
     if record.sets:
         names = [_choice_name(unit.declared[name], value) for name, value in fixed.items()]
         function = "_".join((unit_name(type(unit)), phase, *names))
-        yield Call(function, tuple(fixed.items()), tuple(record.reads), tuple(map(argument_name, record.sets)))
+        moved = phase.startswith(AT) and any(name in record.sets for name in state_slices(unit))
+        sets = (*map(argument_name, record.sets), *(["x"] if moved else []))
+        yield Call(function, tuple(fixed.items()), tuple(record.reads), sets)
 
 
 def _choice_name(choice: Declared, value: int) -> str:
@@ -357,7 +365,7 @@ def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bo
     ours = "<", str(PACKAGE), sys.prefix, sys.base_prefix
     if str(file).startswith(ours) and (laws := [each for each in frames if not each.filename.startswith(ours)]):
         where = f"{laws[-1].filename}, line {laws[-1].lineno}"  # a law of a drive, which a unit of the package calls
-    if symbols:  # the error of a symbol that is compared has its way out already
+    if symbols:  # the error of a symbol that is compared has its fix already
         reason += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
     method = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}"
     raise UnitError(f"{where}: {method}: {reason}.") from None

@@ -103,6 +103,7 @@ class Unit(BaseUnit):
         rows: dict[str, list[Floats]] = {group: [] for group in shown}
         drive(0.0)
         run.start()
+        motion.events.begin()
         for k in range(count + 1):
             if k:
                 motion.move(float(t[k - 1]), float(t[k]))

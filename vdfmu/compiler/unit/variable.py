@@ -22,6 +22,8 @@ from vdfmu.compiler.unit.declaration import (
     Declared,
     Derivative,
     Entry,
+    Event,
+    Held,
     Input,
     Machine,
     Output,
@@ -78,13 +80,13 @@ class Variable(Attributes):
         return None
 
 
-_ORDER = (Input, State, Sampled, Output)
+_ORDER = (Input, State, Sampled, Held, Output, Event)
 
 
 def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:
     """Variables of a unit in the order of their value references.
 
-    Inputs, continuous states, sampled states, outputs, parameters, parameters of the robot.
+    Inputs, states (continuous, sampled, held), outputs, numbers of events, parameters, parameters of the robot.
     """
     groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))

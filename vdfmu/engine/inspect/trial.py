@@ -33,7 +33,7 @@ from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
 from vdfmu.engine.fmu.library import watch_calls
 from vdfmu.engine.fmu.versions import Instance3, class_of
-from vdfmu.engine.package.limits import package_limit, unpack_limit
+from vdfmu.engine.package.archive import package_limit, unpack_limit
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.rules import Finding, Findings, finding

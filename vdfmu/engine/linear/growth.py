@@ -19,9 +19,9 @@ from vdfmu.engine.linear.loops import SLOW, Loop, Margins, Tied, fastest_mode, l
 from vdfmu.engine.linear.system import LinearSystem, cut
 from vdfmu.engine.linear.tied import with_tied
 from vdfmu.engine.masters.components import Components
-from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run.isolated import Isolated, LostProcessError
 
 _HARM = 50.0

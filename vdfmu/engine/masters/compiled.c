@@ -12,19 +12,24 @@ __declspec(dllimport) unsigned long long __stdcall GetTickCount64(void); /* wind
 #include <time.h>
 #endif
 
-enum { COPY, SCALED, VALUES_2, VALUES_3, STEP_2, STEP_3 };
+enum { COPY, SCALED, CHANGED, PREDICTED, LINE, RAMP, VALUES_2, VALUES_3, STEP_2, STEP_3, RATES_2, RATES_3 };
 enum { DOUBLE, FLOAT, LONG, BOOL, INT, SHORT, BYTE, UNSIGNED_LONG, UNSIGNED_INT, UNSIGNED_SHORT, UNSIGNED_BYTE };
-enum { REACHED, ASKS, NOT_FINITE };
+enum { REACHED, ASKS, NOT_FINITE, EVENT, BY_HAND };
 
 typedef int Values2(void *, const unsigned *, size_t, void *);
 typedef int Values3(void *, const unsigned *, size_t, void *, size_t);
+typedef int Rates2(void *, const unsigned *, size_t, const int *, void *);
+typedef int Rates3(void *, const unsigned *, size_t, const int *, void *, size_t);
 typedef int Step2(void *, double, double, int);
 typedef int Step3(void *, double, double, bool, unsigned char *, unsigned char *, unsigned char *, double *);
 
 typedef struct {
     int kind, types; /* of a copy: 16 times the type of the source, plus the type of the target */
+    int number;      /* of a call in a process of components, see isolated.py; else 0 */
     long every;      /* step of the component over the communication step */
     long at_end;     /* whether the action belongs to the end of this step, else to its begin */
+    long from_row;   /* first row whose step has the action */
+    long part, parts; /* of a step that is made in equal parts; else 0 */
     double last;     /* length of the last step of the run [s] */
     void *function, *component;
     const unsigned *references;
@@ -33,6 +38,7 @@ typedef struct {
     const void *source;
     const ptrdiff_t *to, *from;
     const double *factor, *offset;
+    void *more; /* slopes of a ramp; orders of derivatives */
     unsigned char *flags; /* event, end of simulation, early return */
     double *reached;
 } Action;
@@ -55,10 +61,13 @@ typedef struct {
     const volatile int *waiting; /* whether a message waits */
     double begin, step, rest;
     long n;
-    long row; /* last complete row */
+    long *row;    /* last complete row */
+    int *running; /* number of the call; negative after it */
     size_t action;
     int status;
     double point, length; /* arguments of the last call of a step */
+    double event;         /* time of the next event that is known [s] */
+    int pending;          /* whether there is an event at the end of this step */
 } Master;
 
 static double now(void)
@@ -118,11 +127,67 @@ static bool copy(const Action *a)
     return bad;
 }
 
+/* Return whether a discrete input differs from the value that was set last. */
+static bool changed(const Action *a)
+{
+    bool differs = false;
+    for (size_t j = 0; j < a->n; j++) {
+        const ptrdiff_t s = a->from[j];
+        switch (a->types) {
+        case DOUBLE: differs |= ((const double *)a->source)[s] != ((const double *)a->values)[j]; break;
+        case LONG: differs |= ((const int64_t *)a->source)[s] != ((const int64_t *)a->values)[j]; break;
+        case INT: differs |= ((const int32_t *)a->source)[s] != ((const int32_t *)a->values)[j]; break;
+        }
+    }
+    return differs;
+}
+
+/* Do a copy by lines over a step of h: a prediction from the last two values, a value by its rate, or inputs at a place
+ * on their lines with their slopes. */
+static void lines(const Action *a, double h, double ratio)
+{
+    double *values = a->values;
+    const double *begin = a->source, *other = a->factor;
+    for (size_t j = 0; j < a->n; j++)
+        if (a->kind == PREDICTED)
+            values[j] = (begin[j] - other[j]) * ratio + begin[j];
+        else if (a->kind == LINE)
+            values[a->to[j]] = begin[a->from[j]] + h * other[j];
+        else {
+            const double change = other[j] - begin[j];
+            values[j] = begin[j] + a->offset[j] * change;
+            ((double *)a->more)[j] = change * ((1.0 - a->offset[j]) / h);
+        }
+}
+
+/* Return the step from a time to a stop that does not lead beyond it for any rounding. */
+static double largest_step(double time, double stop)
+{
+    double step = stop - time;
+    while (time + step > stop) { /* the next smaller number; math.h needs another library */
+        int64_t bits;
+        memcpy(&bits, &step, 8);
+        bits--;
+        memcpy(&step, &bits, 8);
+    }
+    return step;
+}
+
 /* Do an action; return whether Python must judge it. */
 static bool act(Master *m, const Action *a)
 {
     switch (a->kind) {
     case COPY: return copy(a);
+    case CHANGED: m->pending |= changed(a); return false;
+    case PREDICTED:
+    case LINE:
+    case RAMP: lines(a, m->length, m->length / m->step); return false;
+    case RATES_2:
+        m->status = ((Rates2 *)a->function)(a->component, a->references, a->n_references, a->more, a->values);
+        break;
+    case RATES_3:
+        m->status = ((Rates3 *)a->function)(a->component, a->references, a->n_references, a->more, a->values, a->n);
+        break;
     case SCALED:
         for (size_t j = 0; j < a->n; j++)
             ((double *)a->values)[a->to[j]] = ((const double *)a->source)[a->from[j]] * a->factor[j] + a->offset[j];
@@ -141,26 +206,45 @@ static bool act(Master *m, const Action *a)
 }
 
 /* Do steps from the last complete row to row `end`, the first from its action `first` on. Returns after a step with a
- * message, after `most` seconds, or when Python must judge an action. */
+ * message, after `most` seconds, or when Python must judge an action, handle an event, or do a step with an event. */
 SHOWN int do_steps(Master *m, size_t first, long end, double most)
 {
     const double until = now() + most;
-    while (m->row < end) {
-        const long k = m->row;
-        *m->clock = *m->time = m->begin + (double)k * m->step;
-        *m->size = k < m->n - 1 ? m->step : m->rest;
+    while (*m->row < end) {
+        const long k = *m->row;
+        if (first == 0) {
+            *m->clock = *m->time = m->begin + (double)k * m->step;
+            *m->size = k < m->n - 1 ? m->step : m->rest;
+            if (m->event <= *m->clock + *m->size * (1.0 + 1e-9))
+                return BY_HAND;
+        }
         for (size_t i = first; i < m->n_actions; i++) {
             const Action *a = &m->actions[i];
             const long begun = a->every == 1 ? k : k - k % a->every;
             const long last = (begun + a->every < m->n ? begun + a->every : m->n) - 1;
-            if (k != (a->at_end ? last : begun))
+            if (k != (a->at_end ? last : begun) || k < a->from_row)
                 continue;
             m->action = i;
             m->point = m->begin + (double)begun * m->step;
             m->length = last == m->n - 1 ? a->last : m->step * (double)(last + 1 - begun);
-            if (act(m, a))
+            if (a->parts) {
+                const double stop = m->point + m->length;
+                m->point = *m->clock = m->point + (double)a->part * m->length / (double)a->parts;
+                m->length /= (double)a->parts;
+                if (a->part && a->part == a->parts - 1)
+                    m->length = largest_step(m->point, stop);
+                *m->size = m->length;
+            }
+            if (a->number)
+                *m->running = a->number;
+            const bool asks = act(m, a);
+            if (a->number)
+                *m->running = -a->number;
+            if (asks)
                 return ASKS;
         }
+        if (m->pending)
+            return EVENT;
         first = 0;
         double zero = 0.0;
         for (size_t j = 0; j < m->n_watched; j++)
@@ -175,7 +259,7 @@ SHOWN int do_steps(Master *m, size_t first, long end, double most)
                 else
                     memcpy(row + 4 * j, r->memory + 4 * r->columns[j], 4);
         }
-        m->row = k + 1;
+        *m->row = k + 1;
         if (*m->waiting || now() > until)
             break;
     }

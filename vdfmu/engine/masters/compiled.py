@@ -1,11 +1,12 @@
-"""Steps in compiled code: those of `SampledStepper` and `MultirateStepper` without the interpreter, with the same bits.
+"""Steps in compiled code: those of `SampledStepper` and its like without the interpreter, with the same bits.
 
 The plan is a list of actions: copies of values and calls of FMUs. Python judges each status, each flag of a step and
-each integer out of range. Then the step goes on.
+each integer out of range, and handles events. Then the step goes on.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from ctypes import CDLL, Structure, addressof, byref, c_double, c_int, c_long, c_size_t, c_void_p, cast
 from functools import lru_cache
@@ -20,6 +21,8 @@ from vdfmu.base.arrays import Floats
 from vdfmu.engine.fmu.access import TEXTS, Ends, Transfer
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.versions import Instance3
+from vdfmu.engine.masters.continuous import ContinuousStepper
+from vdfmu.engine.masters.coupled import Coupled
 from vdfmu.engine.masters.events import EventStepper
 from vdfmu.engine.masters.exchange import Bank, Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
@@ -27,10 +30,10 @@ from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid, largest_step
 from vdfmu.engine.results.recorder import RowsInMemory
 
-_COPY, _SCALED, _VALUES, _, _STEP, _ = range(6)
+_COPY, _SCALED, _CHANGED, _PREDICTED, _LINE, _RAMP, _VALUES, _, _STEP, _, _RATES, _ = range(12)
 """Kinds of actions. Kinds of calls are one more for FMI 3.0."""
-_NOT_FINITE = 2
-"""Answer of the loop."""
+_NOT_FINITE, _EVENT, _BY_HAND = 2, 3, 4
+"""Answers of the loop."""
 _TYPES = "float64 float32 int64 bool int32 int16 int8 uint64 uint32 uint16 uint8".split()
 _SLICE = 0.01
 """Time [s] after which signals, and the clocks of recorder and observers, are looked at."""
@@ -44,8 +47,9 @@ def _fields(**names: str) -> list[tuple[str, Any]]:
 
 class _Action(Structure):
     _fields_ = _fields(
-        i="kind types", l="every at_end", d="last", p="function component references", n="n_references n",
-        p2="values source to from_ factor offset flags reached",
+        i="kind types number", l="every at_end from_row part parts", d="last", p="function component references",
+        n="n_references n",
+        p2="values source to from_ factor offset more flags reached",
     )  # fmt: skip
 
 
@@ -56,7 +60,7 @@ class _RowBlock(Structure):
 class _Master(Structure):
     _fields_ = _fields(
         p="actions rows outputs watched", n="n_actions n_rows n_watched", p2="clock size time waiting",
-        d="begin step rest", l="n row", n2="action", i="status", d2="point length",
+        d="begin step rest", l="n", p3="row running", n2="action", i="status", d2="point length event", i2="pending",
     )  # fmt: skip
 
 
@@ -71,43 +75,56 @@ def _library() -> CDLL | None:
     return library
 
 
+def lacking() -> str:
+    """Return that the compiled loop cannot be made here; else an empty text."""
+    return "" if _library() is not None else "no C compiler"
+
+
 def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     """Return why the steps of a run are made in Python; empty if compiled code can make them."""
-    if not exchange.instances or type(exchange) is not Exchange:
-        return "components in other processes"
-    if type(stepper) not in (SampledStepper, MultirateStepper):
-        return "events" if isinstance(stepper, EventStepper) else f"the algorithm {exchange.checked.algorithm}"
+    if type(stepper) not in (SampledStepper, MultirateStepper, EventStepper, ContinuousStepper):
+        return f"the algorithm {exchange.checked.algorithm}"
+    if isinstance(stepper, ContinuousStepper) and (stepper.error is not None or stepper.repeated):
+        return "steps that may be repeated"
     if exchange.checked.feed is not None:
         return "inputs from outside"
     for bank in exchange.banks:
-        if bank.kind in TEXTS and bank.variables:
-            return "texts or binary values"
+        if bank.kind in TEXTS and bank.links:
+            return "texts or binary values between components"
         if any(link.conversion.table is not None for link in bank.links):
             return "a connection with a table"
     for instance in exchange.instances.values():
         if instance.python or instance.integrator is not None:
             return f"{instance.name} is {'written in Python' if instance.python else 'integrated by the master'}"
-    return "" if _library() is not None else "no C compiler"
+        if instance.updates:
+            return f"{instance.name} takes its inputs within steps"
+    return lacking()
 
 
 class CompiledSteps:
-    """The steps of a run on a `grid`, with the rows of all `keepers`."""
+    """The steps of a run on a `grid`, as `stepper` does them, with the rows of all `keepers`."""
 
-    def __init__(self, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
+    def __init__(self, stepper: Stepper, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
         library, bank = _library(), exchange.banks[0]
         assert library is not None
+        self._eventful = stepper if isinstance(stepper, EventStepper) else None
+        self._continuous = stepper if isinstance(stepper, ContinuousStepper) else None
+        self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
         self._run, self._exchange, self._grid = library.do_steps, exchange, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
-        self.lasting = True
+        self.lasting = self._eventful is None and self._continuous is None
         """Whether the plan holds for other start values."""
         self._actions: list[_Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
-        self._make(exchange)
+        if self._continuous is None:
+            self._sample()
+        else:
+            self._couple(self._continuous.coupled)
         rows: list[_RowBlock] = []
         owners: list[RowsInMemory] = []
-        for keeper, each in product(keepers, exchange.banks):
+        for keeper, each in product(keepers, self._banks):
             if columns := keeper.columns.get(kind := each.kind.lower()):
                 parts = keeper.data[kind], each.memory, np.array(columns, np.intp)
                 rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
@@ -124,22 +141,18 @@ class CompiledSteps:
             rows=addressof(blocks), n_rows=len(rows),
             clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
+            row=addressof(exchange.row), running=addressof(exchange.running), event=self._next_event,
         )  # fmt: skip
-        self._pointer = byref(self._master)
+        self._pointer, self.row = byref(self._master), 0
 
     @property
     def row(self) -> int:
         """The last complete row."""
-        return self._master.row
+        return self._exchange.row.value
 
     @row.setter
     def row(self, row: int) -> None:
-        self._master.row = row
-
-    @property
-    def instance(self) -> Instance:
-        """The component of the last call."""
-        return self._judges[self._master.action][0]
+        self._exchange.row.value = row
 
     def run(self, end: int) -> int:
         """Do steps to row `end` at most; return the last complete row.
@@ -148,19 +161,45 @@ class CompiledSteps:
         """
         master, first = self._master, 0
         for keeper, blocks in self._keepers:
-            begin, full = keeper.room(master.row + 1)
+            begin, full = keeper.room(self.row + 1)
             end = min(end, full - 1)
             for block in blocks:
                 block.first = begin
         while answer := self._run(self._pointer, first, end, _SLICE):
+            if answer in (_EVENT, _BY_HAND):
+                self._events(answer == _EVENT)
+                first, end = master.n_actions, self.row + 1 if self._exchange.box.ended else end
+                continue
             if answer == _NOT_FINITE:
-                self._exchange.refuse_not_finite("doStep", self._grid.time(master.row + 1))
-            self._judges[master.action][1](master)
-            first, end = master.action + 1, master.row + 1
-        return master.row
+                self._exchange.refuse_not_finite("doStep", self._grid.time(self.row + 1))
+            instance, judge = self._judges[master.action]
+            judge(master)
+            master.pending |= instance.event_needed
+            first, end = master.action + 1, self.row + 1
+        if self._continuous is not None:
+            self._continuous.count(self._grid, self.row)
+        return self.row
 
-    def _make(self, exchange: Exchange) -> None:
-        checked, banks = exchange.checked, exchange.banks
+    @property
+    def _next_event(self) -> float:
+        """Time of the next event that is known [s]; infinite for none."""
+        return math.inf if self._eventful is None else min(self._eventful.events.times, default=math.inf)
+
+    def _events(self, pending: bool) -> None:
+        """Handle events at the end of a step, or do a step in Python that has events within it or at its end."""
+        master, eventful, grid, k = self._master, self._eventful, self._grid, self.row
+        assert eventful is not None
+        begin, end = grid.time(k), grid.time(k + 1)
+        self._exchange.box.time = begin
+        if pending:
+            eventful.events.handle(end, end - begin)
+        else:
+            eventful.advance(begin, grid.step if k < grid.n - 1 else grid.last, end)
+        master.pending, master.event = 0, self._next_event
+
+    def _sample(self) -> None:
+        """Plan steps with inputs that hold over a step."""
+        exchange, checked, banks = self._exchange, self._exchange.checked, self._banks
         fresh, early = checked.schedule.fresh, checked.early if checked.multiples else ()
         for name in checked.schedule.units:
             for bank in banks:
@@ -172,17 +211,110 @@ class CompiledSteps:
             for bank in banks:
                 links = bank.links[bank.fresh_windows[name]]
                 self._gather(name, bank, links, links)
-            for moved in self._transfers(instance, "Set"):
-                self._move(instance, moved, False)
-                self._values(instance, moved, False)
+            self._set(instance)
             self._step(instance, at_end)
-            for moved in self._transfers(instance, "Get"):
-                self._values(instance, moved, at_end)
-                self._move(instance, moved, at_end)
+            self._get(instance, at_end)
+        for name, unit in self._eventful.events.units.items() if self._eventful else ():
+            for bank in banks:
+                links = bank.links[bank.input_windows[name]]
+                self._gather(name, bank, links, links)
+            for part, where, last in unit.watched:
+                if where.size:
+                    self._add(
+                        unit.instance, lambda master: None, kind=_CHANGED, types=_TYPES.index(part.dtype.name),
+                        n=where.size, source=self._address(part), from_=self._address(where),
+                        values=self._address(last),
+                    )  # fmt: skip
+
+    def _couple(self, coupled: Coupled) -> None:
+        """Plan steps with inputs on lines, as `ContinuousStepper` makes them."""
+        exchange, bank, begun = self._exchange, coupled.bank, coupled.begun[0]
+        previous = begun.copy()
+        instance = next(iter(exchange.instances.values()))  # of copies for all; they cannot fail
+        for each, before in zip(exchange.banks, coupled.begun, strict=True):
+            if each in self._banks:
+                self._whole(instance, before, each.outputs)
+                self._gather(instance.name, each, each.links, each.links)
+                self._whole(instance, coupled.waiting.get(each.kind, coupled.starts)[: each.inputs.size], each.inputs)
+        self._line(instance, _PREDICTED, coupled.outputs, begun, factor=self._address(previous), from_row=1)
+        for owner, (_, arguments, name), places, rates in coupled.rates:
+            self._rates(owner, owner.slopes_name, arguments, name, from_row=1)
+            where = self._address(places)
+            self._line(
+                owner, _LINE, coupled.outputs, begun, factor=self._address(rates), to=where, from_=where, n=rates.size,
+                from_row=1,
+            )  # fmt: skip
+        self._part(instance, coupled.outputs, begun, np.flatnonzero(coupled.discrete))
+        for unit in (unit for block in coupled.blocks for unit in block.units):
+            name = unit.instance.name
+            for each in self._banks:
+                window = each.input_windows[name]
+                links = each.links[window]
+                self._gather(name, each, links, links)
+                if each is not bank:
+                    held = [i for i, k in enumerate(links) if k.end not in exchange.checked.schedule.fresh]
+                    self._part(
+                        unit.instance, each.inputs[window], coupled.waiting[each.kind][window], np.array(held, np.intp)
+                    )
+            self._whole(unit.instance, unit.ends, unit.inputs)
+            self._part(unit.instance, unit.ends, unit.starts, unit.held)
+            for part, (hold, calls) in enumerate(unit.parts):
+                self._line(
+                    unit.instance, _RAMP, unit.inputs, unit.starts, factor=self._address(unit.ends),
+                    offset=self._address(hold), more=self._address(unit.slopes),
+                )  # fmt: skip
+                self._set(unit.instance)
+                for _, arguments, call in calls:
+                    if call == "setRealInputDerivatives":
+                        self._rates(unit.instance, "SetRealInputDerivatives", arguments, call)
+                self._step(unit.instance, False, part=part, parts=len(unit.parts))
+            self._get(unit.instance, False)
+        self._whole(instance, bank.inputs, coupled.ends[: bank.inputs.size])
+        self._whole(instance, previous, begun)
+
+    def _line(self, instance: Instance, kind: int, values: Floats, begin: Floats, **fields: Any) -> None:
+        """Add a copy by lines over the step, if it has values."""
+        if values.size:
+            fields = {"n": values.size} | fields
+            self._add(
+                instance, lambda master: None, kind=kind, last=self._grid.last, values=self._address(values),
+                source=self._address(begin), **fields,
+            )  # fmt: skip
+
+    def _part(self, instance: Instance, target: NDArray[Any], source: NDArray[Any], places: NDArray[np.intp]) -> None:
+        """Add the copy of the values at some places, if there are any."""
+        if places.size:
+            self._copy(instance, (target, places, source, places), False, lambda master: None)
+
+    def _whole(self, instance: Instance, target: NDArray[Any], source: NDArray[Any]) -> None:
+        """Add the copy of all values."""
+        self._part(instance, target, source, np.arange(target.size))
+
+    def _rates(self, instance: Instance, name: str, arguments: Any, call: str, **fields: Any) -> None:
+        """Add a call that gets or sets derivatives by time."""
+        _, references, n, orders, values, *_ = arguments
+        self._kept += [references, orders, values]
+        self._add(
+            instance, lambda master: instance.judge(master.status, call), name,
+            kind=_RATES + isinstance(instance, Instance3), references=addressof(references), n_references=n,
+            n=len(values), more=addressof(orders), values=addressof(values), **fields,
+        )  # fmt: skip
+
+    def _set(self, instance: Instance) -> None:
+        """Add the calls that set the inputs of a component."""
+        for moved in self._transfers(instance, "Set"):
+            self._move(instance, moved, False)
+            self._values(instance, moved, False)
+
+    def _get(self, instance: Instance, at_end: bool) -> None:
+        """Add the calls that get the outputs of a component."""
+        for moved in self._transfers(instance, "Get"):
+            self._values(instance, moved, at_end)
+            self._move(instance, moved, at_end)
 
     def _transfers(self, instance: Instance, verb: str) -> list[Transfer]:
         return [
-            moved for bank in self._exchange.banks
+            moved for bank in self._banks
             for moved in instance.transfers(verb, *bank.window(instance, verb), instance.between_events)
         ]  # fmt: skip
 
@@ -226,7 +358,7 @@ class CompiledSteps:
             values=self._address(moved.memory),
         )  # fmt: skip
 
-    def _step(self, instance: Instance, at_end: bool) -> None:
+    def _step(self, instance: Instance, at_end: bool, **parts: int) -> None:
         grid, multiples = self._grid, self._exchange.checked.multiples
         every = multiples.get(instance.name, 1)
         begun = grid.begin + (grid.n - 1) // every * every * grid.step
@@ -243,13 +375,17 @@ class CompiledSteps:
             if status:
                 instance.judge(status, "doStep")
 
-        self._add(instance, judge, "DoStep", kind=_STEP + bool(answers), at_end=at_end, last=last, **answers)
+        self._add(instance, judge, "DoStep", kind=_STEP + bool(answers), at_end=at_end, last=last, **answers, **parts)
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
         """Add an action, a call of the FMI function if it has a name."""
-        function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value if name else None
+        function, number = None, 0
+        if name:
+            function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value
+            number = getattr(instance.function(name), "number", 0)
         every = self._exchange.checked.multiples.get(instance.name, 1)
-        self._actions.append(_Action(function=function, component=instance.fmu.component, every=every, **fields))
+        calls = {"function": function, "number": number, "component": instance.fmu.component}
+        self._actions.append(_Action(every=every, **calls, **fields))
         self._judges.append((instance, judge))
 
     def _address(self, array: NDArray[Any] | None) -> int | None:

@@ -1,8 +1,14 @@
-"""The components of one run in this process: loading, initialization, coupling by an algorithm, freeing."""
+"""The components of one run in this process: loading, initialization, coupling by an algorithm, freeing, exits."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import ctypes
+import inspect
+import os
+import platform
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from ctypes import c_void_p
 from functools import partial
 from pathlib import Path
@@ -18,12 +24,15 @@ from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.fmu.versions import class_of
 from vdfmu.engine.masters.broyden import Broyden
+from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
 from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
+from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.recorder import RowsInMemory
 
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""
@@ -147,6 +156,11 @@ class Components:
         stepper = self._stepper = self.checked.how.load()(coupling)
         return stepper
 
+    def compiled(self, grid: Grid, keepers: Sequence[RowsInMemory]) -> CompiledSteps | str:
+        """Return the steps of a run in C, with the rows of all keepers, or why its steps are made in Python."""
+        assert self._stepper is not None
+        return obstacle(self._stepper, self.exchange) or CompiledSteps(self._stepper, self.exchange, grid, keepers)
+
     def bring_inputs(self, time: float) -> None:
         """Set all inputs to the values of the outputs that feed them."""
         self.exchange.feed(time)
@@ -224,3 +238,46 @@ class Components:
 def failure_message(error: CosimError) -> LogMessage:
     """Return a failure as a message."""
     return LogMessage("", error.time, "error", "", str(error))
+
+
+@contextmanager
+def report_exits(box: MessageBox, save: Callable[[], str], resting: Callable[[], bool]) -> Generator[None]:
+    """Report a component that ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
+
+    Between runs, when `resting`, no component does.
+
+    For the C libraries of Linux (glibc) and macOS; no others can remove a handler.
+    """
+    if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
+        yield
+        return
+    process, over = os.getpid(), False
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+    def at_exit(_: int | None) -> None:
+        if over or resting() or os.getpid() != process:  # in a process that the component has forked
+            return
+        with suppress(BaseException):
+            where = save()
+            sys.stderr.write(f"error: {_caller()} ended the process at t = {box.time:.9g} s.{where}\n")
+            sys.stderr.flush()
+        os._exit(1)
+
+    library, key = ctypes.CDLL(None), ctypes.byref(ctypes.c_char())
+    library.__cxa_atexit(at_exit, None, key)
+    try:
+        yield
+    finally:
+        over = True
+        library.__cxa_finalize(key)  # calls and removes the handler
+
+
+def _caller() -> str:
+    """Return the names of the components in the local variables of the calls above in this thread."""
+    frame = inspect.currentframe()
+    while frame is not None:
+        values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]
+        if names := dict.fromkeys(each.name for pair in values for each in pair if isinstance(each, Instance)):
+            return f"component {' or '.join(names)}"
+        frame = frame.f_back
+    return "a component"

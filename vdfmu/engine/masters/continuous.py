@@ -20,7 +20,7 @@ from vdfmu.engine.masters.broyden import Broyden, not_solved
 from vdfmu.engine.masters.coupled import Block, Coupled, CoupledUnit, interface_inverse
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import Stepper
-from vdfmu.engine.plan.grid import largest_step
+from vdfmu.engine.plan.grid import Grid, largest_step
 
 _FIRST = 1e-5
 """First step of the error control, relative to the longest: it finds the slopes of the signals."""
@@ -58,9 +58,9 @@ class ContinuousStepper(Stepper):
         self.steps = self.unit_steps = self.rejected = self.jumps = 0
         self._floor, self._since_jump, self._tried = _SHORTEST * span, _BETWEEN_JUMPS, (0.0, 0.0)
         self.shortest, self.longest = math.inf, 0.0
-        coupled = self._coupled = Coupled(exchange)
+        coupled = self.coupled = Coupled(exchange)
         self._outputs, self._variables = coupled.outputs, coupled.bank.variables
-        self._repeated = [u for b in coupled.blocks for u in b.units if error is not None or (repeat and b.torn.size)]
+        self.repeated = [u for b in coupled.blocks for u in b.units if error is not None or (repeat and b.torn.size)]
         self._solvers = [solver() for _ in coupled.blocks] if solver is not None else []
         torn = [block.torn for block in coupled.blocks if not repeat]
         self._extrapolated = np.concatenate([np.zeros(0, np.intp), *torn])
@@ -84,7 +84,7 @@ class ContinuousStepper(Stepper):
                 end = target if parts <= 1 else time + left / parts
                 if end <= time:
                     raise CosimError(
-                        self._repeated[0].instance.name, "doStep", time,
+                        self.repeated[0].instance.name, "doStep", time,
                         f"the next step, of {left / parts:.3g} s, is below the resolution of time at {time:.9g} s; "
                         "begin nearer to zero",
                     )  # fmt: skip
@@ -93,7 +93,13 @@ class ContinuousStepper(Stepper):
                 if self._attempt(time, largest_step(time, end), step):
                     time = end
         # a row holds the value of an input at the end
-        np.copyto(self._coupled.inputs, self._coupled.ends)
+        np.copyto(self.coupled.inputs, self.coupled.ends)
+
+    def count(self, grid: Grid, row: int) -> None:
+        """Count the steps to a row of a run as done, without error control."""
+        lengths = [grid.step] * (min(row, grid.n - 1) > 0) + [grid.last] * (row == grid.n)
+        self.steps, self.unit_steps = row, row * sum(len(u.parts) for b in self.coupled.blocks for u in b.units)
+        self.shortest, self.longest = min(lengths, default=math.inf), max(lengths, default=0.0)
 
     def _target(self, time: float, stop: float) -> float:
         """Return the latest end of a step under error control: no signal from outside jumps or bends in it."""
@@ -114,9 +120,9 @@ class ContinuousStepper(Stepper):
     def notes(self) -> list[str]:
         """Return notes on the run: signals smaller than the allowed error."""
         allowed = self.convergence if self.error is None else self.error
-        if self.error is None and not any(block.torn.size for block in self._coupled.blocks if self.repeat):
+        if self.error is None and not any(block.torn.size for block in self.coupled.blocks if self.repeat):
             return []
-        lines = ((self._largest[i], *self._variables[i]) for i in self._coupled.lines)
+        lines = ((self._largest[i], *self._variables[i]) for i in self.coupled.lines)
         small = [f"{unit}.{v.name}" for y, unit, v in lines if v.nominal is None and 0.0 < y < allowed / _BLIND]
         if not small:
             return []
@@ -129,21 +135,21 @@ class ContinuousStepper(Stepper):
     def _step(self, time: float, h: float) -> Floats:
         """Step all units; return the outputs that were predicted."""
         self.box.time = time
-        self._coupled.begin()
-        for unit in self._repeated:
+        self.coupled.begin()
+        for unit in self.repeated:
             self._free(unit.instance)
             self._states[unit.instance.name] = unit.instance.saved_state()
-        start = self._coupled.begun[0]
+        start = self.coupled.begun[0]
         if self._last > 0.0:
             np.multiply(start - self._previous, h / self._last, self._outputs)
             np.add(self._outputs, start, self._outputs)
-            for instance, call, places, rates in self._coupled.rates:
+            for instance, call, places, rates in self.coupled.rates:
                 instance.run([call])
                 self._outputs[places] = start[places] + h * rates
-            self._outputs[self._coupled.discrete] = start[self._coupled.discrete]
+            self._outputs[self.coupled.discrete] = start[self.coupled.discrete]
         self.exchange.feed(time + h)
         predicted = self._outputs.copy()
-        for i, block in enumerate(self._coupled.blocks):
+        for i, block in enumerate(self.coupled.blocks):
             if self.repeat and block.torn.size:
                 self._solve(block, self._solvers[i], time, h)
             else:
@@ -151,7 +157,7 @@ class ContinuousStepper(Stepper):
         return predicted
 
     def _done(self, h: float) -> None:
-        np.copyto(self._previous, self._coupled.begun[0])
+        np.copyto(self._previous, self.coupled.begun[0])
         np.maximum(self._largest, np.abs(self._outputs), out=self._largest)
         self._last, self.steps = h, self.steps + 1
         self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
@@ -168,7 +174,7 @@ class ContinuousStepper(Stepper):
         try:
             sizes = self._errors(self._step(time, h), h) / self.error
         except CosimError as error:
-            if any(unit.instance.dead for unit in self._repeated):
+            if any(unit.instance.dead for unit in self.repeated):
                 raise
             sizes, failure = np.zeros(0), error
         ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
@@ -195,8 +201,8 @@ class ContinuousStepper(Stepper):
         self._tried = h, ratio
         self.rejected += 1
         del self.box.pending[before:]
-        self._coupled.undo()
-        self._restore(self._repeated)
+        self.coupled.undo()
+        self._restore(self.repeated)
         return False
 
     def _too_short(self, i: int, time: float, h: float, ratio: float) -> CosimError:
@@ -223,7 +229,7 @@ class ContinuousStepper(Stepper):
 
     def _changed(self) -> NDArray[np.bool_]:
         """Whether each discrete signal differs from its value at the start of the step."""
-        return np.concatenate([now[places] != before[places] for now, before, places in self._coupled.switches])
+        return np.concatenate([now[places] != before[places] for now, before, places in self.coupled.switches])
 
     def _errors(self, predicted: Floats, h: float) -> Floats:
         """Return the errors of the outputs in the step, relative to their sizes; infinite for NaN.
@@ -237,14 +243,14 @@ class ContinuousStepper(Stepper):
         difference[np.isnan(difference)] = math.inf
         sizes = np.zeros(difference.size)
         if self._last > 0.0:  # else there is no prediction yet
-            least = np.where(self._coupled.passing, h, max(h, _LEAST * self._last))
-            line = least / (4.0 * (h + self._last * ~self._coupled.derived[self._coupled.lines]))
-            sizes[self._coupled.lines] = line * difference[self._coupled.lines]
+            least = np.where(self.coupled.passing, h, max(h, _LEAST * self._last))
+            line = least / (4.0 * (h + self._last * ~self.coupled.derived[self.coupled.lines]))
+            sizes[self.coupled.lines] = line * difference[self.coupled.lines]
             sizes[self._extrapolated] = difference[self._extrapolated]
         return sizes
 
     def _scale(self) -> Floats:
-        return np.maximum(np.abs(self._outputs), self._coupled.nominal)
+        return np.maximum(np.abs(self._outputs), self.coupled.nominal)
 
     def _solve(self, block: Block, solver: Broyden, time: float, h: float) -> None:
         """Step the units of a block until guessed and computed torn outputs agree."""
@@ -266,7 +272,7 @@ class ContinuousStepper(Stepper):
 
         sizes, count = solver.solve(
             outputs[torn], repeat, lambda residual: np.abs(residual) / self._scale()[torn], self.convergence,
-            lambda: interface_inverse(block, self._coupled, h),
+            lambda: interface_inverse(block, self.coupled, h),
         )  # fmt: skip
         if np.all(sizes <= self.convergence):
             return

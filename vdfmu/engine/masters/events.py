@@ -109,24 +109,28 @@ class Events:
     def __init__(self, exchange: Exchange, start: float) -> None:
         self._exchange, self._box = exchange, exchange.box
         instances = [exchange.instances[name] for name in exchange.checked.schedule.units]
-        self._units = {
+        self.units = {
             s.name: _EventUnit(exchange, s, start) for s in instances if isinstance(s, Instance3) and s.event_mode
         }
         self._sinks: dict[tuple[str, int], list[tuple[str, int]]] = {}
         for (a, source), (b, sink) in exchange.checked.clock_links:
             ends = [exchange.checked.descriptions[u].variables[v].reference for u, v in ((a, source), (b, sink))]
             self._sinks.setdefault((a, ends[0]), []).append((b, ends[1]))
-        for unit in self._units.values():
+        for unit in self.units.values():
             unit.instance.in_event = True
             self._intervals(unit, start)
-        self._handle(start, set(self._units), 0.0)
+        self._handle(start, set(self.units), 0.0)
+
+    @property
+    def times(self) -> list[float]:
+        """Times [s] of the next events that are known in advance."""
+        times = [tick.next for unit in self.units.values() for tick in unit.ticking]
+        return times + [unit.instance.next_event for unit in self.units.values()]
 
     def next(self, time: float, stop: float) -> float:
         """Return the time [s] of the next event known in advance, after `time`, `stop` at the latest."""
         close = _CLOSE * (stop - time)
-        times = [tick.next for unit in self._units.values() for tick in unit.ticking]
-        times += [unit.instance.next_event for unit in self._units.values()]
-        return min((t for t in times if time + close < t < stop - close), default=stop)
+        return min((t for t in self.times if time + close < t < stop - close), default=stop)
 
     def handle(self, time: float, step: float) -> None:
         """Handle the events at a communication point, `step` after the last."""
@@ -136,7 +140,7 @@ class Events:
     def _handle(self, time: float, involved: set[str], close: float) -> None:
         ticks: dict[str, set[int]] = {}
         for _ in range(_ROUNDS):
-            for name, unit in self._units.items():
+            for name, unit in self.units.items():
                 instance = unit.instance
                 for tick in unit.ticking:
                     if tick.next <= time + close:
@@ -146,11 +150,11 @@ class Events:
                 if instance.event_needed or instance.next_event <= time + close or unit.changed or name in ticks:
                     involved.add(name)
             if not involved:
-                for unit in self._units.values():
+                for unit in self.units.values():
                     unit.instance.leave_event()
                 return
             # in the order of the steps: what ticks another comes first or again
-            for name, unit in self._units.items():
+            for name, unit in self.units.items():
                 if name in involved:
                     involved.discard(name)
                     self._event(unit, time, ticks.pop(name, set()), ticks)
@@ -196,13 +200,13 @@ class EventStepper(SampledStepper):
 
     def __init__(self, exchange: Exchange, events: Events) -> None:
         super().__init__(exchange)
-        self._events, self._ended = events, exchange.box.ended
+        self.events, self._ended = events, exchange.box.ended
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` to `stop`, from event to event."""
         start = time
         while time < stop and not self._ended:
-            end = self._events.next(time, stop)
+            end = self.events.next(time, stop)
             super().advance(time, step if (time, end) == (start, stop) else largest_step(time, end), end)
-            self._events.handle(end, end - time)
+            self.events.handle(end, end - time)
             time = end

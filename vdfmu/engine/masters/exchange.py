@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import c_double, c_int
+from ctypes import c_double, c_int, c_long
 from itertools import groupby, pairwise
 from typing import Any
 
@@ -146,8 +146,8 @@ class Bank:
         return variables, (self.outputs if verb == "Get" else self.inputs)[window]
 
 
-_HEAD = 4
-"""Words before the values: clock, size, running, pressed."""
+_HEAD = 5
+"""Words before the values: clock, size, running, pressed, row."""
 
 
 def words_of(checked: Checked) -> int:
@@ -173,6 +173,8 @@ class Exchange:
         """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
         """For processes that share the memory: activity of the components' process, and whether to stop."""
+        self.row = c_long.from_buffer(words, 8 * 4)  # pyright: ignore[reportArgumentType]
+        """The last complete row of steps in C."""
         self.banks: list[Bank] = []
         taken = _HEAD
         for kind in KINDS:

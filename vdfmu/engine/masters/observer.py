@@ -17,7 +17,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.masters.exchange import Exchange
-from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.results.results import Results
 
 
@@ -40,28 +40,6 @@ class Observer(Protocol):
     def end(self, results: Results) -> None:
         """Take all rows of the run, also of a failed one."""
         ...
-
-
-class Tap:
-    """Looks at the components of a run in some rows, and at signals in all rows. It leaves the run unchanged."""
-
-    wanted: Sequence[str] = ()
-    """Names of real signals for `block`, with ``*`` for any text; they need not exist."""
-    size = 1024
-    """Rows of a block."""
-
-    def begin(self, grid: Grid, names: Sequence[str]) -> None:
-        """Begin a run; `names` are the existing signals of `wanted`."""
-
-    def due(self, k: int) -> float:
-        """Return the next row for `take`, `k` or a later one; default none."""
-        return math.inf
-
-    def take(self, k: int, time: float, components: Any) -> None:
-        """Look at the components in row `k`, at a time [s]."""
-
-    def block(self, times: Floats, values: Floats) -> None:
-        """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
 
 
 class Observed(Tap):

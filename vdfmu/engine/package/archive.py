@@ -6,8 +6,10 @@ import stat
 import tempfile
 import zipfile
 from bisect import bisect
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 from urllib.parse import unquote, urlsplit
@@ -15,8 +17,74 @@ from urllib.parse import unquote, urlsplit
 from vdfmu.base.errors import SspError, UsageError, disk_error
 from vdfmu.base.files import storing
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.engine.package import limits
 from vdfmu.engine.rules import Finding, breach, finding
+
+XML_LIMIT = 64 * 2**20
+"""Largest member that is read into memory, such as XML [byte]."""
+MEMBER_LIMIT = 512 * 2**20
+"""Largest member of any kind [byte]."""
+TOTAL_LIMIT = 2 * 2**30
+"""Most unpacked bytes of a package, packages and FMUs inside it included; `package_limit` changes it."""
+MEMORY_LIMIT = 256 * 2**20
+"""Most of these bytes in memory."""
+COUNT_LIMIT = 65_535
+"""Most members of a package: more need the ZIP64 format, excluded by SSP 1.0."""
+DIRECTORY_LIMIT = 16 * 2**20
+"""Largest directory of a zip file [byte]: some 250 for each of the most members."""
+PACKAGE_LIMIT = 256
+"""Most packages inside a package, on all levels; each is an open file."""
+NESTING_LIMIT = 8
+"""Most packages inside each other."""
+ELEMENT_LIMIT = 10_000
+"""Most elements of a system and its inner systems, counted at each reference."""
+DEPTH_LIMIT = 32
+"""Most systems inside each other, written or by reference."""
+_WAY = "that is the limit. If you trust the file: --unpack-limit, or package_limit of vdfmu.engine.package.archive"
+
+_chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
+
+
+@contextmanager
+def package_limit(total: int | None) -> Generator[None]:
+    """Set how much may be unpacked of each package that is opened in a ``with`` block.
+
+    Parameters
+    ----------
+    total : int or None [byte]
+        Replaces `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
+    """
+    token = _chosen.set(_chosen.get() if total is None else total)
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
+def unpack_limit() -> int:
+    """Return the most bytes that may be unpacked of a package opened now."""
+    return _chosen.get() or TOTAL_LIMIT
+
+
+@dataclass
+class Budget:
+    """Cost of a package with its contents, in bytes actually unpacked."""
+
+    label: str
+    scale: float
+    unpacked: int = 0
+    kept: int = 0
+    packages: int = 0
+
+    def spend(self, count: int, kept: bool) -> None:
+        """Count bytes that were unpacked; SspError beyond the limit."""
+        self.unpacked += count
+        self.kept += count if kept else 0
+        totals = (self.unpacked, TOTAL_LIMIT, "bytes unpacked"), (self.kept, MEMORY_LIMIT, "bytes of XML")
+        for spent, limit, unit in totals:
+            if spent > limit * self.scale:
+                text = f"{self.label}: has more than {limit * self.scale:.0f} {unit}, including packages inside it"
+                raise breach("PKG004", f"{text} and repeated members; {_WAY}")
+
 
 INSIDE = "!/"
 """Separator between the name of an inner package and the name of its member."""
@@ -45,13 +113,13 @@ class Archive:
     SspError
         The file is missing or not a zip, or a member points outside the package, occurs twice with different
         contents, differs from another in case only, is a link, is encrypted, is packed by another method than
-        deflation or is larger than the limits of `vdfmu.engine.package.limits`.
+        deflation or is larger than the limits of `package_limit`.
     """
 
     def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:
         self.label = label
         self._depth = 0 if outer is None else outer._depth + 1
-        self._budget = outer._budget if outer else limits.Budget(label, limits.unpack_limit() / limits.TOTAL_LIMIT)
+        self._budget = outer._budget if outer else Budget(label, unpack_limit() / TOTAL_LIMIT)
         self._inner: dict[str, Archive] = {}
         self.notes: list[Finding] = []
         with ExitStack() as opened:
@@ -76,8 +144,8 @@ class Archive:
         """Read the directory of the file if its size is within the limit: each entry takes memory."""
         end: Any = zipfile._EndRecData(self.file)  # pyright: ignore[reportAttributeAccessIssue]
         size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
-        if size > limits.DIRECTORY_LIMIT:
-            text = f"{self.label}: has a directory of {size} bytes; the limit is {limits.DIRECTORY_LIMIT}. "
+        if size > DIRECTORY_LIMIT:
+            text = f"{self.label}: has a directory of {size} bytes; the limit is {DIRECTORY_LIMIT}. "
             raise breach("PKG004", f"{text}Pack fewer files")
         return zipfile.ZipFile(self.file)
 
@@ -90,9 +158,9 @@ class Archive:
         members: dict[str, zipfile.ZipInfo] = {}
         folded: dict[str, str] = {}
         twice: list[tuple[zipfile.ZipInfo, zipfile.ZipInfo]] = []
-        infos, limit = self._zip.infolist(), limits.MEMBER_LIMIT * self._budget.scale
-        if len(infos) > limits.COUNT_LIMIT:
-            fault("PKG004", f"has {len(infos)} entries; the limit is {limits.COUNT_LIMIT}")
+        infos, limit = self._zip.infolist(), MEMBER_LIMIT * self._budget.scale
+        if len(infos) > COUNT_LIMIT:
+            fault("PKG004", f"has {len(infos)} entries; the limit is {COUNT_LIMIT}")
             raise SspError(problems)
         for info in infos:
             name = info.filename
@@ -119,7 +187,7 @@ class Archive:
             below = ordered[bisect(ordered, f"{name}/", hi=len(members))]
             if below.startswith(f"{name}/"):
                 fault("PKG006", f"entry {name!r} is a file and the folder of {below!r}")
-        total, limit = sum(info.file_size for info in infos), limits.TOTAL_LIMIT * self._budget.scale
+        total, limit = sum(info.file_size for info in infos), TOTAL_LIMIT * self._budget.scale
         if not problems and total > limit:
             fault("PKG004", f"holds {total} bytes unpacked; the limit is {limit:.0f} (--unpack-limit)")
         bounded = not problems  # so that it may be unpacked
@@ -170,8 +238,8 @@ class Archive:
     def inside(self, name: str) -> Archive:
         """Return a package inside the package; closed with it."""
         if name not in self._inner:
-            if self._budget.packages >= limits.PACKAGE_LIMIT:
-                many = f"has more than {limits.PACKAGE_LIMIT} packages inside it; that is the limit"
+            if self._budget.packages >= PACKAGE_LIMIT:
+                many = f"has more than {PACKAGE_LIMIT} packages inside it; that is the limit"
                 raise breach("PKG004", f"{self._budget.label}: {many}")
             self._inner[name] = self._open(name)
             self._budget.packages += 1
@@ -184,8 +252,8 @@ class Archive:
 
     def _open(self, name: str, label: str = "") -> Archive:
         """Unpack a package into an anonymous temporary file."""
-        if self._depth >= limits.NESTING_LIMIT:
-            text = f"{name!r} is a package inside {limits.NESTING_LIMIT} others; that is the limit"
+        if self._depth >= NESTING_LIMIT:
+            text = f"{name!r} is a package inside {NESTING_LIMIT} others; that is the limit"
             raise breach("PKG004", f"{self.label}: {text}")
         with InterruptGuard():  # the first search for the temporary folder creates a file in it
             file = tempfile.TemporaryFile(prefix="vdfmu_")
@@ -199,7 +267,7 @@ class Archive:
 
     def read(self, name: str) -> bytes:
         """Return the content of a member; SspError if it is missing, damaged or too large for the memory."""
-        return b"".join(self._blocks(name, limits.XML_LIMIT, kept=True))
+        return b"".join(self._blocks(name, XML_LIMIT, kept=True))
 
     def head(self, name: str) -> bytes:
         """Return the first bytes of a member, 256 KiB at most; unpacks the rest to verify the checksum."""

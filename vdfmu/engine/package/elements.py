@@ -100,7 +100,7 @@ class Scope:
 class Node:
     """A system, component or signal dictionary reference of the tree. The root has an empty path.
 
-    A component that stands for a system is a system here: `element` is the system, `scope` its SSD, and `outer` the
+    A component that refers to a system is a system here: `element` is the system, `scope` its SSD, and `outer` the
     component with its scope.
     """
 

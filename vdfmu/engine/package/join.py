@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -17,15 +17,12 @@ from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import FOREIGN
-from vdfmu.engine.package.system import UnitFactor
+from vdfmu.engine.package.system import Connections, UnitFactor, ends_of
 from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes
 from vdfmu.engine.plan.check import require_algorithm
 from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
 
-Ends = str | Sequence[str]
-Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
-"""``component.output`` to one or several ``component.input``; without an index, whole vectors."""
 _TYPES = {"Real", "Integer", "Boolean", "String"}
 """Types of SSP 1.0 that need nothing further; a connector may leave the others out."""
 _CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
@@ -106,20 +103,6 @@ def join(
     return path
 
 
-def ends_of(connections: Any) -> list[tuple[str, str]]:
-    """Return each output with an input; UsageError for anything else than texts."""
-    items = connections.items() if isinstance(connections, Mapping) else connections
-    try:
-        ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
-    except (TypeError, ValueError):
-        ends = [(connections, None)]
-    for start, end in ends:
-        if not (isinstance(start, str) and isinstance(end, str)):
-            got = f"{start!r:.60}" + (f" -> {end!r:.60}" if end is not None else "")
-            raise UsageError(f"connections: expected 'component.output' to one or several inputs, got {got}.")
-    return ends
-
-
 def _described(component: str, path: Path) -> Description:
     with Archive(path, path.name) as archive:
         description, problems = inspect_description(archive, path.name)
@@ -182,7 +165,7 @@ class _Ports:
 
 
 def _is_plain(unit: UnitFactor | None) -> bool:
-    """Whether a unit of measurement is 1, so that a signal may stand for any quantity."""
+    """Whether a unit of measurement is 1, so that a signal may be any quantity."""
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 

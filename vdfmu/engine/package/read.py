@@ -10,7 +10,7 @@ from typing import Any
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import SspError
 from vdfmu.base.option import checks_types
-from vdfmu.engine.package import limits, parse
+from vdfmu.engine.package import archive, parse
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.bindings import Bindings
 from vdfmu.engine.package.elements import Document, Scope, read_experiment, read_units
@@ -51,7 +51,7 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
         The file cannot be understood: not a zip, an entry outside the package, a missing resource, a member over the
         size limit, XML with a document type, a violation of the schemas, an unknown element. Lists all such problems.
     """
-    return _loaded(Path(path), variant, stamp_of(Path(path)), limits.unpack_limit())
+    return _loaded(Path(path), variant, stamp_of(Path(path)), archive.unpack_limit())
 
 
 @cached_per_command

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.rules import Finding, Place
@@ -220,3 +221,22 @@ class FlatSystem:
     def component(self, name: str) -> Component:
         """Return a component by its name."""
         return {component.name: component for component in self.components}[name]
+
+
+Ends = str | Sequence[str]
+Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
+"""``component.output`` to one or several ``component.input``; without an index, whole vectors."""
+
+
+def ends_of(connections: Any) -> list[tuple[str, str]]:
+    """Return each output with an input; UsageError for anything else than texts."""
+    items = connections.items() if isinstance(connections, Mapping) else connections
+    try:
+        ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]
+    except (TypeError, ValueError):
+        ends = [(connections, None)]
+    for start, end in ends:
+        if not (isinstance(start, str) and isinstance(end, str)):
+            got = f"{start!r:.60}" + (f" -> {end!r:.60}" if end is not None else "")
+            raise UsageError(f"connections: expected 'component.output' to one or several inputs, got {got}.")
+    return ends

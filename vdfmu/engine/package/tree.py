@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import limits
+from vdfmu.engine.package import archive
 from vdfmu.engine.package.archive import INSIDE
 from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors, read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
@@ -48,15 +48,17 @@ class TreeReader:
     def system(self, element: Any, scope: Scope, parent: Node | None, name: str = "") -> Node:
         """Read a system with everything below it."""
         path = () if parent is None else (*parent.path, name)
-        if len(path) > limits.DEPTH_LIMIT:
-            text = f"{scope.label}: {'.'.join(path[:3])}...: more than {limits.DEPTH_LIMIT} systems inside each other; "
+        if len(path) > archive.DEPTH_LIMIT:
+            text = (
+                f"{scope.label}: {'.'.join(path[:3])}...: more than {archive.DEPTH_LIMIT} systems inside each other; "
+            )
             raise LimitError(finding("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element))
         node = Node(path, "system", read_connectors(element, scope), element, scope)
         self._dictionaries(node, element, parent)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
             self._count += 1
-            if self._count > limits.ELEMENT_LIMIT:
-                text = f"{scope.label}: the system has more than {limits.ELEMENT_LIMIT} elements, including systems "
+            if self._count > archive.ELEMENT_LIMIT:
+                text = f"{scope.label}: the system has more than {archive.ELEMENT_LIMIT} elements, including systems "
                 text += "that components refer to; that is the limit (ELEMENT_LIMIT). Look for systems that "
                 text += "refer to one another many times, or split the system"
                 raise LimitError(finding("SSP016", text, child))

@@ -31,7 +31,7 @@ FLOWS = {
 
 
 def _flows_2() -> set[tuple[str, str]]:
-    """Return the table "Allowed connections" of SSP 2.0; the kind unspecified stands for any kind."""
+    """Return the table "Allowed connections" of SSP 2.0; the kind unspecified allows any kind."""
     inside = ("structuralParameter", "parameter", "input", "inout")
     around = ("system calculatedParameter", "system output", "system local")
     flows = FLOWS | set(product(("system structuralParameter", "constant"), (*inside, *around)))

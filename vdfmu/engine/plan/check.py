@@ -13,8 +13,7 @@ from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.checker import Checker, overrides, unfed
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
-from vdfmu.engine.plan.feed import Feed, feed_inputs
-from vdfmu.engine.plan.inputs import InputTable
+from vdfmu.engine.plan.inputs import Feed, InputTable, feed_inputs
 from vdfmu.engine.plan.schedule import Schedule, choose_schedule
 from vdfmu.engine.rules import Finding, finding
 
@@ -158,6 +157,8 @@ def require_algorithm(name: str | None) -> None:
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
     """Return a checked system with other `parameters`, see `check_system`; they override its own."""
+    if not parameters:
+        return checked
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]

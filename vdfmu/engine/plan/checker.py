@@ -82,7 +82,7 @@ def _named(variables: Mapping[str, FmuVariable], name: str) -> list[str]:
 
 
 def _start_of(name: str, variables: Mapping[str, FmuVariable]) -> str:
-    """Return the way out for a state that cannot be set: its start value, such as ``q_0[1]`` of ``q[1]``."""
+    """Return the fix for a state that cannot be set: its start value, such as ``q_0[1]`` of ``q[1]``."""
     group, bracket, index = name.partition("[")
     start = f"{group}_0{bracket}{index}"
     return f". Set its start value, {start}" if start in variables and variables[start].settable else ""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import StorageError, VdfmuError
+from vdfmu.base.files import write_all
 from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal, group_of
 
 _MOST = 2**25
@@ -45,13 +46,6 @@ def joined(
     finally:
         for file in files.values():
             file.close()  # a map stays
-
-
-def write_all(file: Any, content: bytes) -> None:
-    """Write bytes to an unbuffered file, part by part."""
-    rest = memoryview(content)
-    while rest:
-        rest = rest[file.write(rest) :]
 
 
 def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, IO[bytes]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.files import write_all
 from vdfmu.engine.masters.exchange import row_store
-from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.results.arrays import no_rows, write_all
+from vdfmu.engine.results.arrays import no_rows
 from vdfmu.engine.results.formats import Stream, format_of
 from vdfmu.engine.results.results import Signal
 
@@ -51,6 +52,28 @@ class RowsInMemory:
     def finish(self, time: Floats) -> Mapping[str, NDArray[Any]]:
         """Return the rows up to the last `time`, by kind."""
         return {kind: array[: len(time)] for kind, array in self.data.items()}
+
+
+class Tap:
+    """Looks at the components of a run in some rows, and at signals in all rows. It leaves the run unchanged."""
+
+    wanted: Sequence[str] = ()
+    """Names of real signals for `block`, with ``*`` for any text; they need not exist."""
+    size = 1024
+    """Rows of a block."""
+
+    def begin(self, grid: Grid, names: Sequence[str]) -> None:
+        """Begin a run; `names` are the existing signals of `wanted`."""
+
+    def due(self, k: int) -> float:
+        """Return the next row for `take`, `k` or a later one; default none."""
+        return math.inf
+
+    def take(self, k: int, time: float, components: Any) -> None:
+        """Look at the components in row `k`, at a time [s]."""
+
+    def block(self, times: Floats, values: Floats) -> None:
+        """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
 
 
 class Blocks(RowsInMemory):

@@ -9,49 +9,40 @@ from __future__ import annotations
 
 import math
 import mmap
-import os
 import pickle
 import signal
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError, FailureKind, UsageError, VdfmuError
+from vdfmu.base.errors import CosimError, FailureKind, VdfmuError
 from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
+from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.masters.compiled import lacking
 from vdfmu.engine.masters.exchange import Exchange, words_of
 from vdfmu.engine.masters.sampled import Stepper
+from vdfmu.engine.options import Limits
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
-
-
-class Limits:
-    """Limits of components: `time` of each call, default 300 s, and `memory` [MB], default half of the machine's."""
-
-    def __init__(self, time: float | None = None, memory: float | None = None) -> None:
-        self.time = 300.0 if time is None else time
-        self.memory = math.inf if memory is None else memory
-        if memory is None:
-            with suppress(AttributeError, ValueError, OSError):  # unknown
-                self.memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**21
-        if not 0.0 < self.time < math.inf:
-            raise UsageError(
-                f"wait_limit must be a positive, finite time in s, got {self.time:g}. The default is 300 s."
-            )
-        if not self.memory > 0.0:
-            raise UsageError(f"memory_limit must be positive, got {self.memory:g} MB")
-
+from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.results.recorder import RowsInMemory
 
 STEP = struct.Struct("<ddd")
 """Time, step and stop of `advance`, after a length of 0: 1.1 us on both sides; a pickled message takes 6.7 us."""
 _STEPS = SIZE.pack(0)
+ROWS = "rows"
+"""File next to the memory: the last rows of steps in C, see `windows`."""
+_WORDS = 2**17
+"""Most words of it, if a row has fewer."""
 CALLS = "calls"
 """File next to the memory: a line for each function of a component, written before its first call. The word `running`
 of the exchange is the number of the line, from 1, during a call, and its negative afterwards."""
@@ -116,6 +107,22 @@ class Isolated(Stepper):
         assert self._child is not None
         self._child.post(_STEPS + STEP.pack(time, step, stop))
         self._take()
+
+    def compiled(self, grid: Grid, keepers: Sequence[RowsInMemory]) -> IsolatedSteps | str:
+        """See `Components.compiled`."""
+        columns = [dict(keeper.columns) for keeper in keepers]
+        width = sum(len(places) for each in columns for places in each.values())
+        size = min(grid.n, max(1, _WORDS // max(width, 1)))
+        rows = self._memory.with_name(ROWS)
+        with storing(rows):
+            rows.unlink(missing_ok=True)  # an earlier run may have mapped it
+            rows.write_bytes(bytes(8 * max(size * width, 1)))
+        why = lacking() or self._ask("compile", tuple(grid), columns, size)
+        return why or IsolatedSteps(self, grid, keepers, windows(mapped(rows), columns, size))
+
+    def do_steps(self, end: int) -> None:
+        """Do steps in C to row `end` at most."""
+        self._ask("do_steps", end)
 
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the steps, if the process lives."""
@@ -240,6 +247,73 @@ class Isolated(Stepper):
         finally:
             self._late, self._child = child.late, None
         return code, peak
+
+
+class IsolatedSteps:
+    """Steps of isolated components in C, which leave their rows in `windows`; see `CompiledSteps`."""
+
+    lasting = False
+
+    def __init__(
+        self, components: Isolated, grid: Grid, keepers: Sequence[RowsInMemory], windows: Sequence[Window]
+    ) -> None:
+        self._components, self._grid = components, grid
+        self._parts = list(zip(keepers, windows, strict=True))
+
+    @property
+    def row(self) -> int:
+        """The last complete row."""
+        return self._components.exchange.row.value
+
+    @row.setter
+    def row(self, row: int) -> None:
+        self._components.exchange.row.value = row
+
+    def run(self, end: int) -> int:
+        """Do steps to row `end` at most; return the last complete row. See `CompiledSteps.run`."""
+        first = self.row + 1
+        try:
+            self._components.do_steps(end)
+        finally:
+            for keeper, window in self._parts:
+                window.bring(keeper, first, self.row + 1)
+            self._components.box.time = self._grid.time(max(self.row - 1, 0))
+        return self.row
+
+
+class Window(RowsInMemory):
+    """Rows of a block of steps in C, in memory that both processes share."""
+
+    def __init__(self, data: Mapping[str, NDArray[Any]], columns: Mapping[str, Sequence[int]], size: int) -> None:
+        super().__init__(data, columns, lambda k: None)
+        self._size = size
+
+    def room(self, k: int) -> tuple[int, int]:
+        """Make room for a block from row `k` on; see `RowsInMemory.room`."""
+        return k, k + self._size
+
+    def bring(self, keeper: RowsInMemory, first: int, after: int) -> None:
+        """Bring the rows from `first` on to a keeper."""
+        k, after = first, min(after, first + self._size)  # code of a component may have written the number of rows
+        while k < after:
+            begin, full = keeper.room(k)
+            end = min(after, full)
+            for kind, rows in self.data.items():
+                keeper.data[kind][k - begin : end - begin] = rows[k - first : end - first]
+            k = end
+
+
+def windows(words: Floats, columns: Sequence[Mapping[str, Sequence[int]]], size: int) -> list[Window]:
+    """Return windows of `size` rows in shared memory, for the places of each keeper by kind."""
+    made: list[Window] = []
+    for each in columns:
+        data: dict[str, NDArray[Any]] = {}
+        for kind, places in each.items():
+            n = size * len(places)
+            data[kind] = words.view(DTYPES[kind.capitalize()])[:n].reshape(size, -1)
+            words = words[n:]
+        made.append(Window(data, each, size))
+    return made
 
 
 def mapped(path: Path) -> Floats:

@@ -20,7 +20,8 @@ from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package.system import Value
-from vdfmu.engine.run.isolated import CALLS, STEP, mapped
+from vdfmu.engine.plan.grid import Grid
+from vdfmu.engine.run.isolated import CALLS, ROWS, STEP, mapped, windows
 
 
 class Server:
@@ -29,7 +30,7 @@ class Server:
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
-        self._words = mapped(Path(memory))
+        self._words, self._rows = mapped(Path(memory)), Path(memory).with_name(ROWS)
         self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 
     def load(self, start: bytes) -> None:
@@ -51,6 +52,7 @@ class Server:
                 finally:
                     running.value = -number
 
+            noted.__dict__["number"] = number  # for calls in C
             return noted
 
         self._derivatives: Any = None
@@ -85,6 +87,18 @@ class Server:
         self._stepper.pressed = lambda: bool(exchange.pressed.value)
         with suppress(UsageError):  # the master reports it
             exchange.recorders(1, record)
+
+    def compile(self, grid: tuple[float, float, float, int], columns: Any, size: int) -> str:
+        """Plan steps in C with rows in `windows`; return why not, or an empty text."""
+        steps = self._components.compiled(Grid(*grid), windows(mapped(self._rows), columns, size))
+        if isinstance(steps, str):
+            return steps
+        self._steps = steps
+        return ""
+
+    def do_steps(self, end: int) -> None:
+        """Do steps in C to row `end` at most."""
+        self._steps.run(end)
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all components."""

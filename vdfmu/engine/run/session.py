@@ -20,18 +20,16 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.process import is_contained
 from vdfmu.engine.fmu.description import is_own
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
-from vdfmu.engine.masters.compiled import CompiledSteps, obstacle
-from vdfmu.engine.masters.components import Components, failure_message
-from vdfmu.engine.masters.observer import Observed, Pace, Tap
-from vdfmu.engine.options import AUTO, FMPY, C
+from vdfmu.engine.masters.components import Components, failure_message, report_exits
+from vdfmu.engine.masters.observer import Observed, Pace
+from vdfmu.engine.options import AUTO, FMPY, C, Limits
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of
-from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory, Tap
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.run.exits import report_exits
-from vdfmu.engine.run.isolated import Isolated, Limits
+from vdfmu.engine.run.isolated import Isolated
 
 
 class Session:
@@ -157,11 +155,13 @@ class RunPlan:
             names, memory, places = exchange.reals(tap.wanted)
             tap.begin(grid, names)
             self.blocks += [Blocks(tap, grid, names, memory, places)] if names else []
-        why = "chosen" if session.stepper == FMPY else obstacle(self.stepper, exchange)
-        if why and session.stepper == C:
-            raise UsageError(f"stepper: must be {FMPY} or {AUTO} here, got {C}. The steps cannot be made in C: {why}.")
-        self.how = f"{FMPY}: {why}" if why else C
-        self.compiled = None if why else CompiledSteps(exchange, grid, [self.rows, *self.blocks])
+        keepers = [self.rows, *self.blocks]
+        steps = "chosen" if session.stepper == FMPY else session.components.compiled(grid, keepers)
+        if isinstance(steps, str) and session.stepper == C:
+            raise UsageError(
+                f"stepper: must be {FMPY} or {AUTO} here, got {C}. The steps cannot be made in C: {steps}."
+            )
+        self.how, self.compiled = (f"{FMPY}: {steps}", None) if isinstance(steps, str) else (C, steps)
         self.lasts = self.compiled is not None and self.compiled.lasting and grid.n <= ROWS
         box, advance = session.box, self.stepper.advance
         begin, end, step, n = grid

@@ -10,22 +10,22 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.option import check_type, checks_types, lists_options, pick, with_options
+from vdfmu.base.option import checks_types, lists_options, pick, with_options
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
 from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.masters.components import CONVERGENCE, Components
-from vdfmu.engine.masters.observer import Tap
-from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions, read_stepper
+from vdfmu.engine.options import Limits, RowOptions, SimulateOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
-from vdfmu.engine.run.isolated import Isolated, Limits
+from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.session import Run, Session
 
 
@@ -149,7 +149,7 @@ class Simulator:
         parameters : mapping of str to value, optional
             For this run; they override the simulator's.
         taps : sequence of Tap
-            Read the components at some rows, see `vdfmu.engine.masters.observer.Tap`.
+            Read the components at some rows, see `vdfmu.engine.results.recorder.Tap`.
         **options
             :class:`vdfmu.engine.options.RowOptions`.
 
@@ -198,7 +198,7 @@ class Simulator:
         With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
         step. All others are initialized again. For errors see :meth:`run`.
         """
-        values = {key: repr(np.asarray(value).tolist()) for key, value in _mapping(parameters).items()}  # 1 == True
+        values = {key: repr(np.asarray(value).tolist()) for key, value in (parameters or {}).items()}  # 1 == True
         grid = self.grid(start, stop, step)
         wanted = grid, values
         if self._by_hand is not None and self._begun == wanted:
@@ -264,10 +264,10 @@ class Simulator:
         """Return the system with the parameters of a run."""
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with Simulator(...) as simulator:'.")
-        checked = with_steps(with_parameters(self._checked, _mapping(parameters)), step)
+        checked = with_steps(with_parameters(self._checked, parameters or {}), step)
         if self._options["strict"]:
             require_values(checked)
-        if changed := _sizes(checked).items() - _sizes(self._checked).items():
+        if parameters and (changed := _sizes(checked).items() - _sizes(self._checked).items()):
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
         return checked
@@ -328,11 +328,6 @@ class Simulator:
         if step is None:
             raise UsageError("step: expected a communication step, since the system's default experiment has no step.")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))
-
-
-def _mapping(parameters: Mapping[str, Value] | None) -> Mapping[str, Value]:
-    check_type("parameters", "Mapping[str, Any] | None", parameters)
-    return parameters or {}
 
 
 def _sizes(checked: Checked) -> dict[str, Value]:

@@ -16,7 +16,7 @@ from vdfmu.base.measure import measure
 from vdfmu.compiler.fmu.content import EFMU, Content
 from vdfmu.compiler.fmu.description import TIME_STAMP, boolean, document, number
 from vdfmu.compiler.unit.base import BaseUnit
-from vdfmu.compiler.unit.declaration import State
+from vdfmu.compiler.unit.declaration import Event, State
 from vdfmu.extras.efmi.block import PERIOD, BlockVariable, SampledBlock
 from vdfmu.extras.efmi.galec import galec_name, galec_text, galec_value
 from vdfmu.extras.efmi.production import (
@@ -38,6 +38,8 @@ def reason_against(unit: type[BaseUnit]) -> str | None:
         return "it runs in Python"
     if unit.exchange:
         return "it is for model exchange"
+    if any(isinstance(declared, Event) for declared in unit.declared.values()):
+        return "it has events; an eFMU is a sampled or memoryless unit"
     if any(type(declared) is State for declared in unit.declared.values()):
         return "it has continuous states; an eFMU is a sampled or memoryless unit"
     return None

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of, read_settings
 from vdfmu.cli.app import RUNS, meets_code
-from vdfmu.cli.options import OverwriteOption, refuse, target_file
-from vdfmu.cli.parameters import Positional
+from vdfmu.cli.options import OverwriteOption, Positional, refuse, target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions
@@ -265,7 +264,7 @@ def _difference(robot: Robot, other: Robot) -> str:
 
 
 def _weak(fit: Identified) -> list[str]:
-    """Return notes on weak parameters, by the way out."""
+    """Return notes on weak parameters, by the fix."""
     by_advice: dict[str, list[str]] = {}
     links = [name for name in fit.weak if name in fit.base.names]
     for name, why in fit.weak.items():

@@ -74,6 +74,7 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
     return values
 
 
+@np.errstate(invalid="ignore")  # infinite times are named as problems: numpy would warn of their differences too
 def even_times(
     logged: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
 ) -> tuple[Floats, dict[str, Floats]]:

@@ -67,7 +67,7 @@ class Identified:
     nominal: Floats
     """(m,): Estimates, standard deviations, and values of the robot file."""
     held: Mapping[str, str]
-    """Parameters that are not identified and keep their values: why, and the way out."""
+    """Parameters that are not identified and keep their values: why, and the fix."""
     weak: Mapping[str, Weak]
     """Parameters near the robot file's value, since the log hardly determines them."""
     torque_level: Floats

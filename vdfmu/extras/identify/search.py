@@ -233,7 +233,7 @@ class _Search:
         return alike * np.outer(more, more) + np.transpose(shifts) @ np.array(shifts)
 
     def weak(self, covariance: Floats) -> dict[str, Weak]:
-        """Return the parameters that the log hardly determines, with their partners and the way out."""
+        """Return the parameters that the log hardly determines, with their partners and the fix."""
         names, places, shown = self.problem.names, self.problem.places, self.problem.shown
         before = np.full(len(names), np.inf)
         scale = np.concatenate([self.x[: self.count], self.sizes[self.count :]])

@@ -16,7 +16,7 @@ from vdfmu.extras.batch.programs import make_program
 from vdfmu.extras.learn.lanes import SteppedLanes
 from vdfmu.extras.learn.tasks import Task, TrackingTask, episode, opened
 from vdfmu.study.analysis.arm_space import packaged
-from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.run.prepare import scenario_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 

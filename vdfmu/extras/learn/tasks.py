@@ -14,7 +14,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
-from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.run.prepare import scenario_of
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import override
 

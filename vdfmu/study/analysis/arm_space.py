@@ -25,7 +25,7 @@ from vdfmu.compiler.unit.evaluate import Evaluation, evaluation, state_space
 from vdfmu.compiler.unit.interface import interface_of
 from vdfmu.engine.linear.linearise import LinearSystem, linear_system
 from vdfmu.engine.options import CouplingOptions
-from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.run.prepare import scenario_of
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values

@@ -23,8 +23,8 @@ from vdfmu.engine.linear.loops import SLOW, Margins, Tied
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.run import LostProcessError, Simulator
 from vdfmu.study.analysis.arm_space import least_dry_friction, packaged
-from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.options import LoopOptions
+from vdfmu.study.run.prepare import scenario_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,6 @@ from vdfmu.base.state_space import Linear, held
 from vdfmu.base.toml_file import locate, toml_value
 from vdfmu.engine.linear.loops import Loop, margins_of
 from vdfmu.system.scenario import Scenario, load_scenario
-from vdfmu.system.scenario.replace import with_parameters
 
 _DAMPING = 0.5
 _DAMPED, _LIGHT = 2.0, np.geomspace(0.003, 2.0, 12).tolist()
@@ -198,18 +196,6 @@ def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scena
         path = Path(folder) / f"{name}_reach.toml"
         _, notes = write_scenario(robot, name, name, path)
         return replace(load_scenario(path, robot), notes=tuple(notes), file="")
-
-
-def scenario_of(
-    source: Scenario | str | os.PathLike[str], robot: Robot | str | None = None, names: Iterable[str] = ()
-) -> Scenario:
-    """Load a scenario by name or file, or make ``reach`` for a robot.
-
-    The robot gets the parameters that these `names` need, see `with_parameters`.
-    """
-    if source == "reach" and not Path("reach").exists():
-        source = reach_scenario(robot)
-    return with_parameters(source if isinstance(source, Scenario) else load_scenario(source, robot), names)
 
 
 def write_scenario(arm: Robot, name: str, written: str, path: Path) -> tuple[Gains, list[str]]:

@@ -29,7 +29,8 @@ from vdfmu.engine.results.verdict import (
     results_of,
     state_of,
 )
-from vdfmu.study.run.summary_keys import Summary, energies
+from vdfmu.study.limits import energies
+from vdfmu.study.run.summary_keys import Summary
 
 
 class Sheet(NamedTuple):
@@ -90,9 +91,9 @@ def tracking_sheet(summary: Summary, fit: bool = False) -> Sheet:
         notes.append(f"Paper: {paper['source']}." if paper.get("source") else "Paper.")
         set_plant = any(name.startswith("plant.") for name in summary.get("parameters") or ())
         notes.append(
-            "The plant differs from the model by chosen values. The gains are chosen too."
+            "The plant differs from the model by values of our choice. The gains are ours too."
             if summary.get("plant_factors") or set_plant
-            else "An ideal case: plant and model are identical, and the gains are chosen."
+            else "An ideal case: the feedforward model equals the plant, and the gains are ours."
         )
     return Sheet("Tracking and compensation errors", tuple(columns), _rows(cells), notes)
 

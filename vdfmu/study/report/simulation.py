@@ -1,4 +1,7 @@
-"""The simulation of a page: the program of its system, sliders, causes of errors, recorded rows to compare with.
+"""The simulation of a page: the program of its system, sliders, causes of errors, recorded rows, the table of limits.
+
+By this table ``web/verdict.js`` makes the checks of :mod:`vdfmu.study.verdict` that need neither references nor
+linearisations.
 
 A run keeps the program in the cache under the digest of its package. So a page runs only programs of this user.
 """
@@ -6,6 +9,8 @@ A run keeps the program in the cache under the digest of its package. So a page 
 from __future__ import annotations
 
 import json
+import math
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -13,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.robot.parameters import PARAMETERS
+from vdfmu.arm.robot.parameters import PARAMETERS, section
 from vdfmu.base.arrays import distinct
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
@@ -22,12 +27,17 @@ from vdfmu.base.page import compressed
 from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
-from vdfmu.study.report.rules import facts_of, rules_of
+from vdfmu.engine.results.verdict import CUT, LONGEST
+from vdfmu.study.limits import LIMITS, Limit, read_limits
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.tracks import Names, tracks
-from vdfmu.study.run.accuracy import POWER
+from vdfmu.study.run.key_figures import comparable, least_sizes
+from vdfmu.study.run.measure import POWER
+from vdfmu.study.run.summary import LIMITED, limits_of
+from vdfmu.study.verdict import ENERGY_FLOOR, loop_checks, remark_checks
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario.check import motions
 
 ROWS = 100
 """Intervals between the recorded rows that the page compares with its own run."""
@@ -52,7 +62,7 @@ LESS = 4
 much stiffer drives would cost a solver minutes."""
 
 
-class Knob(NamedTuple):
+class Slider(NamedTuple):
     """Parameters of a unit that a slider of the page scales."""
 
     words: str
@@ -71,15 +81,15 @@ def _scaled_as(group: str) -> tuple[str, ...]:
     return tuple(name for name, row in PARAMETERS.items() if row.scaled_as == group)
 
 
-KNOBS = (
-    Knob("Proportional gains", "PDController", ("K_p",), gain=True),
-    Knob("Derivative gains", "PDController", ("K_v",), gain=True),
-    Knob("Masses and inertias", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
-    Knob("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
-    Knob("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
-    Knob("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
-    Knob("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
-    Knob("Speed of the motion", "", ("speed",), 0.5, 2.0),
+SLIDERS = (
+    Slider("Proportional gains", "PDController", ("K_p",), gain=True),
+    Slider("Derivative gains", "PDController", ("K_v",), gain=True),
+    Slider("Masses and inertias", "Plant", _scaled_as("mass"), 0.5, 2.0, True),
+    Slider("Mass of the payload", "Plant", _scaled_as("payload"), 0.0, 3.0, True),
+    Slider("Stiffness of the drives", "Plant", _scaled_as("stiffness"), 0.2, 5.0, True),
+    Slider("Friction", "Plant", _scaled_as("friction"), 0.0, 3.0, True),
+    Slider("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
+    Slider("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
 """Parameters that the sliders may change, if a system has them; an empty model is any."""
 CAUSES: Sequence[tuple[str, tuple[str, ...], Mapping[str, float]]] = (
@@ -104,7 +114,7 @@ def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
     from vdfmu.system.program import SystemProgram, page_program  # takes long to import
 
     try:
-        content = page_program(SystemProgram(system), POWER) | {"knobs": list(knobs(system))} | facts_of(system)
+        content = page_program(SystemProgram(system), POWER) | {"sliders": list(sliders(system))} | facts_of(system)
     except VdfmuError as error:
         content = {"reason": _reason(error)}
     store(place, json.dumps(content).encode())
@@ -114,7 +124,7 @@ def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
 def _read(content: bytes) -> dict[str, Any]:
     """Read a program; ValueError if it is none."""
     program = json.loads(content)
-    keys = {"module", "steps", "names", "units", "knobs", "arms"}
+    keys = {"module", "steps", "names", "units", "sliders", "arms"}
     if isinstance(program.get("reason"), str) or keys <= program.keys():
         return program
     raise ValueError("no program")
@@ -167,7 +177,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
 
 def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
     """Give each slider its track; return the causes and the recorded rows to compare with."""
-    sliders: list[dict[str, Any]] = program["knobs"]
+    sliders: list[dict[str, Any]] = program["sliders"]
     values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
     figures: Mapping[str, Any] = run.summary.get("key_figures") or {}
     margin = figures.get("margin", {})
@@ -196,7 +206,7 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:
+def causes(parameters: Names, sliders: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:
     """Yield the causes that a run has, ready for JSON; `fast`: the page can sample it `LESS` times as often."""
     if fast:
         yield {"words": f"Sampled {LESS} times as often", "split": LESS, "changes": []}
@@ -209,16 +219,16 @@ def causes(parameters: Names, knobs: Sequence[Mapping[str, Any]], fast: bool) ->
         ]
         if changes:
             yield {"words": words, "changes": changes}
-    for knob in knobs:
-        arm = parameters[knob["targets"][0]["unit"]]
+    for slider in sliders:
+        arm = parameters[slider["targets"][0]["unit"]]
         changes = [
             {"unit": target["unit"], "name": name, "value": arm[name]}
-            for target in knob["known"]
+            for target in slider["known"]
             for name, value in parameters[target["unit"]].items()
             if name.partition("[")[0] == target["name"] and arm.get(name, value) != value
         ]
         if changes:
-            yield {"words": f"{knob['words']} known to the feedforward", "changes": changes}
+            yield {"words": f"{slider['words']} known to the feedforward", "changes": changes}
 
 
 def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
@@ -233,7 +243,7 @@ def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
     }
 
 
-def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
+def sliders(system: SystemDescription) -> Iterator[dict[str, Any]]:
     """Yield groups of parameters that the page may change, ready for JSON, if any of a group differs from zero."""
     models = {name: table.model_name for name, table in system.tables.items()}
     joined = {(start, end) for (start, _), (end, _) in system.resolved.links()}
@@ -241,29 +251,29 @@ def knobs(system: SystemDescription) -> Iterator[dict[str, Any]]:
     for unit, values in values_of(system).items():
         for name, value in values.items():
             groups.setdefault(unit, {}).setdefault(name.partition("[")[0], []).append(value)
-    for knob in KNOBS:
+    for slider in SLIDERS:
         targets = {
             unit: names
             for unit, group in groups.items()
-            if models[unit] == (knob.model or models[unit])
-            and (names := [name for name in knob.names if any(group.get(name, ()))])
+            if models[unit] == (slider.model or models[unit])
+            and (names := [name for name in slider.names if any(group.get(name, ()))])
         }
         for unit, names in targets.items():
             knowing = [
                 name
                 for name, model in models.items()
-                if knob.in_feedforward and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
+                if slider.in_feedforward and model == "Feedforward" and (len(targets) == 1 or (unit, name) in joined)
             ]
             yield {
                 "key": f"{unit}.{names[0]}",
-                "words": knob.words if len(targets) == 1 else f"{knob.words}, {unit}",
+                "words": slider.words if len(targets) == 1 else f"{slider.words}, {unit}",
                 "units": [v.unit or "" for v in system.tables[unit] if v.group == names[0]],
                 "values": groups[unit][names[0]],
                 "targets": [{"unit": unit, "name": name} for name in names],
                 "known": [{"unit": other, "name": name} for other in knowing for name in names],
-                "least": knob.least,
-                "most": knob.most,
-                "gain": knob.gain,
+                "least": slider.least,
+                "most": slider.most,
+                "gain": slider.gain,
             }
 
 
@@ -285,4 +295,68 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
         "limit": max(LIMIT, _APART * separation),
         "note": _SEPARATES if separation else "",
         "doubt": "" if summary.get("reference") else _UNKNOWN,
+    }
+
+
+def facts_of(system: SystemDescription) -> dict[str, Any]:
+    """Return what of a system its verdict needs, ready for JSON.
+
+    ``arms``: the limits of motors and stops; ``motions``: begin and length [s] of each;
+    ``touch``: signals of the wrench at the tool; ``robot``: what errors are compared with, None without a robot.
+    """
+    scenario = system.scenario
+    robot, touch = scenario.robot, scenario.system.fed.get("plant.F_e", "")
+    return {
+        "arms": [
+            {
+                "plant": arm.plant,
+                "asked": arm.asked,
+                "tau_max": arm.tau_max.tolist(),
+                "robot": arm.robot
+                and {row.name: np.nan_to_num(getattr(arm.robot, row.name)).tolist() for row in section("limits")},
+            }
+            for arm in limits_of(system)
+        ],
+        "motions": [
+            {"unit": unit, "begin": begin, "length": length} for unit, begin, length in motions(scenario, system.values)
+        ],
+        "touch": touch,
+        "robot": robot
+        and {
+            "types": list(robot.joint_types),
+            "ell": robot.ell.tolist(),
+            "least": least_sizes(robot).tolist(),
+            "comparable": comparable(robot, scenario.plant_robot),
+        },
+        "split": any(each is not None and each.friction == "split" for each in system.resolved.robots.values()),
+    }
+
+
+def row_of(row: Limit) -> dict[str, Any]:
+    """Return a limit for JSON; ``own``: a user set it, so that a sentence says who."""
+    facts = {**row._asdict(), "own": row.by != LIMITS[row.key].by}
+    return facts if math.isfinite(row.failed) else {key: value for key, value in facts.items() if key != "failed"}
+
+
+def rules_of(summary: Mapping[str, Any], command: str) -> dict[str, Any]:
+    """Return the limits of a run, ready for JSON, and its checks that hold for any place of its sliders.
+
+    `command` makes the run. It says whether the user chose the run's end.
+    """
+    limits = LIMITS
+    for key, entry in (summary.get("own_limits") or {}).items():
+        limits = read_limits({key: entry["value"]}, entry["by"], limits)
+    kept = [*remark_checks(summary), *(loop_checks(summary) if "stability" in summary else ())]
+    figures: Mapping[str, Any] = summary.get("key_figures") or {}
+    return {
+        "rows": {key: row_of(row) for key, row in limits.items()},
+        "kept": [check.to_dict() for check in kept],
+        "figures": {key: figures[key] for key in ("excited", "open") if key in figures},
+        "asked": "--stop" in shlex.split(command),
+        "command": command,
+        "weights": [LIMITS[key].value for key in ("joint", "tool")],
+        "limited": LIMITED,
+        "floor": ENERGY_FLOOR,
+        "longest": LONGEST,
+        "cut": CUT.pattern,
     }

@@ -58,16 +58,16 @@ Figures = dict[str, Any]
 """See :attr:`vdfmu.study.analysis.loops.Judged.figures`."""
 
 
-def factor(knob: Mapping[str, Any], place: float) -> float:
-    """Return the factor of a place of a slider, as ``web/knob.js`` does."""
+def factor(slider: Mapping[str, Any], place: float) -> float:
+    """Return the factor of a place of a slider, as ``web/slider.js`` does."""
     share = abs(place) / NOTCHES
     if place > 0:
-        return knob["most"] ** share
-    return knob["least"] ** share if knob["least"] else 1.0 - share
+        return slider["most"] ** share
+    return slider["least"] ** share if slider["least"] else 1.0 - share
 
 
 def tracks(
-    package: Path, algorithm: str, knobs: Sequence[Mapping[str, Any]], parameters: Names,
+    package: Path, algorithm: str, sliders: Sequence[Mapping[str, Any]], parameters: Names,
     span: tuple[float, float, float], dry: bool = True, poses: Poses | None = None,
 ) -> list[Track | None]:  # fmt: skip
     """Return the track of each slider; None without.
@@ -78,15 +78,15 @@ def tracks(
     `span` has start, stop and step of the run [s]. `dry`: the run is judged with the dry friction of its arms. `poses`
     are the loops of the run, taken with `again`; without them, the run is repeated.
     """
-    facts = [source_digest("study.report.tracks"), algorithm, knobs, parameters, span, dry]
+    facts = [source_digest("study.report.tracks"), algorithm, sliders, parameters, span, dry]
     digest = sha256(json.dumps(facts).encode() + digest_of(package).encode()).hexdigest()
     path = cache_folder() / "tracks" / digest
-    if (stored := load(path, json.loads)) is not None and len(stored) == len(knobs):
+    if (stored := load(path, json.loads)) is not None and len(stored) == len(sliders):
         return stored
     still = {} if dry else {unit: least_dry_friction(values) for unit, values in parameters.items()}
     still = {unit: values for unit, values in still.items() if values}
     start, stop, step = span
-    made: list[Track | None] = [None] * len(knobs)
+    made: list[Track | None] = [None] * len(sliders)
     try:
         with Simulator(package, algorithm=algorithm) as simulator:
             if poses is None or not poses.seconds:
@@ -96,7 +96,7 @@ def tracks(
                 poses.components = simulator.stand(step=step)
             if not poses.lacking:
                 loops = _MovedLoops(poses, parameters, still, (start, stop))
-                made = [_track(loops, knob) if knob["gain"] else None for knob in knobs]
+                made = [_track(loops, slider) if slider["gain"] else None for slider in sliders]
     except VdfmuError:  # without loops, or without directional derivatives
         pass
     store(path, json.dumps(made).encode())
@@ -122,17 +122,17 @@ class _MovedLoops:
         self.every = range(len(self.loops))
         self.recorded, self.worst = self.judged({}, self.every)
 
-    def slopes(self, knob: Mapping[str, Any]) -> Slopes:
+    def slopes(self, slider: Mapping[str, Any]) -> Slopes:
         """Return by how much the feedback changes if a slider adds 1 to its factor.
 
         Empty if the slider changes more than the feedback, or this not in proportion.
         """
-        if not all(can_change(self.checked, target["unit"]) for target in knob["targets"]):
+        if not all(can_change(self.checked, target["unit"]) for target in slider["targets"]):
             return {}
         slopes: list[list[Floats]] = []
-        for by in (factor(knob, place) for place in (-NOTCHES, NOTCHES)):
+        for by in (factor(slider, place) for place in (-NOTCHES, NOTCHES)):
             changes = {unit: dict(values) for unit, values in self.still.items()}
-            for target in knob["targets"]:
+            for target in slider["targets"]:
                 values = self.parameters[target["unit"]].items()
                 new = {name: by * value for name, value in values if target["name"] in (name, name.partition("[")[0])}
                 changes.setdefault(target["unit"], {}).update(new)
@@ -186,8 +186,8 @@ class _MovedLoops:
         return {"growth": {"value": math.expm1(slow.exponent), **ends}} if slow.notable else {}
 
 
-def _track(loops: _MovedLoops, knob: Mapping[str, Any]) -> Track | None:
-    slopes = loops.slopes(knob)
+def _track(loops: _MovedLoops, slider: Mapping[str, Any]) -> Track | None:
+    slopes = loops.slopes(slider)
     if not any(slope.any() for slope in slopes.values()):  # none of its parameters is in a loop
         return None
 
@@ -195,7 +195,7 @@ def _track(loops: _MovedLoops, knob: Mapping[str, Any]) -> Track | None:
 
     def figures(place: float, rows: Sequence[int]) -> Figures:
         if place not in at:
-            more = factor(knob, place) - 1.0
+            more = factor(slider, place) - 1.0
             at[place], decide = loops.judged({shape: more * slope for shape, slope in slopes.items()}, rows)
             worst.update(decide)
         return at[place]

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
-from vdfmu.engine.package.join import ends_of
+from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.run import LogMessage
+from vdfmu.study.expected import Expected, read_expected
 from vdfmu.study.judgement import check_wanted
 from vdfmu.study.limits import Limit, own_limits, read_limits
 from vdfmu.study.options import ScenarioRunOptions
@@ -36,6 +37,8 @@ class RunCase(NamedTuple):
     limits: Mapping[str, Limit]
     """Limits of the verdict, by name."""
     arm_limits: list[ArmLimits]
+    expected: Expected | None
+    """Recorded results that the run must equal."""
     facts: dict[str, Any]
     """The entries of the summary that are set before the run."""
     parameters: Mapping[str, Any] = MappingProxyType({})
@@ -56,6 +59,7 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
         For values, limits or options that do not fit the system.
     """
     check_wanted(options["judge"], options["sampled"], scenario.adaptive)
+    expected = read_expected(options["expect"], options["within"])
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])
     system = SystemDescription(scenario, system_values(scenario, options["parameters"]))
@@ -64,7 +68,7 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     of_file = read_limits(scenario.limits, "[limits] of the scenario")
     limits = read_limits(options["limits"] or {}, "--limit", of_file)
     facts = _facts(system, options, backend, limits)
-    return RunCase(scenario, options, system, backend, limits, limits_of(system), facts)
+    return RunCase(scenario, options, system, backend, limits, limits_of(system), expected, facts)
 
 
 def note(options: ScenarioRunOptions, text: str) -> None:

@@ -27,6 +27,8 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
     summary, scenario, values = results.summary, case.scenario, case.system.values
     if case.options["reference"]:
         summary |= compare_with_references(case, package, results)
+    if case.expected is not None:
+        summary["expected"] = case.expected.compare(results)
     if case.options["judge"] is not None:
         coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
         judgement = judge(
@@ -34,7 +36,7 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
             **coupling,
         )  # fmt: skip
         summary["judgement"] = judgement.to_dict()
-    entries = loops.entries()
+    entries = loops.entries(results)
     figures: dict[str, Any] = summary.get("key_figures", {})
     if scenario.robot is not None:
         plant = robot_with(scenario.plant_robot, values.get("plant", {}))

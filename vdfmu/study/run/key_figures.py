@@ -12,18 +12,14 @@ from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.equations.kinematics import frames
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import VdfmuError
 from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
-from vdfmu.study.analysis.modes import natural_modes
 from vdfmu.study.limits import LIMITS
 from vdfmu.study.run.scene import joints_of
 from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
-_POSES = 5
-"""Poses along a run at which its lowest mode is looked for."""
 _SMALL = 0.1
 """Size [rad], or share of the arm's length, of the motion of an arm at rest: a tool is off its path by one part in ten,
 1 % of the arm's length."""
@@ -33,16 +29,16 @@ def key_figures(
     results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = "",
     objects: Iterable[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the largest errors and torque of a run of an arm, and the lowest mode of its links.
+    """Return the largest errors and torque of a run of an arm.
 
     With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
-    the plant, with its modes; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the
-    tool, if it is the output of another component. `objects` are those of the scene.
+    the plant; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the tool, if it is the
+    output of another component. `objects` are those of the scene.
 
-    Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``mode``
-    [Hz], with the motors held; ``path``, the error of tool or joint that is worst for the ``size`` of its motion;
-    ``contact``, the largest force at the tool [N], and its begin; ``depth``, the largest length that an object shows
-    of a contact [m]. Numbers without signals are left out.
+    Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``path``,
+    the error of tool or joint that is worst for the ``size`` of its motion; ``contact``, the largest force at the tool
+    [N], and its begin; ``depth``, the largest length that an object shows of a contact [m]. Numbers without signals are
+    left out.
     """
     figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
@@ -75,9 +71,6 @@ def key_figures(
     if has_signals(results, "controller.tau"):
         arm = next((each for each in limits if each.plant == "plant"), None)
         figures["torque"] = _torque(results, robot, arm)
-    modes = list(_modes(results, plant)) if has_signals(results, "plant.q") else []
-    if modes:
-        figures["mode"] = dict(zip(("value", "at_s"), min(modes), strict=True))
     return figures
 
 
@@ -176,15 +169,3 @@ def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, 
             tau = arm.delivered(np.clip(tau, -arm.tau_max, arm.tau_max), part["plant.kappa_dot"])
         peaks.add(part.time, np.abs(robot.ell * tau))
     return peaks.worst([JOINT_TYPES[kind].unit("torque") for kind in robot.joint_types], limit)
-
-
-def _modes(results: Results, robot: Robot) -> Iterable[tuple[float, float]]:
-    """Yield the lowest frequency [Hz] at rest, with its time [s], at poses along a run that have one."""
-    for row in np.linspace(0, len(results) - 1, _POSES).astype(int):
-        try:
-            q = [results[f"plant.q[{i + 1}]"][row] for i in range(robot.n)]
-            frequencies = natural_modes(robot, q, motors="held").frequency
-        except VdfmuError:  # beyond an end stop, or too heavy for its motors to hold: no rest there
-            continue
-        if len(frequencies):
-            yield float(frequencies[0]), float(results.time[row])

@@ -5,22 +5,35 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Unpack
 
-from vdfmu.arm.robot import load_robot
+from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
-from vdfmu.engine.package.join import ends_of
+from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.run import check_coupling
-from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions
-from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import unfed_inputs
-from vdfmu.system.scenario.replace import with_units
+from vdfmu.system.scenario.replace import with_parameters, with_units
+
+
+def scenario_of(
+    source: Scenario | str | os.PathLike[str], robot: Robot | str | None = None, names: Iterable[str] = ()
+) -> Scenario:
+    """Load a scenario by name or file, or make ``reach`` for a robot.
+
+    The robot gets the parameters that these `names` need, see `with_parameters`.
+    """
+    if source == "reach" and not Path("reach").exists():
+        source = reach_scenario(robot)
+    return with_parameters(source if isinstance(source, Scenario) else load_scenario(source, robot), names)
 
 
 @with_options

@@ -11,9 +11,9 @@ from vdfmu.base.errors import CosimError
 from vdfmu.base.option import pick
 from vdfmu.base.progress import report
 from vdfmu.engine.linear.growth import Poses
-from vdfmu.engine.masters.observer import Tap
 from vdfmu.engine.options import IsolationOptions, SimulatorOptions
 from vdfmu.engine.results.folder import keep
+from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Interrupted, Simulator
 from vdfmu.study.run import summary as numbers
@@ -35,7 +35,7 @@ def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None 
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
 
-def co_simulate(case: RunCase, package: Path, poses: Poses, taps: Sequence[Tap]) -> Results:
+def co_simulate(case: RunCase, package: Path, poses: Poses | None, taps: Sequence[Tap]) -> Results:
     """Co-simulate the package; return rows and summary, written beside it as the options say.
 
     A run that fails or is stopped keeps its rows and its summary in the folder ``partial``. If its loops are unstable,

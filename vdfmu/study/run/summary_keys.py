@@ -14,7 +14,7 @@ from vdfmu.base.files import read_json
 from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.option import renamed
 from vdfmu.base.text import elided
-from vdfmu.base.version import format_problem
+from vdfmu.base.toml_file import format_problem
 from vdfmu.engine.results.formats import result_files
 from vdfmu.engine.results.verdict import STATES, UNJUDGED
 
@@ -117,6 +117,11 @@ _JUDGEMENT = Record(
      "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}, {"read": FLAG}))},
     {"kind": TEXT},
 )  # fmt: skip
+_EXPECTED = Record(
+    {"file": TEXT, "within": NUMBER, "signals": WHOLE, "problems": _LINES, "beyond": WHOLE,
+     "differences": List(Record({"signal": TEXT, "share": NUMBER, "at_s": NUMBER, "value": NUMBER, "expected": NUMBER,
+                                 "constant": FLAG}))},
+)  # fmt: skip
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
     "scenario": TEXT,  # name of the scenario
@@ -144,8 +149,8 @@ KEYS: Mapping[str, Any] = {
     "backend": TEXT,  # kind of the FMUs
     "compiler": TEXT,  # C compiler of native FMUs
     "fmi": TEXT,  # version of FMI of the FMUs
-    "left_out": _LINES,  # connections that a unit instead of the system's does not have
-    "joined": _LINES,  # connections that a unit instead of the system's has in addition
+    "left_out": _LINES,  # connections dropped because the replacement of a unit has no such signal
+    "joined": _LINES,  # connections added because the replacement of a unit has such a signal
     "arm": _arm(True),  # geometry of the drawn arm
     "scene": _SCENE,  # arms of the system with the signals of their drawing, touched objects, estimated torques
     "package": TEXT,  # the package
@@ -184,6 +189,7 @@ KEYS: Mapping[str, Any] = {
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
     "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' swings
+    "expected": _EXPECTED,  # recorded results that the run must equal, and the largest differences from them
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
     "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant
     "implausible": _LINES,  # likely mistakes of units or signs
@@ -294,8 +300,3 @@ def _read(value: Any, of: Any, where: str, problems: list[str], lengths: dict[st
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:60]}..."
-
-
-def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
-    return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

@@ -74,7 +74,7 @@ def failure_words(study: StudyTable) -> Iterator[str]:
 
 
 def axis_words(study: StudyTable) -> dict[str, str]:
-    """Return the axes and their words: factors have a cross behind the name."""
+    """Return the axes and their text: factors have a cross behind the name."""
     return {axis.target: f"{axis.target} ×" if axis.factor else axis.target for axis in read_axes(study.facts["axes"])}
 
 

@@ -9,7 +9,6 @@ from typing import Any
 from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
-from vdfmu.compiler.fmu.description import number
 from vdfmu.engine.package.parse import FOREIGN
 from vdfmu.engine.package.writing import META, add, add_experiment, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
@@ -29,7 +28,7 @@ def value_text(kind: str, value: Any) -> str:
     """Return a parameter's value of a type of SSP as text."""
     if kind == "Boolean":
         return str(bool(value)).lower()
-    return str(int(value)) if kind in ("Integer", "Int32") else number(value)
+    return str(int(value)) if kind in ("Integer", "Int32") else repr(float(value))
 
 
 _SIDES = {"input": 0.0, "output": 1.0}

@@ -39,7 +39,8 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
-from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits, shown_outputs
+from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits
+from vdfmu.system.scenario.scenario import Variables
 
 BLOCK = 1024
 """Rows of a block: the part of a long run in memory."""
@@ -87,7 +88,7 @@ def reference_blocks(
         raise UsageError(f"no reference {name!r}; there are sampled, sampled-delayed and continuous.")
     m = round(stop / step)
     t: Floats = step * np.arange(m + 1, dtype=np.float64)
-    shown = shown_outputs(description.tables, groups)
+    shown = _shown_outputs(description.tables, groups)
     path = kept = None
     if t.size * sum(map(len, shown.values())) * t.itemsize <= _KEPT and (key := _key(description)):
         facts = (name, substeps, step, m, [*shown], key)
@@ -258,3 +259,14 @@ class Code:
         if name not in self.called:
             self.called[name] = first if name == first.name() else renamed(first, name)
         return self.called[name]
+
+
+def _shown_outputs(tables: Mapping[str, Variables], groups: Sequence[str] | None) -> dict[str, list[Node]]:
+    """Return the outputs of groups ``unit.group``, by default of all."""
+    nodes: dict[str, list[Node]] = {}
+    for name, table in tables.items():
+        for i, variable in enumerate(table):
+            group = f"{name}.{variable.group}"
+            if variable.causality == "output" and (groups is None or group in groups):
+                nodes.setdefault(group, []).append((name, i))
+    return nodes

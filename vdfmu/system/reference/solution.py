@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
+from functools import partial
+from itertools import islice, pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ import numpy as np
 from vdfmu.base.arrays import Floats, odeint, scipy_part
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
-from vdfmu.compiler.unit.solver import samples, switchings
+from vdfmu.compiler.unit.events import PARTS, Motion, UnitEvents, parts_of, steps_of
+from vdfmu.compiler.unit.solver import Slopes, samples, switchings
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
@@ -29,14 +31,12 @@ _CLOSE = 1e-9
 """Part of a period below which two times are equal."""
 _STRETCH = 1000
 """Most rows of the continuous reference that scipy solves at a time."""
+_STRETCH_WITH_EVENTS = 50
+"""The same with events: each ends a solution."""
 _MOST_STEPS = 100_000
 """Most steps of scipy in a communication step or between rows, far more than a finite solution takes."""
 _LONGEST = 0.05
 """Longest step of the continuous reference [s], so that it does not step over a late motion."""
-_KEPT = 20
-"""Times that LSODA gets a Jacobian. It asks each 20 steps or so; the arms' Jacobians serve for 10 ms."""
-_DIFFERENCE = 1.5e-8
-"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
 
 
 class _RightHandSide:
@@ -46,7 +46,7 @@ class _RightHandSide:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
         self.error: BaseException | None = None
         """Exception of a call: not every solver of scipy passes it on, and some end normally."""
-        self._slopes, self._asked, self._times = np.empty((0, 0)), math.inf, 0
+        self.slopes = Slopes(self)
 
     def __call__(self, t: float, x: Floats) -> Floats:
         try:
@@ -59,25 +59,14 @@ class _RightHandSide:
             raise
         return self._x_dot
 
-    def slopes(self, t: float, x: Floats) -> Floats:
-        """Return the Jacobian by differences for LSODA, a row for each state that changes.
-
-        It decides the iterations of a step, not the error. So an old one serves until a step fails. Then LSODA asks
-        again at the same or an earlier time.
-        """
-        if t <= self._asked or self._times == _KEPT:
-            differences = _DIFFERENCE * (1.0 + np.abs(x))
-            here, *beside = (self(t, each).copy() for each in (x, *(x + np.diag(differences))))
-            self._slopes, self._times = (np.array(beside) - here) / differences[:, None], 0
-        self._asked, self._times = t, self._times + 1
-        return self._slopes
-
 
 class _Mover:
     """Moves the states of a unit between communication points, with held inputs."""
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
+        self._events = UnitEvents([self._unit], self._place, lambda: self._unit.x.copy())
+        self._events.begin()
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
             self._call = self._rate.__call__  # takes less time than an object to call
@@ -94,13 +83,25 @@ class _Mover:
         for t, to, sampled in samples(self._unit, 0.0, begin, end):
             if sampled and self._update is not None:
                 self._update(t)
-            if self._unit.x.size:
-                for first, last, crossing in switchings(self._unit.left, t, to):
-                    if crossing:
-                        x = self._unit.x.copy()
-                        self._unit.x[:] = x + (last - first) * self._rate(first, x)
-                    else:
-                        self._advance(first, last)
+            if self._unit.x.size and self._unit.at_events:
+                x = self._unit.x
+                *_, x[:] = self._events.move(steps_of(self._switch, x), t, x.copy(), parts_of([t, to]))
+            elif self._unit.x.size:
+                self._switch(t, to - t, to)
+            elif self._unit.at_events:  # at communication points, as in its FMU
+                self._events.take(to, self._unit.x)
+
+    def _place(self, t: float, x: Floats) -> None:
+        self._unit.memory[-1] = t
+        self._unit.x[:] = x
+
+    def _switch(self, t: float, duration: float, to: float | None = None) -> None:
+        for first, last, crossing in switchings(self._unit.left, t, t + duration if to is None else to):
+            if crossing:
+                x = self._unit.x.copy()
+                self._unit.x[:] = x + (last - first) * self._rate(first, x)
+            else:
+                self._advance(first, last)
 
     def _advance(self, t: float, to: float) -> None:
         x, solver = self._unit.x, self._solver
@@ -136,7 +137,7 @@ class SampledReference:
             unit, i = system.units[name], len(self.moving)
             if not delayed:
                 part.append(system.links_within_step(name))
-            if unit.x.size or unit.interface.is_sampled:
+            if unit.x.size or unit.interface.is_sampled or unit.at_events:
                 if unit.x.size:
                     self.lists[f"rate_{i}"] = [TimeSetter(system.clock(name)), Evaluate(name, "derivatives")]
                 if unit.interface.is_sampled:
@@ -193,7 +194,9 @@ class ContinuousReference:
             x_dot = system.memory[system.solver_x_dot[0] : system.solver_x_dot[-1] + 1]
             places = system.memory[system.solver_x[0] : system.solver_x[-1] + 1]
             rate = _RightHandSide(run["rate"], places, x_dot, self._feed if changing else None)
+        events = UnitEvents(list(system.units.values()), partial(self._calculate, run["inputs"]), self._states)
         self._calculate(run["outputs"], 0.0, x)
+        events.begin()
         yield
         k = 1
         for begin, end, sampled in self._parts(float(t[-1])):
@@ -203,21 +206,46 @@ class ContinuousReference:
                 if name in sampled:
                     run[self._updates[name]](begin)
             time_left = lambda time: self._left(run["inputs"], time, x)  # noqa: B023, E731  # x as it is then
-            for part, last, crossing in switchings(time_left, begin, end):
+            whole = [(begin, end, False)]  # an event may move a switching
+            for part, last, crossing in whole if events else switchings(time_left, begin, end):
                 if crossing:
                     assert rate is not None
                     self._feed(part)
                     x = x + (last - part) * rate(part, x)
                 stop = len(t) if last == t[-1] else int(np.searchsorted(t, last + _CLOSE * (last - part)))
                 while part < last:
-                    points = t[k : min(k + _STRETCH, stop)]
+                    points = t[k : min(k + (_STRETCH_WITH_EVENTS if events else _STRETCH), stop)]
                     k += len(points)
                     to = last if k == stop else float(points[-1])
-                    *states, x = _solved(None if crossing else rate, part, to, x, points)
-                    for point, state in zip(points.tolist(), states, strict=True):
+                    if events:
+                        states = _with_events(events, self._motion(run["inputs"], rate, x), part, to, x, points)
+                    else:
+                        states = iter(_solved(None if crossing else rate, part, to, x, points))
+                    for point, state in zip(points.tolist(), states, strict=False):
                         self._calculate(run["outputs"], point, state)
                         yield
+                    x = next(states)
                     part = to
+
+    def _motion(self, inputs: Run, rate: _RightHandSide | None, x: Floats) -> Motion:
+        """Return the motion of the states between events."""
+        if rate is None or not any(unit.switches for unit in self._system.units.values()):
+            return lambda t, start, times: _solved(rate, t, float(times[-1]), start.copy(), times[:-1])
+        states = x.copy()
+
+        def advance(t: float, duration: float) -> None:
+            left = partial(self._left, inputs, x=states)
+            for part, last, crossing in switchings(left, t, t + duration):
+                if crossing:
+                    self._feed(part)
+                    states[:] = states + (last - part) * rate(part, states)
+                else:
+                    states[:] = _solved(rate, part, last, states, np.empty(0))[0]
+
+        return steps_of(advance, states)
+
+    def _states(self) -> Floats:
+        return self._system.memory[self._system.x]
 
     def _left(self, inputs: Run, t: float, x: Floats) -> float:
         """Return the time until a unit switches by time."""
@@ -253,6 +281,17 @@ class ContinuousReference:
                 begin, units = time, []
             units += sampled
         yield begin, stop, units
+
+
+def _with_events(
+    events: UnitEvents, motion: Motion, begin: float, end: float, x: Floats, points: Floats
+) -> Iterator[Floats]:
+    """Yield the states at points between two times [s] and at the end, with the events until then."""
+    times, row = [begin, *(point for point in points.tolist() if point < end), end], x
+    for row in islice(events.move(motion, begin, x, parts_of(times)), PARTS - 1, None, PARTS):
+        yield row
+    if len(times) == len(points) + 1:  # the last point is the end
+        yield row
 
 
 def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:

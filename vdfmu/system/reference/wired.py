@@ -5,7 +5,7 @@ Calculations are lists of actions. They run in sequence, or as a compiled functi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ from vdfmu.compiler.unit.evaluate import Evaluation, Traced, evaluation
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import Course, InputTable, read_inputs
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.scenario.scenario import Variables
 
 Places = npt.NDArray[np.intp]
 Dependencies = Callable[[Interface, int], list[int]]
@@ -137,7 +136,7 @@ class WiredUnits:
     def _of_time(self, fed: set[Node]) -> set[str]:
         """Return the units that depend on the time alone: without states and `fed` inputs, also in their sources."""
         moving = {name for name, _ in fed}
-        moving |= {name for name, unit in self.units.items() if unit.x.size or unit.interface.is_sampled}
+        moving |= {n for n, unit in self.units.items() if unit.x.size or unit.interface.is_sampled or unit.at_events}
         read = {(name, i) for name, unit in self.units.items() for i in _read(unit)}
         links = [(source[0], end[0]) for end, source in self._source.items() if end in read]
         while more := {end for source, end in links if source in moving} - moving:
@@ -290,17 +289,6 @@ class WiredUnits:
                 each(t)
 
         return run
-
-
-def shown_outputs(tables: Mapping[str, Variables], groups: Sequence[str] | None) -> dict[str, list[Node]]:
-    """Return the outputs of groups ``unit.group``, by default of all."""
-    nodes: dict[str, list[Node]] = {}
-    for name, table in tables.items():
-        for i, variable in enumerate(table):
-            group = f"{name}.{variable.group}"
-            if variable.causality == "output" and (groups is None or group in groups):
-                nodes.setdefault(group, []).append((name, i))
-    return nodes
 
 
 def _read(unit: Evaluation) -> set[int]:

@@ -7,8 +7,8 @@ from typing import Any
 
 from vdfmu.arm.motion.played import Played
 from vdfmu.arm.robot.parameters import PARAMETERS
-from vdfmu.arm.robot.plain import plain_notes
 from vdfmu.arm.robot.plausible import doubts, position_notes, speed_notes
+from vdfmu.arm.robot.robot_file import plain_notes
 from vdfmu.arm.units import find_unit
 from vdfmu.compiler.unit import Input, Unit
 from vdfmu.engine.plan.inputs import read_inputs

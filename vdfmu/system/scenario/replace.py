@@ -14,7 +14,7 @@ from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.parameters import read_only, section
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit import JOINTS, Output, Unit
-from vdfmu.engine.package.join import Connections, ends_of
+from vdfmu.engine.package.system import Connections, ends_of
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, resolve
 from vdfmu.system.scenario.system_file import SystemFile, rewired
 from vdfmu.system.scenario.values import section_values

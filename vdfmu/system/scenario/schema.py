@@ -15,7 +15,7 @@ from vdfmu.arm.motion import kinds as kinds_of_motion
 from vdfmu.arm.robot import FRICTION_ARRANGEMENTS, SHAPES
 from vdfmu.arm.robot.catalogue import NAMED, catalogue
 from vdfmu.arm.robot.parameters import ENDS, JOINT_OPTIONS, PARAMETERS, Row, Section, section
-from vdfmu.arm.robot.plain import PLAIN
+from vdfmu.arm.robot.robot_file import PLAIN
 from vdfmu.base.measure import JOINT_TYPES, unit_of
 from vdfmu.base.version import FORMAT
 from vdfmu.compiler.unit import Choice, Input, Parameter, Switch, Unit

@@ -17,7 +17,7 @@ from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_file import locate
 from vdfmu.base.toml_tables import Problems, Table, as_number, value_text
-from vdfmu.engine.package.join import Connections, ends_of
+from vdfmu.engine.package.system import Connections, ends_of
 
 _KEYS = ("extends", "name", "description", "components", "shared", "connections")
 Box = tuple[float, float, float, float]

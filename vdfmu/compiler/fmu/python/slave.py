@@ -1,7 +1,7 @@
 """The pythonfmu slave of all units: phases, values, state, errors, on the evaluation of a unit.
 
 A Python slave can fail only by an exception, and users see only its text: unit, call, time, expected value, actual
-value and the way out.
+value and the fix.
 """
 
 from __future__ import annotations
@@ -139,6 +139,7 @@ class UnitSlave(Fmi2Slave):
         """End the initialization: fixed parameters can no longer be set."""
         self._require("initialization")
         self._refresh()
+        self._solver.events.begin()
         self.phase = "step"
         self.log(plain(f"{self.instance_name}: starts at t = {self.time:g} s"), Fmi2Status.ok, "logEvents")
 
@@ -154,14 +155,14 @@ class UnitSlave(Fmi2Slave):
                 f"t = {current_time!r} s."
             )
         unit, end = self._unit, current_time + step_size
-        before = unit.memory.copy()
+        before, above = unit.memory.copy(), self._solver.events.above
         try:
             self._solver.move(current_time, end, step_size)
             if unit.x.size and not np.isfinite(unit.x).all():
                 raise KernelError(f"the states are not finite before t = {end:.9g} s. Check the parameters.")
             unit.outputs()
         except (KernelError, UnitError):
-            unit.memory[:] = before
+            unit.memory[:], self._solver.events.above = before, above
             raise
         self.time = end
         return True
@@ -233,6 +234,7 @@ class UnitSlave(Fmi2Slave):
             "stale": self._stale,
             "memory": self._unit.memory.tolist(),
             "solver": {name: getattr(self._solver, name) for name in _SAVED if hasattr(self._solver, name)},
+            "above": self._solver.events.above.tolist(),
         }
 
     @_call("setFMUstate")
@@ -249,11 +251,12 @@ class UnitSlave(Fmi2Slave):
             _ = _WHEN[phase]
             memory = np.array(saved["memory"], dtype=float).reshape(self._interface.size)
             solver = {name: float(saved["solver"][name]) for name in _SAVED if hasattr(self._solver, name)}
+            above = np.array(saved["above"], dtype=np.bool_).reshape(self._solver.events.above.shape)
         except (LookupError, TypeError, ValueError) as error:
             raise FmuError(f"the state is damaged: {kind_text(error)}.") from None
         for name, value in solver.items():
             setattr(self._solver, name, value)
-        self._unit.memory[:] = memory
+        self._unit.memory[:], self._solver.events.above = memory, above
         self.time, self._start_time, self._tolerance = time, start_time, tolerance
         self.phase, self._stale, self._unchecked = phase, stale, True
 

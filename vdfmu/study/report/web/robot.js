@@ -96,7 +96,7 @@ const sliders = robot.sliders.map(({ unit, factor, low, high }, i) => {
     show,
     element: make(
       "div",
-      { class: "knob" },
+      { class: "slider" },
       make("span", {}, `Joint ${i + 1}`),
       output,
       input,
@@ -135,7 +135,7 @@ section("joints").append(
     make("h2", {}, "Joints"),
     button("Back to the start", () => pose(start)),
   ),
-  make("div", { class: "knobs" }, ...sliders.map(({ element }) => element)),
+  make("div", { class: "sliders" }, ...sliders.map(({ element }) => element)),
   make("h3", {}, "End effector {O} in {I}"),
   make(
     "dl",

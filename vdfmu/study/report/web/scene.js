@@ -63,7 +63,7 @@ export class Scene3D {
     ];
     this.host.setAttribute(
       "aria-label",
-      `The arm in 3D${seen.length ? ` with ${seen.join(", ")}` : ""}; drag or use the arrow keys to turn, two fingers, Ctrl and the wheel, or + and - to come nearer, ` +
+      `The arm in 3D${seen.length ? ` with ${seen.join(", ")}` : ""}; drag or use the arrow keys to turn, two fingers, Ctrl and the wheel, or + and - to zoom, ` +
         Object.keys(VIEWS)
           .map((view, k) => `${k + 1} for ${view}`)
           .join(", "),
@@ -218,7 +218,7 @@ export class Scene3D {
     this.draw();
   }
 
-  /** Turn by arrow keys, come nearer by + and -. */
+  /** Turn by arrow keys, zoom by + and -. */
   key(event) {
     const turns = {
       ArrowLeft: [-1, 0],

@@ -17,7 +17,7 @@ import {
 } from "./data.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { toolErrors } from "./arm.js";
-import { Knob } from "./knob.js";
+import { Slider } from "./slider.js";
 import { Budget, changeOf } from "./budget.js";
 import { keyFigures } from "./key_figures.js";
 import { listed, showTiles, tell } from "./outcome.js";
@@ -27,6 +27,8 @@ import { SimulationWorker, difference } from "./worker.js";
 import { quantity, text } from "./numbers.js";
 
 const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
+
+const TOGETHER = 700; // ms in which changes of one slider count as one for Undo
 
 class Simulation {
   /** `section` has the sliders and the message, `found` the tables below the figures. */
@@ -42,9 +44,13 @@ class Simulation {
     this.judged = make("ul");
     this.failure = make("div", { class: "failure", role: "alert", hidden: true });
     this.detail = make("p", { class: "failure", hidden: true });
+    this.moment = 0;
     this.back = button("Reset", () => this.reset());
+    this.undone = button("Undo", () => this.undo(), {
+      title: "Take back the last change of a slider",
+    });
     this.legend = make("p", { class: "note" });
-    this.knobs = make("div", { class: "knobs" });
+    this.board = make("div", { class: "sliders" });
     this.results = make("table", { class: "numbers" });
     this.joint = choice("", [], (k) => this.chooseJoint(Number(k)));
     this.joint.firstChild.setAttribute("aria-label", "Joint of the sliders");
@@ -54,11 +60,12 @@ class Simulation {
         able.length > 1 && choice("Run", names(able), (k) => this.choose(able[k])),
         this.joint,
         this.back,
+        this.undone,
         this.status,
         this.bar,
       ),
       make("div", { class: "said" }, this.failure, this.legend),
-      this.knobs,
+      this.board,
     );
     found.append(
       make("h2", {}, "Simulated and recorded"),
@@ -100,16 +107,16 @@ class Simulation {
     this.show(NOTHING);
     this.of = simulated.of = run;
     view.change("run", run);
-    const { knobs, rows, why } = run.simulation;
-    this.sliders = knobs.map((knob) => new Knob(knob, rows, () => this.rerun()));
-    this.knobs.replaceChildren(...this.sliders.map(({ element }) => element));
-    const joints = Math.max(0, ...knobs.map(({ values }) => values.length));
+    const { sliders, rows, why } = run.simulation;
+    this.sliders = sliders.map((parameter) => new Slider(parameter, rows, () => this.rerun()));
+    this.board.replaceChildren(...this.sliders.map(({ element }) => element));
+    const joints = Math.max(0, ...sliders.map(({ values }) => values.length));
     this.joint.firstChild.replaceChildren(
       ...Array.from({ length: joints + 1 }, (_, k) => make("option", { value: k })),
     );
     this.joint.hidden = joints < 2;
-    this.back.hidden = !knobs.length;
-    const tracks = knobs.map(({ track }) => track).filter(Boolean);
+    this.back.hidden = this.undone.hidden = !sliders.length;
+    const tracks = sliders.map(({ track }) => track).filter(Boolean);
     this.tracked = why || tracks.length;
     const [margin, delay] = [rows.margin, rows.delay].map(({ value }) => text(value, 2)),
       good = `margin at least ${margin}, delay ${delay} ${delay === "1" ? "sample" : "samples"}`;
@@ -124,6 +131,9 @@ class Simulation {
     this.legend.hidden = !this.tracked;
     this.budget.of(run);
     this.recall();
+    this.past = [];
+    this.last = this.states();
+    this.note();
     if (start || this.changes().length) this.rerun();
   }
 
@@ -141,8 +151,34 @@ class Simulation {
 
   /** Set the sliders as the address has them. */
   recall() {
-    for (const slider of this.sliders) slider.state = recalled(slider.knob.key) ?? "";
+    for (const slider of this.sliders) slider.state = recalled(slider.parameter.key) ?? "";
     this.markJoints();
+  }
+
+  states() {
+    return this.sliders.map(({ state }) => state);
+  }
+
+  /** Keep the sliders as they were before a change; a drag of one slider is one change. */
+  note() {
+    const states = this.states(),
+      moved = states.map((state, k) => (state === this.last[k] ? "" : k)).join("_"),
+      now = performance.now();
+    if (states.some((state, k) => state !== this.last[k])) {
+      if (moved !== this.moved || now - this.moment > TOGETHER) this.past.push(this.last);
+      Object.assign(this, { last: states, moved, moment: now });
+    }
+    this.undone.disabled = !this.past.length;
+  }
+
+  /** Take back the last change of a slider. */
+  undo() {
+    this.last = this.past.pop();
+    this.sliders.forEach((slider, k) => {
+      slider.state = this.last[k];
+    });
+    this.moved = "";
+    this.rerun();
   }
 
   reset() {
@@ -163,8 +199,9 @@ class Simulation {
   /** Run with the sliders as they are: after the run that is under way, which is stopped if it is slow. */
   async rerun() {
     this.again = true;
+    this.note();
     this.budget.cancel();
-    for (const slider of this.sliders) remember(slider.knob.key, slider.state);
+    for (const slider of this.sliders) remember(slider.parameter.key, slider.state);
     this.markJoints();
     if (this.busy) {
       this.stopping ??= setTimeout(

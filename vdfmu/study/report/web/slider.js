@@ -7,11 +7,11 @@ import { lower, stateOf } from "./verdict.js";
 const NOTCHES = 100; // of a slider to either side
 
 /** A slider of factors around 1, for all joints and for each. */
-export class Knob {
-  constructor(knob, rows, changed) {
-    this.knob = knob;
+export class Slider {
+  constructor(parameter, rows, changed) {
+    this.parameter = parameter;
     this.rows = rows;
-    this.places = Array(knob.values.length + 1).fill(0);
+    this.places = Array(parameter.values.length + 1).fill(0);
     this.chosen = 0;
     this.known = false;
     this.output = make("output");
@@ -19,7 +19,7 @@ export class Knob {
       type: "range",
       min: -NOTCHES,
       max: NOTCHES,
-      "aria-label": knob.words,
+      "aria-label": parameter.words,
       input: () => {
         this.places[this.chosen] = Number(this.slider.value);
         this.show();
@@ -30,7 +30,7 @@ export class Knob {
         this.slider.dispatchEvent(new Event("input"));
       },
     });
-    this.knows = knob.known.length
+    this.knows = parameter.known.length
       ? toggle(
           "known",
           false,
@@ -40,7 +40,7 @@ export class Knob {
           },
           {
             class: "chip",
-            "aria-label": `${knob.words}: known to the feedforward`,
+            "aria-label": `${parameter.words}: known to the feedforward`,
             title: "The feedforward knows the change",
           },
         )
@@ -49,8 +49,8 @@ export class Knob {
     this.bounds = make("small", { class: "note" });
     this.element = make(
       "div",
-      { class: "knob" },
-      make("span", {}, knob.words),
+      { class: "slider" },
+      make("span", {}, parameter.words),
       this.output,
       this.slider,
       this.track,
@@ -62,7 +62,7 @@ export class Knob {
 
   /** Factor of a place of the slider, with three digits. */
   factor(place) {
-    const { least, most } = this.knob,
+    const { least, most } = this.parameter,
       share = Math.abs(place) / NOTCHES;
     return Number((place > 0 ? most ** share : least ? least ** share : 1 - share).toPrecision(3));
   }
@@ -75,7 +75,7 @@ export class Knob {
 
   show() {
     const [all, ...own] = this.places.map((place) => this.factor(place)),
-      { values, units } = this.knob,
+      { values, units } = this.parameter,
       joint = this.chosen - 1;
     const found = values.map((value, i) => all * own[i] * value),
       one =
@@ -92,12 +92,14 @@ export class Knob {
   /** Colour the track, while the slider is that of all joints, and say where its limits are. */
   paint() {
     const [place] = this.places,
-      track = this.chosen ? null : this.knob.track;
+      track = this.chosen ? null : this.parameter.track;
     this.track.hidden = this.bounds.hidden = !track;
+    this.slider.className = "";
     const said = [this.output.textContent.replace("×", "times")];
     if (track) {
       const limits = this.limits(track),
         figures = figuresAt(track, place),
+        colour = this.colour(figures),
         margin = figures.margin?.value ? `margin ${text(figures.margin.value, 2)}` : "unstable";
       this.track.replaceChildren(
         ...this.bands(track),
@@ -106,7 +108,8 @@ export class Knob {
           .map((limit) => make("b", { style: `left:${percent(limit)}%` })),
       );
       this.bounds.textContent = [margin, limits].filter(Boolean).join("; ");
-      said.push(`${margin}, ${this.colour(figures)}`, limits.replaceAll("×", "times"));
+      this.slider.className = colour; // the thumb hides the part of the track that it is on
+      said.push(`${margin}, ${colour}`, limits.replaceAll("×", "times"));
     }
     this.slider.setAttribute("aria-valuetext", said.filter(Boolean).join("; "));
   }
@@ -151,7 +154,7 @@ export class Knob {
   moved() {
     return this.places.flatMap((place, k) => {
       if (!place) return [];
-      const { words, track: whole } = this.knob,
+      const { words, track: whole } = this.parameter,
         track = k ? null : whole,
         limit = track?.limits[place > 0 ? 1 : 0] ?? null;
       return [
@@ -192,7 +195,7 @@ export class Knob {
 
   /** The place of the slider whose factor is nearest to one. */
   placeOf(factor) {
-    const { least, most } = this.knob;
+    const { least, most } = this.parameter;
     const share =
       factor > 1
         ? Math.log(factor) / Math.log(most)
@@ -204,7 +207,7 @@ export class Knob {
 
   /** Changes of the parameters of units, by their full names. */
   changes({ units }) {
-    const { targets, known } = this.knob,
+    const { targets, known } = this.parameter,
       [all, ...own] = this.places.map((place) => this.factor(place));
     return own.flatMap((factor, i) =>
       all * factor === 1
