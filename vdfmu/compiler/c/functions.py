@@ -53,8 +53,8 @@ def kernel_files(
     `derivative` traces a derivative by its direction. With it, the files of both derivatives are made too. The cache
     keeps the texts by the function and the sources of the compiler.
     """
-    what = source_digest("compiler"), function.serialize(), sorted(apart), derivative is not None
-    place = cache_folder() / "texts" / sha256(repr(what).encode()).hexdigest()
+    key = source_digest("compiler"), function.serialize(), sorted(apart), derivative is not None
+    place = cache_folder() / "texts" / sha256(repr(key).encode()).hexdigest()
     files = load_or_make(place, lambda: json.dumps(_written(function, apart, derivative)).encode(), json.loads)
     return files | (c_operations() if any(_TABLES in text for text in files.values()) else {})
 
