@@ -60,9 +60,13 @@ class Expected(NamedTuple):
         differences.sort(key=lambda each: -each["share"])
         beyond = sum(each["share"] > self.within for each in differences)
         return {
-            "file": str(self.path), "within": self.within, "signals": len(pairs), "problems": problems,
-            "beyond": beyond, "differences": differences[: max(1, min(beyond, _LISTED))],
-        }  # fmt: skip
+            "file": str(self.path),
+            "within": self.within,
+            "signals": len(pairs),
+            "problems": problems,
+            "beyond": beyond,
+            "differences": differences[: max(1, min(beyond, _LISTED))],
+        }
 
     def _pairs(self, run: Recorded) -> tuple[dict[str, str], list[str]]:
         """Return recorded names and names of the run, and the problems of names and units.
@@ -132,9 +136,13 @@ def _largest(
     largest = float(apart[row])
     share = largest / size if size > 0.0 else math.inf if largest > 0.0 else 0.0
     return {
-        "signal": name, "share": share, "at_s": float(t[row]), "value": float(values[row]),
-        "expected": float(expected[row]), "constant": constant,
-    }  # fmt: skip
+        "signal": name,
+        "share": share,
+        "at_s": float(t[row]),
+        "value": float(values[row]),
+        "expected": float(expected[row]),
+        "constant": constant,
+    }
 
 
 def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:

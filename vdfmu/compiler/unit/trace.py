@@ -243,9 +243,13 @@ def state_slices(unit: BaseUnit) -> dict[str, slice]:
 
 def _kind(declared: Declared) -> str:
     names = {
-        "Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state",
-        "Held": "a held state", "Event": "the number of an event",
-    }  # fmt: skip
+        "Output": "an output",
+        "Input": "an input",
+        "State": "a continuous state",
+        "Sampled": "a sampled state",
+        "Held": "a held state",
+        "Event": "the number of an event",
+    }
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 

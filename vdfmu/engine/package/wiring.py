@@ -190,7 +190,7 @@ def _join(first: Indices, then: Indices) -> Indices | None:
 
 
 CONVERT = "Connect signals of one quantity, or put a component between them"
-"""Way out for units of measurement that do not convert."""
+"""Fix for units of measurement that do not convert."""
 
 
 def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Iterator[tuple[str, str]]:
