@@ -157,8 +157,8 @@ def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
     share = math.nan if worst is None else worst["share"]
     sentences = [*problems]
     if worst is not None and beyond:
-        what = "value" if worst["constant"] else "swing"
-        by = f"by {number(100.0 * share)} % of its {what} at t = {worst['at_s']:.6g} s (allowed {allowed})"
+        scale = "value" if worst["constant"] else "swing"
+        by = f"by {number(100.0 * share)} % of its {scale} at t = {worst['at_s']:.6g} s (allowed {allowed})"
         if math.isinf(share):
             by = f"at t = {worst['at_s']:.6g} s: {number(worst['value'])}, expected {number(worst['expected'])}"
         sentences.append(f"{worst['signal']} differs from {file} {by}")
