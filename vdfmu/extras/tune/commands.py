@@ -23,7 +23,7 @@ def tune(
         more="Of several elements the mean of their ratios to the start, each at most 1.")],
     **options: Unpack[TuneOptions],
 ) -> None:  # fmt: skip
-    """Search parameters for the least cost. The same command resumes after Ctrl-C."""
+    """Search for the parameter values of lowest cost. The same command resumes after Ctrl-C."""
     from vdfmu.extras.tune.search import tune as run_tune
     from vdfmu.study.sweeps.sweep import Sweep
 
