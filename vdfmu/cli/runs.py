@@ -42,8 +42,8 @@ class ScenarioForm(ScenarioRunOptions, total=False):
     ]
     row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
     by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
-    trust: Annotated[bool, Option("Allow running code that a study's file names.", more="It runs with your permissions.",
-        default=False)]  # fmt: skip
+    trust: Annotated[bool, Option("Allow running code that a study's file names.",
+        more="It runs with your permissions.", default=False)]  # fmt: skip
 
 
 class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
