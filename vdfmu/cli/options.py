@@ -28,7 +28,7 @@ TASKS = {
     "Time, coupling": "start stop step at algorithm adaptive stepper tolerance pace isolate memory-limit wait-limit "
     "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
-    "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",
+    "Judgement": "reference reference-stop judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "open simulate page",
     "Output": "out overwrite format record pictures width serif json",
@@ -51,8 +51,11 @@ class _Number(click.types.FloatParamType):
 
 
 _KINDS: dict[Any, click.ParamType[Any]] = {
-    str: click.STRING, int: click.INT, float: _Number(), Path: click.Path(path_type=Path),
-}  # fmt: skip
+    str: click.STRING,
+    int: click.INT,
+    float: _Number(),
+    Path: click.Path(path_type=Path),
+}
 """Types on the command line."""
 
 
@@ -100,9 +103,11 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         return [word for word in choices if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
-        "required": required, "callback": read, "shell_complete": complete,
+        "required": required,
+        "callback": read,
+        "shell_complete": complete,
         "metavar": option.metavar or "|".join(option.choices) or None,
-    }  # fmt: skip
+    }
     if not required and not many:
         settings["default"] = (",".join(default) or None) if isinstance(default, tuple) else default
     settings |= {"is_flag": True} if kind is bool else {"type": _KINDS[base]}
@@ -189,8 +194,9 @@ OpenOption = Annotated[bool, Option("Open the page in a browser.", default=False
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
 SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "parameters")]
-UnpackOption = Annotated[int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE",
-    typed=str, read=_bytes)]  # fmt: skip
+UnpackOption = Annotated[
+    int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE", typed=str, read=_bytes)
+]
 
 
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:

@@ -29,7 +29,7 @@ from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_writ
 from vdfmu.engine.options import SystemOptions
 from vdfmu.study.options import ExpectOptions, JudgeOptions, ScenarioOptions, ScenarioRunOptions
 
-_FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
+FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
 
 
@@ -67,7 +67,7 @@ def run(
     or a unit such as my_unit.py. A failed run has exit code 1.
     """
     parts = system or []
-    fmus = any(map(_FMUS.fullmatch, parts))
+    fmus = any(map(FMUS.fullmatch, parts))
     if fmus:
         _refuse_others(FmusForm, f"is for a scenario, got {' '.join(parts)}")
     else:
@@ -184,7 +184,7 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
     expected = read_expected(options["expect"], options["within"])
     with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
         try:
-            package, source, kept = _package_of(parts, options)
+            package, source, kept = package_of(parts, options)
             folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
             options["out"] = folder  # a failed run is said with its page there
             settings = pick(SystemOptions, options)
@@ -195,7 +195,7 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
             raise
 
 
-def _package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
+def package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
     """Return the package of FMUs; and if it was made for them their name in results, and the system that keeps it."""
     connections, first, unnamed = options["connections"], parts[0], [part for part in parts if "=" not in part]
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):

@@ -118,9 +118,14 @@ def fmpy_finding(text: str, reworded: str = "") -> Finding:
 
 
 _FMPY = (
-    ("FMI003", "XML"), ("FMI003", "Failed to"), ("FMI003", "Element '"), ("FMI005", "unit"),
-    ("FMI012", "unique"), ("FMI012", "name"), ("FMI011", "same value reference"),
-)  # fmt: skip
+    ("FMI003", "XML"),
+    ("FMI003", "Failed to"),
+    ("FMI003", "Element '"),
+    ("FMI005", "unit"),
+    ("FMI012", "unique"),
+    ("FMI012", "name"),
+    ("FMI011", "same value reference"),
+)
 """Rules, and words of fmpy's messages on them."""
 
 _TABLE = """

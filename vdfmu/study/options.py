@@ -156,6 +156,8 @@ class ScenarioRunOptions(
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
+    reference_stop: Annotated[float | None, Option("Compare with the references up to this time in s.", "float [s]",
+        "The default is the stop of the run.", metavar="SECONDS")]
     limits: Annotated[Mapping[str, Any] | None, Option("Limit of the verdict: margin=0.3. Repeatable.",
         "mapping of str to float", "See the table in docs/report.md, or `--verbose`.", flag="--limit",
         metavar="NAME=VALUE", typed=TEXTS,

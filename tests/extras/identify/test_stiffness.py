@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.equations.harmonic_drive import deformation_derivative
+from tests.conftest import ran, refused
+from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
 from vdfmu.base.errors import UsageError
-from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.motor_side import MotorSide, effective_stiffness
-from vdfmu.extras.identify.periodic import aligned, periods_of
+from vdfmu.extras.identify.periodic import SETTLING, USED, aligned, periods_of
 from vdfmu.extras.identify.stiffness import _Fit, identify_stiffness
 from vdfmu.extras.identify.stiffness_commands import excitation_text, read_excitation
 from vdfmu.extras.identify.stiffness_design import LEAST, NYQUIST, stiffness_experiment
@@ -59,8 +60,6 @@ def test_the_effective_stiffness_is_the_tangent_for_a_small_torque_and_the_regre
     tangent = 1.0 / np.asarray(deformation_derivative(robot, weight), dtype=float)
     small = effective_stiffness(robot, weight, np.array([1e-3, 1e-3]))
     np.testing.assert_allclose(small, tangent, rtol=1e-6)  # its square, 1e-6 of the torque scale of the spring
-    from vdfmu.arm.equations.harmonic_drive import deformation
-
     swing = np.array([8.0, 3.0])
     torques = weight + swing * np.random.default_rng(0).standard_normal((40_000, 2))
     bent = np.array([deformation(robot, each) for each in torques])
@@ -89,6 +88,10 @@ def linear_log(robot, plan, pose, *, factor, delay, step=1e-3, payload=0.0, nois
         motion[used] = np.linalg.solve(side.impedance(w, drives), (spectrum[used] * robot.ell)[..., None])[..., 0]
         motion[used] *= np.exp(-1j * w * delay)[:, None]
         kappa.append(np.fft.irfft(motion, rows, axis=0))
+    fade = np.linspace(0.0, 1.0, rows)[:, None]
+    count = SETTLING + USED
+    for k in range(count, len(kappa), count):  # from one realisation to the next, in its settling period
+        kappa[k] = (1.0 - fade) * kappa[k - 1] + fade * kappa[k]
     positions = pose + np.concatenate(kappa)[::every]
     torques = (plan.torque + side.weight / robot.ell)[::every]
     torques = torques + noise * plan.torque.std(axis=0) * dice.standard_normal(torques.shape)
@@ -201,8 +204,6 @@ def test_torques_survive_their_file(planar, tmp_path):
 
 
 def test_the_measured_kr300_does_not_show_its_springs_because_friction_hides_them():
-    from vdfmu.extras.identify.log import read_log
-
     robot = vdfmu.load_robot("kr300_6dof")
     log = read_log("examples/kr300/a.parquet", robot)
     plan = stiffness_experiment(robot, pose=log.kappa.mean(axis=0), step=log.step)
@@ -211,3 +212,59 @@ def test_the_measured_kr300_does_not_show_its_springs_because_friction_hides_the
     assert "joint 1 is excited by 11 % of its friction at 8.5 to 34 Hz" in verdict["headline"]
     loud = log._replace(tau=100.0 * log.tau)  # what would refute it: torques that are not small there
     assert "joint 1 is excited, but not by periodic torques" in unexcited_verdict(loud, robot, plan)["headline"]
+
+
+def test_the_command_designs_torques_and_writes_what_their_log_shows(planar, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    robot, plan = planar
+    pose = " ".join(map(str, POSES["planar_2dof"]))
+    words = ["identify", "--design", "planar_2dof", "--for", "stiffness", "--pose", pose, "-o", "torques.csv"]
+    said = ran(*words).output
+    assert f"{len(plan.excitation.lines)} lines from 1 to {plan.excitation.lines[-1]:.4g} Hz, 48 s" in said
+    log, drives = linear_log(robot, plan.excitation, plan.pose, factor=0.8, delay=0.0)
+    heads = ",".join(f"{name}[{i}]" for name in ("kappa", "tau") for i in (1, 2))
+    table = np.column_stack([log.t, log.kappa, log.tau])
+    np.savetxt("log.csv", table, delimiter=",", header=f"time,{heads}", comments="", fmt="%.12g")
+    words = ["identify", "log.csv", "--robot", "planar_2dof", "--for", "stiffness"]
+    files = ["--plot", "a.png", "--page", "a.html", "-o", "arm.toml"]
+    said = ran(*words, "--excitation", "torques.csv", *files).output
+    assert "Good: stiffness of 2 of 2 joints" in said
+    page = (tmp_path / "a.html").read_text()
+    assert "Good: stiffness of 2 of 2 joints" in page and "data:image/png;base64," in page
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    made = vdfmu.load_robot("arm.toml")
+    assert "scaled to" in made.sources["joints[1].drive.K_f0"]
+    np.testing.assert_allclose(made.K_f0 / robot.K_f0, 0.8, rtol=0.1)  # at another torque than at rest
+    assert "failed" in ran(*words, code=1).output  # without the torques the log is not known to be periodic
+    assert "--band does not go with --for stiffness" in refused(*words, "--band", "3")
+    assert "--margins goes with --for stiffness" in refused(*words[:4], "--margins", "planar_tracking")
+    assert "--excitation goes with a log" in refused("identify", "--design", "planar_2dof", "--excitation", "x.csv")
+    assert "expected --robot ROBOT" in refused("identify", "log.csv", "--for", "stiffness")
+
+
+@pytest.mark.heavy
+def test_margins_over_the_springs_hold_for_random_arms_that_fit_the_log(planar):
+    from vdfmu.extras.identify.margins import spring_margins
+    from vdfmu.study.analysis.loops import margins_along
+
+    robot, plan = planar
+    log, _ = linear_log(robot, plan.excitation, plan.pose, factor=0.6, delay=0.0)
+    fit = identify_stiffness(log, robot, plan.excitation)
+    wide = [dataclasses.replace(level, uncertainty=16.0 * level.uncertainty) for level in fit.levels]
+    interval, wider = (spring_margins(each, "planar_tracking") for each in (fit, fit._replace(levels=wide)))
+    made, _ = scaled_robot(fit)
+
+    def exact(shift):
+        values = {"plant.K_f0": made.K_f0 * np.exp(shift), "plant.K_w0": made.K_w0 * np.exp(shift)}
+        return margins_along("planar_tracking", parameters=values).judged.figures["margin"]["value"]
+
+    assert interval.middle == exact(np.zeros(2))
+    assert interval.corner == exact(np.log(interval.factors)) < interval.likely < interval.middle
+    assert wider.likely < interval.likely
+    assert abs(wider.likely - wider.linear) < 0.5 * (wider.middle - wider.likely)  # the slopes say as much as the loop
+    dice = np.random.default_rng(0)
+    draws = dice.multivariate_normal(np.zeros(2), wide[-1].uncertainty, 20)
+    below = sum(exact(each) < min(wider.likely, wider.linear) for each in draws)
+    assert below <= 3  # of 20, each with 5 %: more have a probability of 1.6 %
+    with pytest.raises(UsageError, match="expected a plant with the joints and gear ratios of planar_2dof"):
+        spring_margins(fit, "tracking")

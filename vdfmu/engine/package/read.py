@@ -109,14 +109,25 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
         name=root.get("name"),
         components=tuple(
             Component(
-                wiring.names[node.path], node.source, node.implementation, node.connectors, *bindings.of(node.path),
-                node.step, place_of(node.element),
-            ) for node in top.components()
+                wiring.names[node.path],
+                node.source,
+                node.implementation,
+                node.connectors,
+                *bindings.of(node.path),
+                node.step,
+                place_of(node.element),
+            )
+            for node in top.components()
         ),
-        connections=connections, units=dict(scope.units), experiment=experiment,
-        problems=(*problems_in(read), *wiring.problems), unmatched=tuple(bindings.unmatched), notes=tuple(notes),
-        faults=tuple(_file_faults(scope.files.values())), version=scope.version,
-    )  # fmt: skip
+        connections=connections,
+        units=dict(scope.units),
+        experiment=experiment,
+        problems=(*problems_in(read), *wiring.problems),
+        unmatched=tuple(bindings.unmatched),
+        notes=tuple(notes),
+        faults=tuple(_file_faults(scope.files.values())),
+        version=scope.version,
+    )
     return system, problems_in(read)
 
 

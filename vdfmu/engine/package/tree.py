@@ -119,9 +119,13 @@ class TreeReader:
         scope = replace(outer, aliases={})
         if kind == PACKAGE_TYPE:
             scope = replace(
-                scope, archive=outer.archive.inside(member), prefix=f"{outer.prefix}{member}{INSIDE}", base="",
-                document=fragment or "SystemStructure.ssd", label=f"{outer.label}: {member}",
-            )  # fmt: skip
+                scope,
+                archive=outer.archive.inside(member),
+                prefix=f"{outer.prefix}{member}{INSIDE}",
+                base="",
+                document=fragment or "SystemStructure.ssd",
+                label=f"{outer.label}: {member}",
+            )
         elif fragment:
             text = f"{where}: a fragment, '#{fragment}', can follow the name of a package only"
             raise breach("SSP012", text, element)

@@ -55,6 +55,8 @@ def identify(
         "behind the gears; with --design it chooses the torques.")] = None,
     excitation: Annotated[Path | None, Option("Torques that were played, by --design.", metavar="CSV",
         more="For --for stiffness.")] = None,
+    margins: Annotated[str | None, Option("Scenario whose margins to judge over the springs.", metavar="SCENARIO",
+        more="For --for stiffness: the smallest modulus margin over the springs that fit the log.")] = None,
     page: Annotated[Path | None, Option("Page of --for stiffness to write.", metavar="HTML",
         more="Verdict, table and frequency responses in one file.")] = None,
     overwrite: OverwriteOption = False,
@@ -85,7 +87,8 @@ def identify(
     from vdfmu.study.report.sheets import verdict_table, verdict_text
 
     of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
-              "--residuals": residuals, "--excitation": excitation, "--page": page}  # fmt: skip
+              "--residuals": residuals, "--excitation": excitation, "--page": page,
+              "--margins": margins}  # fmt: skip
     of_design = {"--duration": duration, "--pose": pose, "--step": step, "--bits": bits, "--noise": noise,
                  "--no-links": no_links}  # fmt: skip
     if (log is None) == (design is None):
@@ -95,12 +98,12 @@ def identify(
     refuse(unfit, "goes with --design" if design is None else "goes with a log")
     if purpose is not None:
         _stiffness(log, design, robot, columns=column or {}, time=time, excitation=excitation, pose=pose, step=step,
-                   files={"plot": plot, "page": page, "out": out}, overwrite=overwrite, unfit={
+                   files={"plot": plot, "page": page, "out": out}, overwrite=overwrite, margins=margins, unfit={
                        "--band": band, "--score": other, "--truth": truth, "--residuals": residuals,
                        "--duration": duration, "--bits": bits, "--noise": noise, "--no-links": no_links,
                    })  # fmt: skip
         return
-    refuse({"--excitation": excitation, "--page": page}, "goes with --for stiffness")
+    refuse({"--excitation": excitation, "--page": page, "--margins": margins}, "goes with --for stiffness")
     if design is not None:
         sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
         _design(design, duration, pose, sensors, band, prior, out, overwrite)
@@ -171,7 +174,7 @@ def identify(
 def _stiffness(
     log: Path | None, design: str | None, robot: str | None, *, columns: dict[str, str], time: str,
     excitation: Path | None, pose: str | None, step: float | None, files: dict[str, Path | None], overwrite: bool,
-    unfit: dict[str, Any],
+    margins: str | None, unfit: dict[str, Any],
 ) -> None:  # fmt: skip
     """Design or identify for springs from the motors' side; `unfit` are options that it does not have."""
     from vdfmu.base.errors import UsageError
@@ -186,7 +189,7 @@ def _stiffness(
     assert log is not None
     if robot is None:
         raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
-    show_stiffness(log, robot, columns, time, excitation, files, overwrite)
+    show_stiffness(log, robot, columns, time, excitation, files, overwrite, margins)
 
 
 def _design(

@@ -56,8 +56,8 @@ class StiffnessLevel:
     absolute: Floats
     """(n,): Standard deviations of the stiffness as a share, with the links and torque constants of the robot file, and
     with these uncertain too."""
-    covariance: Floats
-    """(n, n): Of the logarithms of stiffness."""
+    uncertainty: Floats
+    """(n, n): Covariance of the logarithms of stiffness, absolute."""
     share: Floats
     """(n,): Share of the square of the links' torques that the model explains."""
     antiresonance: Floats
@@ -235,9 +235,10 @@ class _Fit:
             trials.append((float(np.log(state.variance).sum() * realisations + state.cost), state.x))
         state = self.search(min(trials, key=lambda each: each[0])[1], _LONGEST)
         drives, answer = self.drives(state.x), state.answer
-        covariance, absolute = self._deviations(state)
+        covariance, scales = self._deviations(state)
         deviation = np.sqrt(np.diag(covariance))
         stiff = deviation[:n]
+        uncertainty = covariance[:n, :n] + FLOOR**2 * np.eye(n) + scales
         spring = (drives.stiffness + 1j * self.w[:, None] * drives.damping) * answer.bent
         diagonal = self.side.impedance(self.w, drives)[:, np.arange(n), np.arange(n)]
         motion = self.data.kappa
@@ -247,14 +248,14 @@ class _Fit:
         left = (np.abs(state.errors) ** 2).sum(axis=(0, 1)) / (np.abs(answer.link) ** 2).sum(axis=(0, 1))
         return StiffnessLevel(
             self.data.f, self.data.swing, np.sqrt(2.0 * (np.abs(spring) ** 2).sum(axis=1).mean(axis=0)), drives,
-            np.hypot(stiff, FLOOR), np.sqrt(stiff**2 + FLOOR**2 + absolute), covariance[:n, :n] + FLOOR**2 * np.eye(n),
+            np.hypot(stiff, FLOOR), np.sqrt(np.diag(uncertainty)), uncertainty,
             1.0 - left, self.side.antiresonances(drives),
             1e-3 * float(state.x[4 * n + 1]), 1e-3 * float(deviation[4 * n + 1]),
             deviation[n : 2 * n] * self.start.damping, measured, 1.0 / diagonal,
         )  # fmt: skip
 
     def _deviations(self, state: _Trial) -> tuple[Floats, Floats]:
-        """Return the covariance (p, p), and the variances (n,) of stiffness by torque constants and links.
+        """Return the covariance (p, p), and that of stiffness (n, n) by torque constants and links.
 
         The covariance is the larger of the curvature's and the sandwich of White (1982), with the residuals of a
         realisation in a band of lines as one sample, since those of neighbouring lines are alike.
@@ -275,7 +276,7 @@ class _Fit:
         scales += [whole * np.eye(n)[i] * GAIN_OFF for i in range(n)]
         ways = np.stack(scales, axis=-1) * np.sqrt(2.0 / state.variance)[..., None]
         gain = C[:n] @ slopes.T @ _real(ways)
-        return C * np.outer(widen, widen), (gain**2).sum(axis=1)
+        return C * np.outer(widen, widen), gain @ gain.T
 
 
 def _real(values: Complex) -> Any:

@@ -18,6 +18,7 @@ from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.results.verdict import FAILED, state_of
 from vdfmu.extras.identify.fit import robot_text
 from vdfmu.extras.identify.log import read_columns, read_log
+from vdfmu.extras.identify.margins import UNKNOWN, MarginInterval, spring_margins
 from vdfmu.extras.identify.periodic import LEVELS, PeriodicTorques
 from vdfmu.extras.identify.stiffness import Stiffness, identify_stiffness
 from vdfmu.extras.identify.stiffness_design import StiffnessExperiment, stiffness_experiment
@@ -97,11 +98,11 @@ def read_excitation(path: Path, n: int) -> PeriodicTorques:
 
 def show_stiffness(
     log: Path, robot: str, columns: Mapping[str, str], time: str, excitation: Path | None,
-    files: Mapping[str, Path | None], overwrite: bool,
+    files: Mapping[str, Path | None], overwrite: bool, scenario: str | None = None,
 ) -> None:  # fmt: skip
     """Identify the springs from a log, print and write what it shows; exit code 1 if it shows none.
 
-    `files` are those to write: ``plot``, ``page`` and ``out``.
+    `files` are those to write: ``plot``, ``page`` and ``out``; `scenario` is the system whose margins are judged.
     """
     arm = load_robot(robot)
     targets = {name: target_file(path, "", overwrite) for name, path in files.items() if path is not None}
@@ -118,15 +119,18 @@ def show_stiffness(
         pages = stiffness_page(title, judged, [], [_to_do(plan)], [])
     else:
         fit = identify_stiffness(rows, arm, read_excitation(excitation, arm.n))
-        judged = {"verdict": stiffness_verdict(fit)}
+        shows = state_of({"verdict": stiffness_verdict(fit)}) != FAILED
+        interval = spring_margins(fit, scenario) if scenario is not None and shows else None
+        judged = {"verdict": stiffness_verdict(fit, [] if interval is None else [interval.check])}
         _print_verdict(judged)
         shown = table(*HEADS)
         for row in stiffness_rows(fit):
             shown.add_row(*row)
         console.print(shown)
-        say_notes(stiffness_notes(fit))
+        notes = [*stiffness_notes(fit), *_on_margins(interval)]
+        say_notes(notes)
         picture = draw_responses(fit, title)
-        pages = stiffness_page(title, judged, stiffness_rows(fit), stiffness_notes(fit), [picture])
+        pages = stiffness_page(title, judged, stiffness_rows(fit), notes, [picture])
         written += _write_fit(fit, picture, targets, log.name)
     if "page" in targets:
         write_whole(targets["page"], [pages])
@@ -135,6 +139,22 @@ def show_stiffness(
         say_written(*written)
     if state_of(judged) == FAILED:
         raise SystemExit(1)
+
+
+def _on_margins(interval: MarginInterval | None) -> list[str]:
+    """Return remarks on the margins."""
+    if interval is None:
+        return []
+    notes = [
+        "margins: the plant has the identified springs within their absolute intervals; slopes of the margin by the "
+        f"logarithm of each stiffness: {', '.join(f'{x:+.2g}' for x in interval.slopes)}"
+    ]
+    if interval.assumed:
+        numbers = ", ".join(map(str, interval.assumed))
+        notes.append(
+            f"margins: the spring of joint {numbers} is the robot file's within {100 * UNKNOWN:.0f} %, one deviation"
+        )
+    return notes
 
 
 def _write_fit(fit: Stiffness, picture: Picture, targets: Mapping[str, Path], log: str) -> list[Path]:

@@ -32,8 +32,8 @@ HEADS = (
 )  # fmt: skip
 
 
-def stiffness_verdict(fit: Stiffness) -> dict[str, Any]:
-    """Return the entry ``verdict``: a check for each joint, failed if no joint is identifiable."""
+def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, Any]:
+    """Return the entry ``verdict``: a check for each joint, failed if no joint is identifiable, and some `more`."""
     robot, checks = fit.side.robot, list[Check]()
     for i in range(robot.n):
         best = fit.best(i)
@@ -46,12 +46,12 @@ def stiffness_verdict(fit: Stiffness) -> dict[str, Any]:
             lacks = missing(level.antiresonance, level.f[-1], level.swing, np.array(robot.f_s) / robot.ell)[i]
             doubt = f"+- {_per_cent(level.deviation[i])}, {100 * level.share[i]:.0f} % of the link's torque explained"
             text = f"the stiffness of {place} is not identifiable"
-            more = f"log {lacks}" if lacks else f"{doubt}: log more periods, or larger torques"
-            checks.append(Check("stiffness", "Stiffness", DOUBTFUL, text, more))
+            advice = f"log {lacks}" if lacks else f"{doubt}: log more periods, or larger torques"
+            checks.append(Check("stiffness", "Stiffness", DOUBTFUL, text, advice))
     shown = [check for check in checks if check.state == GOOD]
     if not shown:
         checks = [check._replace(state=FAILED) for check in checks]
-    return verdict_of(checks, [f"stiffness of {len(shown)} of {robot.n} joints"])
+    return verdict_of([*checks, *more], [f"stiffness of {len(shown)} of {robot.n} joints"])
 
 
 def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict[str, Any]:

@@ -357,9 +357,9 @@ def _tabular(sheet: Sheet, part: Sequence[int]) -> str:
     above = zip(*([""] * (deep - len(heading)) + heading for heading in headings), strict=True)
     rows = [*above, *([row[k] for k in part] for row in sheet.rows)]
     lines = [" & ".join(map(_cell, cells)) + r" \\" for cells in rows]
-    first, *others = (_widths(sheet)[k] for k in part)
-    long = first + sum(others) > _COLUMN  # a column alone beside the first: its text is broken into lines
-    kinds = f"p{{{max(_COLUMN - first, 60.0):.0f}pt}}" if long else "r" * len(others)
+    first, *widths = (_widths(sheet)[k] for k in part)
+    long = first + sum(widths) > _COLUMN  # a column alone beside the first: its text is broken into lines
+    kinds = f"p{{{max(_COLUMN - first, 60.0):.0f}pt}}" if long else "r" * len(widths)
     rules = [rf"\begin{{tabular}}{{l{kinds}}}", r"\toprule", *lines[:deep], r"\midrule", *lines[deep:]]
     return "\n".join([*rules, r"\bottomrule", r"\end{tabular}"])
 

@@ -68,6 +68,7 @@ _SEPARATION = Record({"change": NUMBER, "max_position_difference_rad": NUMBER})
 _REFERENCE = {
     "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER, "at_s": NUMBER,
     "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
+    "solved_by_scipy": NUMBER, "max_solver_difference": NUMBER,
 }  # fmt: skip
 
 
@@ -183,6 +184,7 @@ KEYS: Mapping[str, Any] = {
     "limits": Keyed(_SHARES),  # shares of the time at limits, by plant
     "paper": _PAPER,  # values of the paper
     "reference": Keyed(_REFERENCE),  # largest differences to each reference
+    "reference_stop": NUMBER,  # end of the comparison with the references, if it is before that of the run [s]
     "no_reference": TEXT,  # reason of a missing reference
     "separation": _SEPARATION,  # distance of the run from itself with an invisible change
     # largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest share of

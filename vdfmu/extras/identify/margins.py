@@ -1,0 +1,120 @@
+"""The margin of a controller over the springs that fit a log, by its derivatives and by the exact loop."""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+from vdfmu.arm.robot import Robot
+from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.results.verdict import Check
+from vdfmu.extras.identify.fit import NORMAL_95
+from vdfmu.extras.identify.stiffness import Stiffness
+from vdfmu.extras.identify.stiffness_report import scaled_robot
+from vdfmu.study.analysis.loops import margins_along
+from vdfmu.study.analysis.reach import scenario_of
+from vdfmu.study.limits import LIMITS
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import Scenario
+from vdfmu.system.scenario.values import system_values
+
+UNKNOWN = 0.3
+"""Standard deviation of the logarithm of a stiffness that the log does not show: files are off by 0.7 to 1.4."""
+_ONE_SIDED_95 = 1.645
+"""Deviations of a normal variable that 95 % are above, with a minus."""
+
+
+class MarginInterval(NamedTuple):
+    """Modulus margins of a scenario over springs, at the place and time where each is least."""
+
+    middle: float
+    """With the identified springs."""
+    place: str
+    slopes: Floats
+    """(n,): Change by the logarithm of each stiffness."""
+    likely: float
+    """At least this for 95 % of the arms that fit the log: by the exact loop, at the springs where the linear margin is
+    at its quantile of 5 %."""
+    linear: float
+    """The same quantile by the slopes alone."""
+    corner: float
+    """At the worst corner of the intervals of 95 %, by the exact loop."""
+    factors: Floats
+    """(n,): Stiffness there over the identified."""
+    assumed: tuple[int, ...]
+    """Joints, from 1, whose spring the log does not show."""
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        likely = min(self.likely, self.linear)
+        return f"modulus margin {self.middle:.2f}, at least {likely:.2f} for 95 % of the arms that fit the log"
+
+    @property
+    def check(self) -> Check:
+        """The check of the verdict: the lower end against the limit of runs."""
+        row, likely = LIMITS["margin"], min(self.likely, self.linear)
+        signs = ", ".join(f"{x:.2f}" for x in self.factors)
+        more = f"worst corner {self.corner:.2f}, springs times {signs}; smallest at {self.place}"
+        return Check("margin", row.name, row.state(likely), self.sentence, more, likely, row.value, row.by)
+
+
+def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) -> MarginInterval:
+    """Return the modulus margin of a scenario over the springs that fit a log.
+
+    The plant of the scenario gets the springs; what its controller knows stays. Uncertain are the springs alone, with
+    links and torque constants as far off as the absolute intervals have it. UsageError for a scenario with another arm.
+    """
+    system = scenario_of(scenario) if not isinstance(scenario, Scenario) else scenario
+    robot, assumed = scaled_robot(fit)[0], list[int]()
+    plant = _plant(system, robot)
+    n = robot.n
+    covariance = np.zeros((n, n))
+    shown = np.array([fit.levels[fit.best(i)].identifiable[i] for i in range(n)])
+    for i in range(n):
+        level = fit.levels[fit.best(i)]
+        covariance[i] = covariance[:, i] = np.where(shown & shown[i], level.uncertainty[i], 0.0)
+        if not shown[i]:
+            covariance[i, i] = UNKNOWN**2
+            assumed.append(i + 1)
+    deviation = np.sqrt(np.diag(covariance))
+
+    def margin(shift: Floats) -> tuple[float, str]:
+        factor = np.exp(shift)
+        values = {f"{plant}.K_f0": robot.K_f0 * factor, f"{plant}.K_w0": robot.K_w0 * factor}
+        figures = margins_along(system, parameters=values).judged.figures
+        if "unstable" in figures:
+            return 0.0, figures["unstable"]["place"]
+        if "margin" not in figures:
+            raise UsageError(f"margins: {system.name}: expected a loop over the torques of the plant, got none.")
+        return float(figures["margin"]["value"]), figures["margin"]["place"]
+
+    middle, place = margin(np.zeros(n))
+    slopes = np.zeros(n)
+    for i in range(n):
+        step = deviation[i] * np.eye(n)[i]
+        slopes[i] = (margin(step)[0] - margin(-step)[0]) / (2.0 * deviation[i])
+    spread = float(np.sqrt(slopes @ covariance @ slopes))
+    direction = covariance @ slopes / max(spread, 1e-300)
+    likely, _ = margin(-_ONE_SIDED_95 * direction)
+    worst = -np.sign(slopes) * NORMAL_95 * deviation
+    corner, _ = margin(worst)
+    return MarginInterval(
+        middle, place, slopes, likely, middle - _ONE_SIDED_95 * spread, corner, np.exp(worst), tuple(assumed)
+    )
+
+
+def _plant(scenario: Scenario, robot: Robot) -> str:
+    """Return the component of the scenario that is the arm."""
+    system = SystemDescription(scenario, system_values(scenario))
+    fits = [name for name in system.resolved.plants if _is_arm(system.resolved.robots[name], robot)]
+    if not fits:
+        raise UsageError(f"margins: {scenario.name}: expected a plant with the joints and gear ratios of {robot.name}.")
+    return fits[0]
+
+
+def _is_arm(other: Robot | None, robot: Robot) -> bool:
+    return other is not None and other.joint_types == robot.joint_types and bool(np.allclose(other.ell, robot.ell))
