@@ -186,7 +186,8 @@ ScenarioArgument = Annotated[str, Positional("Name of a scenario, TOML file, or 
 RobotArgument = Annotated[str, Positional("Name of a robot, or a TOML file.", names=known_robots)]
 RobotOption = Annotated[str | None, option_of(RobotOptions, "robot")]
 BackendOption = Annotated[str | None, option_of(RobotOptions, "backend")]
-TrustOption = Annotated[bool, Option("Run the code that the file names.", more="It runs with your permissions.")]
+TrustOption = Annotated[bool, Option("Allow running code that the file names.",
+    more="It runs with your permissions.")]  # fmt: skip
 OverwriteOption = Annotated[bool, Option("Replace a file of this name.")]
 ForeignOption = Annotated[bool, Option("Also overwrite files not written by vdfmu.")]
 OpenOption = Annotated[bool, Option("Open the page in a browser.", default=False, flag="--open")]

@@ -42,8 +42,8 @@ class ScenarioForm(ScenarioRunOptions, total=False):
     ]
     row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
     by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
-    trust: Annotated[bool, Option("Run the code that a study of others names.", more="It runs with your permissions.",
-        default=False)]  # fmt: skip
+    trust: Annotated[bool, Option("Allow running code that a study's file names.",
+        more="It runs with your permissions.", default=False)]  # fmt: skip
 
 
 class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
@@ -51,7 +51,7 @@ class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
 
     connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
     unpack_limit: UnpackOption
-    run_anyway: Annotated[bool, Option("Run FMUs in spite of faults of their files.", default=False)]
+    run_anyway: Annotated[bool, Option("Run FMUs even if their files have faults.", default=False)]
     opened: OpenOption
 
 
@@ -226,9 +226,9 @@ def report(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",
         more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.")] = None,
     out: Annotated[Path | None, Option(
-        "Page, or FILE.tex for LaTeX (default report.html).",
+        "Page, folder, or FILE.tex (default report.html).",
         more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
-    simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
+    simulate: Annotated[bool, Option("Give the page sliders that run them again.")] = True,
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""

@@ -93,7 +93,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 @meets_code(RUNS)
 def report(
     study: StudyArgument,
-    out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
+    out: Annotated[Path | None, Option("Page, folder, or FILE.tex (default report.html).",
         more="FILE.tex has the measures.")] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,

@@ -123,7 +123,7 @@ class LogOptions(TypedDict, total=False):
 class StepperOptions(TypedDict, total=False):
     """What makes the steps."""
 
-    stepper: Annotated[str, Option("Loop over the steps: fmpy, c or auto.",
+    stepper: Annotated[str, Option("What runs the steps: fmpy, c or auto.",
         more="In Python by calls of fmpy, or in C by the same functions, with the same bits. `auto` is C where the "
         "system allows it; ``stepper`` in the summary says which, and why not C.",
         default=AUTO, choices=STEPPERS, read=read_stepper)]
@@ -148,7 +148,7 @@ class LoadedOptions(CouplingOptions, InputOptions, LogOptions, StepperOptions, I
 
     tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
         more="Default: that of the scenario, or of each FMU.")]
-    ignore_unmatched: Annotated[bool, Option("Ignore values that no variable takes.",
+    ignore_unmatched: Annotated[bool, Option("Ignore values without a variable of that name.",
         more="They are values of the package's parameter sets.", default=False)]
 
 

@@ -76,7 +76,7 @@ class SampledBlock:
         self.variables = tuple(self._variables())
         if len({(v.name, v.before) for v in self.variables}) < len(self.variables):
             names = ", ".join(_RESERVED)
-            raise UsageError(f"{interface.name}: blocks of eFMI reserve the variables {names}. Rename.")
+            raise UsageError(f"{interface.name}: blocks of eFMI reserve the variables {names}. Rename them.")
 
     @property
     def description(self) -> str:

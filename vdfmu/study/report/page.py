@@ -195,12 +195,13 @@ def _wired(run: ShownRun) -> dict[str, Any]:
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
-    """Return robots or systems, number of runs, version, and the date of a single run."""
+    """Return what a single run is for; robots or systems, number of runs, version, and the date of a single run."""
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
     count, version = "one run" if len(summaries) == 1 else f"{len(summaries)} runs", summaries[0].get("vdfmu", "")
+    purpose = f"{summaries[0].get('description', '').rstrip('.')}. " if len(summaries) == 1 else ""
     made = f" on {summaries[0]['date'][:10]}" if len(summaries) == 1 and "date" in summaries[0] else ""
-    return f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
+    return f"{purpose.removeprefix('. ')}{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
 
 
 def _names(runs: Sequence[ShownRun]) -> list[str]:

@@ -40,6 +40,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         **({"scenario_file": scenario.file} if scenario.file else {}),
+        **({"description": scenario.description} if scenario.description else {}),
         **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         **({"robot_file": robot.file} if robot is not None and robot.file else {}),
         "vdfmu": __version__,

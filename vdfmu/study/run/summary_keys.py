@@ -127,6 +127,7 @@ _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
     "scenario": TEXT,  # name of the scenario
     "scenario_file": TEXT,  # file of a scenario that is not a shipped one
+    "description": TEXT,  # what the scenario is for
     "robot": TEXT,  # name of the robot
     "robot_file": TEXT,  # robot instead of the scenario's: its file, or its name unless shipped
     "friction": TEXT,  # place of the joints' friction

@@ -56,7 +56,7 @@ def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], di
     run = {name: getattr(read.experiment, name) for name in ("start", "stop", "step")} | dict(system.run)
     missing = [name for name in ("stop", "step") if run[name] is None]
     if missing:
-        raise UsageError(f"{' and '.join(missing)}: the package says none; give one.")
+        raise UsageError(f"{' and '.join(missing)}: the package does not state it, so give it as an option.")
     outputs = [
         f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
         if v.causality == "output"
