@@ -69,10 +69,11 @@ docs: $(VENV)/docs  ## build the documentation into site/VERSION, beside other v
 	$(BIN)/python docs/make.py $(DOCS_ARGS)
 
 # Types are resolved in what the tests install: the packages of all extras.
-lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),$(LINT_WEB))  ## ruff, pyright and, with npm, lint-web
+lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),$(LINT_WEB))  ## ruff, pyright, warnings of words and, with npm, lint-web
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/python docs/words.py
 
 lint-web: $(WEB)/node_modules  ## types, eslint and prettier on the scripts of the pages; needs node and npm
 	$(WEB)/node_modules/.bin/tsc --project $(WEB)/tsconfig.json

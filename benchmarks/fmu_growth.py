@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import resource
 import subprocess
@@ -19,8 +18,6 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.engines import mujoco_spec
@@ -30,7 +27,6 @@ from benchmarks.work_precision import CoSimulation
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot
-from vdfmu.base import style
 from vdfmu.base.cache import COMPILER, cache_folder
 
 pin: Any = import_module("pinocchio")  # a binary module that no type checker sees into
@@ -89,43 +85,15 @@ def run(report: Report, quick: bool = False) -> None:
         measured = {"a step": [row.step_us for row in high]}
         measured |= {"a build": [row.build_s for row in high], "C": [row.C_kB for row in high]}
         measured |= {"memory of the build": [row.build_MB for row in high]}
-        figure = {quantity: (y, _exponent(high, y)) for quantity, y in measured.items()}
         measured |= {name: [row.others_us[name] for row in high] for name in engines}
         for quantity, y in measured.items():
             slope = _exponent(high, y)
             table.notes.append(f"Exponent of {quantity} for n = {high[0].n} to {high[-1].n}: {slope:.2f}.")
-        _draw([row.n for row in high], figure, report.out / "fmu_growth.svg")
     report.show(table)
 
 
 def _exponent(rows: list[_Row], y: list[float]) -> float:
     return float(np.polyfit(np.log([row.n for row in rows]), np.log(y), 1)[0])
-
-
-@style.styled
-def _draw(n: list[int], measured: dict[str, tuple[list[float], float]], path: Path) -> Figure:
-    """Draw what grows with the joints on logarithmic axes, each with its fitted slope; write and return it."""
-    units = {"a step": "µs", "a build": "s of processor time", "C": "kB", "memory of the build": "MB"}
-    figure = style.new_figure("Growth with the joints", "Logarithmic axes; dashed: the fitted power.", height=5.8)
-    panels = figure.subplots(2, 2)
-    for axes, (quantity, (y, slope)) in zip(panels.flat, measured.items(), strict=True):
-        axes.loglog(n, y, "o", base=10, color=style.COLORS[0])
-        middle = np.exp(np.mean(np.log(y)) + slope * (np.log(n) - np.mean(np.log(n))))
-        axes.loglog(n, middle, "--", color="0.4", label=f"n^{slope:.2f}")
-        axes.set_title(quantity[0].upper() + quantity[1:])
-        axes.set_ylabel(f"[{units[quantity]}]")
-        axes.set_xticks(n, map(str, n))
-        axes.minorticks_off()
-        middle_of_axis = math.sqrt(min(y) * max(y))
-        axes.set_ylim(min(min(y) / 1.5, middle_of_axis / 4.0), max(1.5 * max(y), middle_of_axis * 4.0))
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.legend()
-    style.label_time(panels.ravel().tolist(), 2)
-    for axes in panels[1]:
-        axes.set_xlabel("Joints")
-    style.save(figure, path)
-    return figure
 
 
 def _others(robot: Robot, rounds: int) -> dict[str, float]:

@@ -28,6 +28,7 @@ IMAGES = ROOT / "docs" / "images"
 _MADE = ("said", "recipe", "drawn", "picture")
 """What this module writes into the table."""
 _PACKED = ROOT / "vdfmu" / "study" / "report" / "bundles"
+_PAGES = ("page.py", "parts.py", "robot_page.py")
 _DRAWING = ("vdfmu/base/style.py", "vdfmu/engine/results/picture.py")
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
 
@@ -47,7 +48,9 @@ def digests(name: str, entry: Entry) -> dict[str, str]:
     """Return the digests of a recipe, of the scripts or modules that draw it, and of the picture."""
     recipe = repr(sorted((key, value) for key, value in entry.items() if key not in _MADE)).encode()
     page = str(entry.get("take", "")).partition("#")[0].endswith(".html")
-    drawing = sorted(_PACKED.glob("*.*s")) if page else [ROOT / path for path in _DRAWING]
+    drawing = (
+        [*sorted(_PACKED.glob("*.*s")), *map(_PACKED.with_name, _PAGES)] if page else [ROOT / each for each in _DRAWING]
+    )
     picture = IMAGES / name
     return {
         "recipe": _digest(recipe),

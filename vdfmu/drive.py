@@ -18,6 +18,21 @@ from vdfmu.base.measure import POSITIVE
 from vdfmu.compiler.scalar import clip, sgn
 
 __all__ = [
-    "POSITIVE", "Array", "Condition", "DriveOption", "Friction", "JointMotion", "LinkTorque", "OptionState", "Parallel",
-    "Sliding", "Spring", "clip", "dahl_energy", "dahl_loss", "dahl_rate", "row", "sgn",
-]  # fmt: skip
+    "POSITIVE",
+    "Array",
+    "Condition",
+    "DriveOption",
+    "Friction",
+    "JointMotion",
+    "LinkTorque",
+    "OptionState",
+    "Parallel",
+    "Sliding",
+    "Spring",
+    "clip",
+    "dahl_energy",
+    "dahl_loss",
+    "dahl_rate",
+    "row",
+    "sgn",
+]

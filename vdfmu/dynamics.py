@@ -9,6 +9,4 @@ from vdfmu.arm.dynamics import (
     mass_matrix,
 )
 
-__all__ = [
-    "forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix",
-]  # fmt: skip
+__all__ = ["forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix"]

@@ -107,7 +107,7 @@ def table(name, arm, wrong, file):
     slow = sosfiltfilt(butter(4, 20.0, fs=250.0, output="sos"), tau_there - tau, axis=0)
     moves = np.abs(np.gradient(arm[0]["trajectory.q_d"], 0.004, axis=0)) > MOVES
     print(
-        f"{name}       tracking error, RMS [mrad]      left, %        torque, left, %         deflection, left [urad]"
+        f"{name}       tracking error, RMS [mrad]  residual, %    torque, residual, %     deflection, residual [urad]"
     )
     print("axis measured     arm   wrong    file    arm  wrong  [N.m]    arm  wrong moving   measured    arm  wrong")
     for i in range(6):

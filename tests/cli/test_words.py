@@ -60,7 +60,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
     ("sweep tracking --varry x=1", "No such option"),
     ("run --mastre jacobi", "No such option"),
     ("rum", "No such command 'rum'."),
-    ("sweep a=A.fmu b=B.fmu", "Got unexpected extra argument (b=B.fmu). See"),
+    ("scenario show tracking reach", "Got unexpected extra argument (reach). See"),
     ("run --step fast", "Invalid value for '--step'"),
     ("linear --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
     ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),

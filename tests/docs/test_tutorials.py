@@ -143,7 +143,7 @@ def test_section_of_a_tool_runs_and_shows_its_output(tool, tmp_path):
 def test_there_are_these_tutorials_and_a_section_for_each_tool():
     tools = re.findall(r"^## (.+)$", TOOLS.read_text(encoding="utf-8"), re.MULTILINE)
     assert tools[3:] == ["FMPy", "ecos", "libcosim", "OMSimulator", "Modelica tools", "Simulink"]
-    names = ["fmpy-master", "own-controller", "own_arm", "python-to-fmu", "start"]
+    names = ["fmpy-master", "own-controller", "own_arm", "python-to-fmu", "start", "trained-model"]
     assert [page.stem for page in TUTORIALS] == names
 
 

@@ -186,9 +186,13 @@ def _mjcf(robot: Robot, rigid: bool) -> tuple[bytes, list[str]]:
 
 
 def _joint(
-    body: Any, name: str, slides: bool, friction: tuple[float, float], armature: float,
+    body: Any,
+    name: str,
+    slides: bool,
+    friction: tuple[float, float],
+    armature: float,
     stops: tuple[float, float] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Add a joint about z to a body of MJCF."""
     sizes = {"damping": friction[0], "frictionloss": friction[1], "armature": armature, "range": stops}
     kind = "slide" if slides else "hinge"

@@ -27,11 +27,21 @@ Units = _One | Sequence[_One]
 @one_job()
 @checks_types
 def build_fmus(
-    robot: Robot | None, out_dir: str | os.PathLike[str], *, units: Units | None = None, parameters: Mapping[str,
-    Mapping[str, float]] | None = None, backend: str | None = None, fmi_version: str = FMI_2.name, platforms:
-    Sequence[str] | str | None = None, sources: bool = True, target: str = FMI, precision: str = "double", step: float =
-    1e-3, folded: bool = False, progress: Shown = None,
-) -> dict[str, Path]:  # fmt: skip
+    robot: Robot | None,
+    out_dir: str | os.PathLike[str],
+    *,
+    units: Units | None = None,
+    parameters: Mapping[str, Mapping[str, float]] | None = None,
+    backend: str | None = None,
+    fmi_version: str = FMI_2.name,
+    platforms: Sequence[str] | str | None = None,
+    sources: bool = True,
+    target: str = FMI,
+    precision: str = "double",
+    step: float = 1e-3,
+    folded: bool = False,
+    progress: Shown = None,
+) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
 
     The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
@@ -94,10 +104,18 @@ def build_fmus(
     if not isinstance(names, Iterable):
         raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
     return build_units(
-        robot if folded or robot is None else robot.unfolded(), out_dir,
-        [find_unit(unit) for unit in names], parameters=parameters or {}, backend=backend,
-        fmi_version=fmi_version, platforms=platforms, sources=sources, target=target, precision=precision, step=step,
-    )  # fmt: skip
+        robot if folded or robot is None else robot.unfolded(),
+        out_dir,
+        [find_unit(unit) for unit in names],
+        parameters=parameters or {},
+        backend=backend,
+        fmi_version=fmi_version,
+        platforms=platforms,
+        sources=sources,
+        target=target,
+        precision=precision,
+        step=step,
+    )
 
 
 @with_progress
@@ -178,7 +196,17 @@ def build(
         except ValueError as error:
             raise UsageError(f"{key}: {error}.") from None
     built = build_units(
-        arm, target.parent, [chosen], parameters={name: starts} if starts else {}, backend=backend, fmi_version=fmi,
-        platforms=platform, sources=True, target=FMI, precision="double", step=1e-3, files={name: target.name},
-    )  # fmt: skip
+        arm,
+        target.parent,
+        [chosen],
+        parameters={name: starts} if starts else {},
+        backend=backend,
+        fmi_version=fmi,
+        platforms=platform,
+        sources=True,
+        target=FMI,
+        precision="double",
+        step=1e-3,
+        files={name: target.name},
+    )
     return built[name]

@@ -84,6 +84,13 @@ class SampledPD(Law):
     def pd(self, added: Any) -> Any:
         """Torque of the motors with `added`, (n,) [N m] each, motor-side; the first within tau_max."""
         return pd_control(
-            self.K_p, self.K_v, self.robot.ell, self.tau_max, self.q_d, self.kappa_dot_d, self.q, self.kappa_dot,
+            self.K_p,
+            self.K_v,
+            self.robot.ell,
+            self.tau_max,
+            self.q_d,
+            self.kappa_dot_d,
+            self.q,
+            self.kappa_dot,
             self.tau_m + added,
-        ).tau  # fmt: skip
+        ).tau

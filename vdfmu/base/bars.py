@@ -145,8 +145,10 @@ def _progress() -> Progress:
         progress.BarColumn(20 if wide else 8, complete_style="cyan", finished_style="green", pulse_style="cyan"),
         progress.TaskProgressColumn("{task.percentage:3.0f} %"),
         *((Count(), Rate(), elapsed, progress.TimeRemainingColumn()) if wide else (elapsed,)),
-        console=errors, transient=False, redirect_stdout=False,
-    )  # fmt: skip
+        console=errors,
+        transient=False,
+        redirect_stdout=False,
+    )
 
 
 def plain_table(*headings: str, rows: Iterable[Sequence[str]] = (), title: str = "", show_header: bool = True) -> Table:
@@ -156,10 +158,15 @@ def plain_table(*headings: str, rows: Iterable[Sequence[str]] = (), title: str =
     from rich.text import Text
 
     table = Table(
-        title=Text(title, style="bold") if title else None, title_justify="left", caption_justify="left",
-        box=SIMPLE_HEAD if show_header else None, show_header=show_header, show_edge=False, padding=(0, 1, 0, 0),
+        title=Text(title, style="bold") if title else None,
+        title_justify="left",
+        caption_justify="left",
+        box=SIMPLE_HEAD if show_header else None,
+        show_header=show_header,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
         pad_edge=False,
-    )  # fmt: skip
+    )
     for heading in headings:
         table.add_column(Text(heading), overflow="fold")
     for row in rows:

@@ -32,9 +32,12 @@ SECONDS, RATE = 60.0, 10e6
 _IN_MEMORY = 2**25
 """Bytes of arrays that are kept in memory; larger ones are mapped."""
 TITLES = {
-    ".mat": "MATLAB file", ".npz": "file of numpy", ".h5": "HDF5 file", ".hdf5": "HDF5 file",
+    ".mat": "MATLAB file",
+    ".npz": "file of numpy",
+    ".h5": "HDF5 file",
+    ".hdf5": "HDF5 file",
     ".parquet": "Parquet file",
-}  # fmt: skip
+}
 """Suffixes of the formats, and what their files are called."""
 ARROW = "table.arrow"
 """Name of the file of a table that is handed back as a whole."""

@@ -29,8 +29,18 @@ _ALIGNED = 16
 _ROWS = 2**16
 """Rows of a table that are read at a time."""
 _MATLAB_NUMBERS = (
-    "double", "single", "logical", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64",
-)  # fmt: skip
+    "double",
+    "single",
+    "logical",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+)
 _CLASSES = {"function_handle": "a function handle", "cell": "a cell array", "struct": "an array of structs"}
 """Classes of MATLAB without numbers, in words; others are objects."""
 

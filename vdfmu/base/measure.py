@@ -42,11 +42,20 @@ _DISPLAY = {
 }  # fmt: skip
 # Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
 _QUANTITIES = {
-    "position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "acceleration": ("rad/s2", "m/s2"),
-    "jerk": ("rad/s3", "m/s3"), "snap": ("rad/s4", "m/s4"), "torque": ("N.m", "N"), "per torque": ("1/(N.m)", "1/N"),
-    "stiffness": ("N.m/rad", "N/m"), "damping": ("N.m.s/rad", "N.s/m"), "damping_m": ("N.m.s/rad", "N.m.s/m"),
-    "ratio": ("1", "rad/m"), "per velocity": ("s/rad", "s/m"), "rotor inertia": ("kg.m2", "kg.m"),
-}  # fmt: skip
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "acceleration": ("rad/s2", "m/s2"),
+    "jerk": ("rad/s3", "m/s3"),
+    "snap": ("rad/s4", "m/s4"),
+    "torque": ("N.m", "N"),
+    "per torque": ("1/(N.m)", "1/N"),
+    "stiffness": ("N.m/rad", "N/m"),
+    "damping": ("N.m.s/rad", "N.s/m"),
+    "damping_m": ("N.m.s/rad", "N.m.s/m"),
+    "ratio": ("1", "rad/m"),
+    "per velocity": ("s/rad", "s/m"),
+    "rotor inertia": ("kg.m2", "kg.m"),
+}
 _FACTOR = re.compile(r"([A-Za-z]+)(-?\d*)")
 
 

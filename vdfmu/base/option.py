@@ -20,9 +20,10 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
 
 FORMER: Mapping[str, str] = {
-    "meant": "sampled", "master": "algorithm",
+    "meant": "sampled",
+    "master": "algorithm",
     **dict.fromkeys(("settings", "values", "start_values"), "parameters"),
-}  # fmt: skip
+}
 """Names of options, keys and arguments of earlier versions, and their names now."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -140,7 +141,7 @@ def _check_of(
     exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
 
     def check(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
-        arguments = dict(zip(leading, args, strict=False)) | kwargs
+        arguments = {**dict(zip(leading, args, strict=False)), **kwargs}
         if former := [name for name in kwargs if name in FORMER and name not in exact]:
             raise UsageError("\n".join(f"{call}: {name} is now {FORMER[name]}." for name in former))
         odd = [name for name, value in arguments.items() if name in exact and type(value) not in exact[name]]
@@ -265,9 +266,11 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
 
 
 _LOADERS = {
-    "a Robot": "load_robot", "a Scenario": "system.scenario.load_scenario", "a System": "load",
+    "a Robot": "load_robot",
+    "a Scenario": "system.scenario.load_scenario",
+    "a System": "load",
     "a Motion": "load_motion",
-}  # fmt: skip
+}
 """Type in words to the function that loads one."""
 
 

@@ -36,9 +36,17 @@ img { max-width: 100%; display: block; margin: 1rem 0; }
 
 
 def page(
-    title: str, subtitle: str, body: str, width: int, head: str = "", *,
-    tab: str = "", first: str = "", lead: str = "", scripts: Sequence[str] = (),
-) -> bytes:  # fmt: skip
+    title: str,
+    subtitle: str,
+    body: str,
+    width: int,
+    head: str = "",
+    *,
+    tab: str = "",
+    first: str = "",
+    lead: str = "",
+    scripts: Sequence[str] = (),
+) -> bytes:
     """Return a page of a width [rem] with a title, a line on its content, a body and more of the head, both HTML.
 
     `tab` is the title of the browser's tab if different, `first` HTML above the title, `lead` HTML below it. `scripts`:

@@ -42,8 +42,12 @@ X86 = ("-march=x86_64_v2",)
 WASM = "wasm32"
 """Platform of WebAssembly: a module with the functions of FMI in C."""
 _MODULE = (
-    "-mexec-model=reactor", "-Wl,--export=malloc", "-Wl,--export=free", "-Wl,--export-table", "-Wl,--growable-table",
-)  # fmt: skip
+    "-mexec-model=reactor",
+    "-Wl,--export=malloc",
+    "-Wl,--export=free",
+    "-Wl,--export-table",
+    "-Wl,--growable-table",
+)
 """The module also exports memory for arguments, and a table for the importer's callbacks."""
 _MATH = (
     "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh exp exp10 exp2 expm1 fabs floor fma fmax fmin "
@@ -164,9 +168,10 @@ CHOICE = "VDFMU_COMPILER"
 _PROGRAMS = ("cc", "gcc", "clang")
 """Programs that are tried if ziglang is not installed."""
 _WORDS = {
-    "-march=x86_64_v2": "-march=x86-64-v2", "-fno-slp-vectorize": "-fno-tree-slp-vectorize",
+    "-march=x86_64_v2": "-march=x86-64-v2",
+    "-fno-slp-vectorize": "-fno-tree-slp-vectorize",
     "-fno-vectorize": "-fno-tree-vectorize",
-}  # fmt: skip
+}
 """Flags of zig to the flags of gcc and clang."""
 
 

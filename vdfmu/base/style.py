@@ -79,6 +79,10 @@ _PAPER: dict[str, Any] = _RC | {
 }
 
 
+_SERIF: dict[str, Any] = _PAPER | {"font.family": "STIXGeneral", "mathtext.fontset": "stix"}
+"""With the serifs of most papers; matplotlib brings the font."""
+
+
 def styled(draw: Callable[P, Figure], look: dict[str, Any] = _RC) -> Callable[P, Figure]:
     """Let a function draw its figure in the style of this module."""
 
@@ -91,15 +95,22 @@ def styled(draw: Callable[P, Figure], look: dict[str, Any] = _RC) -> Callable[P,
 
 
 def paper(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Let a function draw its figure with text of 8 pt and thin lines."""
-    return styled(draw, _PAPER)
+    """Let a function draw its figure with text of 8 pt and thin lines; its argument `serif` chooses the font."""
+
+    @functools.wraps(draw)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        look = _SERIF if kwargs.get("serif") else _PAPER
+        figure = styled(draw, look)(*args, **kwargs)
+        setattr(figure, "look", look)  # noqa: B010, which a figure of matplotlib does not have
+        return figure
+
+    return wrapper
 
 
 def blank(width: float, height: float) -> Figure:
     """Return a figure of `width` by `height` [in] without title and caption, see `paper`."""
     figure = _Picture(figsize=(width, height), dpi=2 * DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.look = _PAPER
     return figure
 
 

@@ -177,19 +177,35 @@ class Table:
         return value
 
     def number(
-        self, key: str, unit: str, default: float | None = None, *, above: float | None = None,
-        at_least: float | None = None, at_most: float = LARGEST_NUMBER, way_out: str = "",
-    ) -> float:  # fmt: skip
+        self,
+        key: str,
+        unit: str,
+        default: float | None = None,
+        *,
+        above: float | None = None,
+        at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER,
+        way_out: str = "",
+    ) -> float:
         """Return a number, NaN if it is wrong. `at_most` bounds its absolute value."""
         bounds = _Bounds(unit, above, at_least, at_most)
         value = self.value(key, bounds.expected("a finite number"), default)
         return math.nan if value is None else self._checked(value, self.key(key), bounds, way_out)
 
     def numbers(
-        self, key: str, shape: tuple[int, ...], unit: str, default: npt.ArrayLike | None = None, *,
-        scalar: bool = False, above: float | None = None, at_least: float | None = None,
-        at_most: float = LARGEST_NUMBER, infinite: bool = False, way_out: str = "",
-    ) -> Floats:  # fmt: skip
+        self,
+        key: str,
+        shape: tuple[int, ...],
+        unit: str,
+        default: npt.ArrayLike | None = None,
+        *,
+        scalar: bool = False,
+        above: float | None = None,
+        at_least: float | None = None,
+        at_most: float = LARGEST_NUMBER,
+        infinite: bool = False,
+        way_out: str = "",
+    ) -> Floats:
         """Return an array of numbers. Wrong entries are NaN.
 
         `scalar` allows a single number for all entries, `infinite` allows plus infinity.

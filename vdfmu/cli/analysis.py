@@ -34,27 +34,57 @@ _MODES, _MARGINS = "Modes", "Margins"
 
 @meets_code(RUNS)
 def linear(
-    system: Annotated[str, Positional("Robot, scenario or system package.", metavar="[ROBOT|SCENARIO|FILE.ssp]",
-        names=lambda: [*known_scenarios(), *known_robots()])] = "tracking",
+    system: Annotated[
+        str,
+        Positional(
+            "Robot, scenario or system package.",
+            metavar="[ROBOT|SCENARIO|FILE.ssp]",
+            names=lambda: [*known_scenarios(), *known_robots()],
+        ),
+    ] = "tracking",
     robot: RobotOption = None,
-    at: Annotated[list[float] | None, Option("Time of the run in s. Repeatable.", group=_MARGINS,
-        more="Default: the times with the smallest margins.")] = None,
-    opened: Annotated[list[str] | None, Option("Input to open a loop at (default tau). Repeatable.", flag="--loop",
-        group=_MARGINS, metavar="INPUT")] = None,
-    along: Annotated[bool, Option("Modes over a scenario's motion, with a picture.", flag="--modes",
-        group=_MODES)] = False,
-    pose: Annotated[str | None, Option("Positions of the joints in rad or m (default 0).", metavar="'Q1 Q2 ...'",
-        group=_MODES, more="If end stops exclude 0, the middle between them.")] = None,
-    bode: Annotated[int | None, Option("Draw the frequency response of a joint.", metavar="JOINT", group=_MODES,
-        more="Its rotor and link answer to its motor torque.")] = None,
-    dry: Annotated[bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction",
-        group=_MODES)] = False,
-    out: Annotated[Path | None, Option("Picture of --modes or --bode.",
-        more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder.")] = None,
+    at: Annotated[
+        list[float] | None,
+        Option(
+            "Time of the run in s. Repeatable.", group=_MARGINS, more="Default: the times with the smallest margins."
+        ),
+    ] = None,
+    opened: Annotated[
+        list[str] | None,
+        Option("Input to open a loop at (default tau). Repeatable.", flag="--loop", group=_MARGINS, metavar="INPUT"),
+    ] = None,
+    along: Annotated[
+        bool, Option("Modes over a scenario's motion, with a picture.", flag="--modes", group=_MODES)
+    ] = False,
+    pose: Annotated[
+        str | None,
+        Option(
+            "Positions of the joints in rad or m (default 0).",
+            metavar="'Q1 Q2 ...'",
+            group=_MODES,
+            more="If end stops exclude 0, the middle between them.",
+        ),
+    ] = None,
+    bode: Annotated[
+        int | None,
+        Option(
+            "Draw the frequency response of a joint.",
+            metavar="JOINT",
+            group=_MODES,
+            more="Its rotor and link answer to its motor torque.",
+        ),
+    ] = None,
+    dry: Annotated[
+        bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction", group=_MODES)
+    ] = False,
+    out: Annotated[
+        Path | None,
+        Option("Picture of --modes or --bode.", more="Default: SCENARIO_modes.png or ROBOT_bode.png in this folder."),
+    ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
     **options: Unpack[LoopOptions],
-) -> None:  # fmt: skip
+) -> None:
     """Print the modes of a robot at rest, or the margins of a scenario.
 
     Modes are natural frequencies, damping and shapes, with motors free and held. Margins are the smallest of each loop
@@ -62,9 +92,15 @@ def linear(
     """
     of_robot = {"--pose": pose, "--bode": bode}
     of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
-    of_run = {"--at": at, "--loop": opened, "--set": options["parameters"], "--backend": options["backend"],
-              "--algorithm": options["algorithm"], "--adaptive": options["adaptive"],
-              "--step": options["step"]}  # fmt: skip
+    of_run = {
+        "--at": at,
+        "--loop": opened,
+        "--set": options["parameters"],
+        "--backend": options["backend"],
+        "--algorithm": options["algorithm"],
+        "--adaptive": options["adaptive"],
+        "--step": options["step"],
+    }
     if _is_robot(system):
         refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
         if bode is None:
@@ -130,9 +166,13 @@ def read_numbers(option: str, text: str) -> list[float]:
 def _numbers(modes: Modes) -> dict[str, Any]:
     """Return modes for JSON: Hz, damping ratio, shapes of the sides that move."""
     return {
-        "frequency": modes.frequency.tolist(), "damping": modes.damping.tolist(), "rates": modes.rates.tolist(),
-        "joint": (modes.joint + 1).tolist(), "links": modes.links.real.tolist(), "rotors": modes.rotors.real.tolist(),
-    }  # fmt: skip
+        "frequency": modes.frequency.tolist(),
+        "damping": modes.damping.tolist(),
+        "rates": modes.rates.tolist(),
+        "joint": (modes.joint + 1).tolist(),
+        "links": modes.links.real.tolist(),
+        "rotors": modes.rotors.real.tolist(),
+    }
 
 
 def _print(motors: str, q: list[float], modes: Modes) -> None:
@@ -191,7 +231,7 @@ def _modes_along(path: str, robot: str | None, dry: bool, out: Path | None, over
     columns = [
         [f"{pair[0]:.2f} to {pair[1]:.2f}" if pair else "does not oscillate" for pair in ranges(along[motors], n)]
         for motors in MOTORS
-    ]  # fmt: skip
+    ]
     rows = zip([str(i + 1) for i in range(n)], *columns, strict=True)
     console.print(table("mode", *(f"motors {motors}, Hz" for motors in MOTORS), rows=rows))
     say_written(target, more=f": natural frequencies over the motion, at rest at {len(times)} poses")
@@ -208,16 +248,33 @@ def _margins(
     if package:
         refuse({"--robot": robot}, f"is for a scenario; {system} has its own")
     loops = margins_along(system if package else load(system, robot, options["parameters"]), opened, at, **options)
-    shown = table("opened at", "t", "modulus", "gain", "phase", "delay", "growth",
-                  title=f"Stepped by {loops.step:g} s, {loops.algorithm}")  # fmt: skip
+    shown = table(
+        "opened at",
+        "t",
+        "modulus",
+        "gain",
+        "phase",
+        "delay",
+        "growth",
+        title=f"Stepped by {loops.step:g} s, {loops.algorithm}",
+    )
     chosen = [(i, k) for i in range(len(loops.names)) for k in (range(len(loops.times)) if at else [loops.least(i)])]
     smallest = min(float(loops.margins[k].modulus[i]) for i, k in chosen)
     rows: list[dict[str, Any]] = []
     for i, k in chosen:
         name, t, each = loops.names[i], loops.times[k], loops.margins[k]
         modulus, gain, phase, delay = (float(column[i]) for column in each[:4])
-        rows.append({"opened_at": name, "t": t, "modulus": modulus, "gain": gain, "phase": phase, "delay": delay,
-                     "rate": each.rate})  # fmt: skip
+        rows.append(
+            {
+                "opened_at": name,
+                "t": t,
+                "modulus": modulus,
+                "gain": gain,
+                "phase": phase,
+                "delay": delay,
+                "rate": each.rate,
+            }
+        )
         late = f"{delay:.3g} s" if delay >= 1.0 else f"{1e3 * delay:.3g} ms"
         mark = " smallest" if modulus == smallest else ""
         numbers = (f"{modulus:.3f}{mark}", f"{gain:.3g}", f"{math.degrees(phase):.1f} deg", late)
@@ -241,18 +298,20 @@ def _margins(
 
 @meets_code(RUNS)
 def judge(
-    system: Annotated[str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO",
-        names=known_scenarios)],
+    system: Annotated[
+        str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO", names=known_scenarios)
+    ],
     robot: RobotOption = None,
-    wanted: Annotated[float | None, option_of(
-        JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")] = None,
+    wanted: Annotated[
+        float | None, option_of(JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")
+    ] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
     algorithm: Annotated[str | None, algorithm_option] = None,
     parameters: Annotated[dict[str, str] | None, parameters_option] = None,
     sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
     as_json: JsonOption = False,
-) -> None:  # fmt: skip
+) -> None:
     """Estimate how far the communication step makes a system wrong.
 
     Runs with the step, its half and its quarter give the error of each real output, as a share of its swing.

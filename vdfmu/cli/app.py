@@ -35,9 +35,11 @@ COMPLETE = "_VDFMU_COMPLETE"
 
 
 COMPILER = Option(
-    "C compiler for this machine: zig, gcc, clang.", default=None, metavar="PROGRAM",
+    "C compiler for this machine: zig, gcc, clang.",
+    default=None,
+    metavar="PROGRAM",
     more="Default: the variable VDFMU_COMPILER, else ziglang if it is installed, else cc, gcc or clang.",
-)  # fmt: skip
+)
 """Option of the commands that build FMUs."""
 NO_ISOLATE = Option("Run code of files in this process, to debug it.")
 LOOKS, RUNS = "looks", "runs"

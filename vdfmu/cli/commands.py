@@ -117,15 +117,23 @@ app = App(
     help="Robot arms with elastic joints by virtual decomposition, as FMUs with a scipy reference.",
     declare=lambda: [
         click.Option(
-            ["--version"], is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+            ["--version"],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            callback=_show_version,
             help="Show the version.",
         ),
         click.Option(
-            ["--completion"], metavar="SHELL", is_eager=True, expose_value=False, callback=_completion,
+            ["--completion"],
+            metavar="SHELL",
+            is_eager=True,
+            expose_value=False,
+            callback=_completion,
             help="Print the completion of bash, zsh or fish.",
         ),
     ],
-)  # fmt: skip
+)
 for added in (COMMANDS, *(module.COMMANDS for module in extra_modules("commands"))):
     for panel, listed in added.items():
         app.add(listed, panel)

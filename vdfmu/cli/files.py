@@ -36,42 +36,69 @@ from vdfmu.study.options import RobotOptions
 if TYPE_CHECKING:
     from vdfmu.system.scenario import Scenario
 
-FoldedOption = Annotated[bool, Option("Fix zeros of gravity, centres of mass and tool.",
-    more="The fastest form. By default they are parameters, as is a payload.")]  # fmt: skip
+FoldedOption = Annotated[
+    bool,
+    Option(
+        "Fix zeros of gravity, centres of mass and tool.",
+        more="The fastest form. By default they are parameters, as is a payload.",
+    ),
+]
 _SCHEMAS = ("robot", "scenario", "system")
 
 
 @meets_code(RUNS)
 def build(
-    scenario: Annotated[str, Positional("Unit, scenario or package [tracking].",
-        metavar="[UNIT|SCENARIO|FILE.ssp]", more="A unit is plant, my_unit.py or my_units.py:Name. With --robot the "
-        "default is reach. A package, .ssp, needs --container.")] = "",
+    scenario: Annotated[
+        str,
+        Positional(
+            "Unit, scenario or package [tracking].",
+            metavar="[UNIT|SCENARIO|FILE.ssp]",
+            more="A unit is plant, my_unit.py or my_units.py:Name. With --robot the "
+            "default is reach. A package, .ssp, needs --container.",
+        ),
+    ] = "",
     robot: RobotOption = None,
-    container: Annotated[bool, Option("Write one FMU of the whole system.", group="Output",
-        more="It steps native FMUs without a master.")] = False,
-    out: Annotated[Path | None, Option("Folder (default fmus), or the file of --container.",
-        more="The file is by default SCENARIO.fmu.")] = None,
+    container: Annotated[
+        bool,
+        Option("Write one FMU of the whole system.", group="Output", more="It steps native FMUs without a master."),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        Option("Folder (default fmus), or the file of --container.", more="The file is by default SCENARIO.fmu."),
+    ] = None,
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
-    platform: Annotated[list[str] | None, Option("x86_64-windows, .. or all. Repeatable.", metavar="NAME",
-        more="Default: this machine. wasm32 is a module of WebAssembly.")] = None,
+    platform: Annotated[
+        list[str] | None,
+        Option(
+            "x86_64-windows, .. or all. Repeatable.",
+            metavar="NAME",
+            more="Default: this machine. wasm32 is a module of WebAssembly.",
+        ),
+    ] = None,
     sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
     target: Annotated[str, Option("fmi, or efmi for microcontrollers.", metavar="NAME")] = "fmi",
     precision: Annotated[str, Option("Floating-point type of a target.", choices=("double", "float32"))] = "double",
-    step: Annotated[float | None, Option("Step of the target or the container in s.",
-        more="Default: the scenario's, or 0.001.")] = None,
+    step: Annotated[
+        float | None, Option("Step of the target or the container in s.", more="Default: the scenario's, or 0.001.")
+    ] = None,
     parameters: SetOption = None,
     folded: FoldedOption = False,
     overwrite: ForeignOption = False,
-) -> None:  # fmt: skip
+) -> None:
     """Build the FMU of a unit, or the FMUs of a scenario.
 
     The scenario's values are their start values.
     """
     scenario = scenario or ("tracking" if robot is None else "reach")
     if container:
-        of_units = {"--backend": backend == "python", "--fmi": fmi != PYTHON_FMI.name, "--platform": platform,
-                    "--no-sources": not sources, "--target": target != "fmi"}  # fmt: skip
+        of_units = {
+            "--backend": backend == "python",
+            "--fmi": fmi != PYTHON_FMI.name,
+            "--platform": platform,
+            "--no-sources": not sources,
+            "--target": target != "fmi",
+        }
         refuse(of_units, "does not go with --container")
         return say_written(_container(scenario, robot, out, step, parameters, folded, overwrite))
     if scenario.lower().endswith(".ssp"):
@@ -86,8 +113,14 @@ def build(
     from vdfmu.system.scenario.replace import robot_for
     from vdfmu.system.scenario.values import start_values
 
-    asked: Any = {"backend": backend, "fmi_version": fmi, "platforms": platform, "sources": sources, "target": target,
-                  "precision": precision}  # fmt: skip
+    asked: Any = {
+        "backend": backend,
+        "fmi_version": fmi,
+        "platforms": platform,
+        "sources": sources,
+        "target": target,
+        "precision": precision,
+    }
     out = out or Path("fmus")
     with replacing_foreign(overwrite):
         if chosen is None:
@@ -141,9 +174,14 @@ def _load(name: str, robot: str | None, parameters: Mapping[str, str] | None, fo
 
 
 def _container(
-    system: str, robot: str | None, out: Path | None, step: float | None, parameters: Mapping[str, str] | None,
-    folded: bool, overwrite: bool,
-) -> Path:  # fmt: skip
+    system: str,
+    robot: str | None,
+    out: Path | None,
+    step: float | None,
+    parameters: Mapping[str, str] | None,
+    folded: bool,
+    overwrite: bool,
+) -> Path:
     """Write the system of a scenario or a package as one native FMU."""
     if system.lower().endswith(".ssp"):
         refuse({"--robot": robot, "--set": parameters}, f"is for a scenario; {system} has its own")
@@ -170,18 +208,27 @@ def _container(
 def ssp(
     scenario: ScenarioArgument = "tracking",
     robot: RobotOption = None,
-    form: Annotated[str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp",
-        choices=tuple(SSP_FORMATS))] = SSP_1.name,
-    out: Annotated[Path | None, Option("File to write (default SCENARIO.ssp).",
-        more="With --reference the folder, by default reference.")] = None,
+    form: Annotated[
+        str, Option("Version of SSP; 2.0 holds FMUs of FMI 3.0.", flag="--ssp", choices=tuple(SSP_FORMATS))
+    ] = SSP_1.name,
+    out: Annotated[
+        Path | None,
+        Option("File to write (default SCENARIO.ssp).", more="With --reference the folder, by default reference."),
+    ] = None,
     apart: Annotated[bool, Option("Wire arms from their links and joints.", flag="--decomposed")] = False,
-    reference: Annotated[bool, Option("Write a folder to compare another tool.", group="Output",
-        more="It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.")] = False,
+    reference: Annotated[
+        bool,
+        Option(
+            "Write a folder to compare another tool.",
+            group="Output",
+            more="It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.",
+        ),
+    ] = False,
     backend: BackendOption = None,
     parameters: SetOption = None,
     folded: FoldedOption = False,
     overwrite: ForeignOption = False,
-) -> None:  # fmt: skip
+) -> None:
     """Pack the system of a scenario as an SSP.
 
     FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
@@ -196,8 +243,9 @@ def ssp(
     if reference:
         from vdfmu.study.runs import write_reference
 
-        refuse({"--ssp": form != SSP_1.name, "--decomposed": apart, "--backend": backend},
-               "does not go with --reference")  # fmt: skip
+        refuse(
+            {"--ssp": form != SSP_1.name, "--decomposed": apart, "--backend": backend}, "does not go with --reference"
+        )
         for each in SSP_FORMATS:
             fmi_of_format(each, None)
         with replacing_foreign(overwrite):
@@ -218,18 +266,26 @@ def ssp(
 
 
 def check(
-    file: Annotated[Path | None, Positional("FMU, SSP, SSD, TOML file or unit.",
-        more="Of any tool; a unit is a file such as my_unit.py.")] = None,
+    file: Annotated[
+        Path | None,
+        Positional("FMU, SSP, SSD, TOML file or unit.", more="Of any tool; a unit is a file such as my_unit.py."),
+    ] = None,
     no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
     run_anyway: Annotated[bool, Option("Run FMUs in spite of faults in their description.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
-    schema: Annotated[str | None, Option("Print a JSON schema: robot, scenario or system.", metavar="KIND",
-        names=lambda: _SCHEMAS,
-        more="FILE may be the system of the scenario: its components have sections. Editors read the schema if the "
-        'first line of the file is "#:schema robot.schema.json".')] = None,
-) -> None:  # fmt: skip
+    schema: Annotated[
+        str | None,
+        Option(
+            "Print a JSON schema: robot, scenario or system.",
+            metavar="KIND",
+            names=lambda: _SCHEMAS,
+            more="FILE may be the system of the scenario: its components have sections. Editors read the schema if the "
+            'first line of the file is "#:schema robot.schema.json".',
+        ),
+    ] = None,
+) -> None:
     """Check an FMU or a system.
 
     Checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the file

@@ -28,10 +28,10 @@ TASKS = {
     "Time, coupling": "start stop step at algorithm adaptive stepper tolerance pace isolate memory-limit wait-limit "
     "ignore-unmatched",
     "Points": "vary sample points seed spread spread-points together",
-    "Judgement": "reference judge wanted sampled measure cost limit combine margin method evaluations",
+    "Judgement": "reference reference-stop judge wanted sampled measure cost limit combine margin method evaluations",
     "Runs": "engine workers scheduler chunk time-limit retry",
     "Browser": "open simulate page",
-    "Output": "out overwrite format record pictures width json",
+    "Output": "out overwrite format record pictures width serif json",
 }
 """Tasks, and their options in order. An option may name another; all others stand below "Options"."""
 
@@ -51,8 +51,11 @@ class _Number(click.types.FloatParamType):
 
 
 _KINDS: dict[Any, click.ParamType[Any]] = {
-    str: click.STRING, int: click.INT, float: _Number(), Path: click.Path(path_type=Path),
-}  # fmt: skip
+    str: click.STRING,
+    int: click.INT,
+    float: _Number(),
+    Path: click.Path(path_type=Path),
+}
 """Types on the command line."""
 
 
@@ -100,9 +103,11 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
         return [word for word in choices if word.startswith(incomplete)] or files
 
     settings: dict[str, Any] = {
-        "required": required, "callback": read, "shell_complete": complete,
+        "required": required,
+        "callback": read,
+        "shell_complete": complete,
         "metavar": option.metavar or "|".join(option.choices) or None,
-    }  # fmt: skip
+    }
     if not required and not many:
         settings["default"] = (",".join(default) or None) if isinstance(default, tuple) else default
     settings |= {"is_flag": True} if kind is bool else {"type": _KINDS[base]}
@@ -181,7 +186,7 @@ ScenarioArgument = Annotated[str, Positional("Name of a scenario, TOML file, or 
 RobotArgument = Annotated[str, Positional("Name of a robot, or a TOML file.", names=known_robots)]
 RobotOption = Annotated[str | None, option_of(RobotOptions, "robot")]
 BackendOption = Annotated[str | None, option_of(RobotOptions, "backend")]
-TrustOption = Annotated[bool, Option("Run the code that the file names.",
+TrustOption = Annotated[bool, Option("Allow running code that the file names.",
     more="It runs with your permissions.")]  # fmt: skip
 OverwriteOption = Annotated[bool, Option("Replace a file of this name.")]
 ForeignOption = Annotated[bool, Option("Also overwrite files not written by vdfmu.")]
@@ -189,8 +194,9 @@ OpenOption = Annotated[bool, Option("Open the page in a browser.", default=False
 JsonOption = Annotated[bool, Option("Print JSON instead of tables.", flag="--json")]
 FmiOption = Annotated[str, option_of(ScenarioRunOptions, "fmi_version")]
 SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "parameters")]
-UnpackOption = Annotated[int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE",
-    typed=str, read=_bytes)]  # fmt: skip
+UnpackOption = Annotated[
+    int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE", typed=str, read=_bytes)
+]
 
 
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:

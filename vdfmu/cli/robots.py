@@ -44,12 +44,19 @@ def list_robots(as_json: JsonOption = False) -> None:
 @meets_code(LOOKS)
 def show_robot(
     name: RobotArgument,
-    page: Annotated[bool, Option("Write a page with sliders of the joints.",
-        more="It shows the end effector, frames, masses and modes in a browser, and needs no network.")] = False,
+    page: Annotated[
+        bool,
+        Option(
+            "Write a page with sliders of the joints.",
+            more="It shows the end effector, frames, masses and modes in a browser, and needs no network.",
+        ),
+    ] = False,
     pose: Annotated[str | None, Option("Start of the page in rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
     out: Annotated[Path | None, Option("Page to write (default NAME.html).")] = None,
-    opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
-) -> None:  # fmt: skip
+    opened: OpenOption = False,
+    overwrite: ForeignOption = False,
+    trust: TrustOption = False,
+) -> None:
     """Show the parameters of a robot, or write its page.
 
     Each parameter is shown with its source.
@@ -92,8 +99,11 @@ def _show_parameters(robot: Robot) -> None:
             continue
         rows = list(group)
         units = [" or ".join(dict.fromkeys(map(row.unit, robot.joint_types))) for row in rows]
-        shown = table("joint", *(f"{row.name}\n{unit}" for row, unit in zip(rows, units, strict=True)),
-                      title=f"\n{part.capitalize()}")  # fmt: skip
+        shown = table(
+            "joint",
+            *(f"{row.name}\n{unit}" for row, unit in zip(rows, units, strict=True)),
+            title=f"\n{part.capitalize()}",
+        )
         for i, kind in enumerate(robot.joint_types):
             shown.add_row(f"{robot.joint_labels[i]} {kind}", *(_number(getattr(robot, row.name)[i]) for row in rows))
         console.print(shown)
@@ -120,17 +130,26 @@ def import_file(
     file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
     base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
     tip: Annotated[str | None, Option("Last link of the arm (default the last).", metavar="LINK")] = None,
-    tool: Annotated[list[float] | None, Option("Tool in the tip's frame, in m and rad.", metavar="'X Y Z [R P Y]'",
-        typed=str, read=_read_tool,
-        more="Default: the tip if it is fixed to a link, else where the last link ends.")] = None,
+    tool: Annotated[
+        list[float] | None,
+        Option(
+            "Tool in the tip's frame, in m and rad.",
+            metavar="'X Y Z [R P Y]'",
+            typed=str,
+            read=_read_tool,
+            more="Default: the tip if it is fixed to a link, else where the last link ends.",
+        ),
+    ] = None,
     tool_frame: Annotated[str | None, Option("Link or site that is the tool.", metavar="LINK")] = None,
-    drives: Annotated[Path | None, Option("TOML file with drives, by names of joints.",
-        more="Missing values are assumed.")] = None,
-    density: Annotated[float | None, Option("Density in kg/m3 of bodies without a mass.",
-        more="For boxes, cylinders and spheres.")] = None,
+    drives: Annotated[
+        Path | None, Option("TOML file with drives, by names of joints.", more="Missing values are assumed.")
+    ] = None,
+    density: Annotated[
+        float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")
+    ] = None,
     out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
     overwrite: OverwriteOption = False,
-) -> None:  # fmt: skip
+) -> None:
     """Write a robot file from a URDF or a MuJoCo file.
 
     The file names the source of each number.

@@ -29,7 +29,7 @@ from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_writ
 from vdfmu.engine.options import SystemOptions
 from vdfmu.study.options import ExpectOptions, JudgeOptions, ScenarioOptions, ScenarioRunOptions
 
-_FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
+FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
 """A package, an FMU, or a component with its FMU or unit."""
 
 
@@ -42,8 +42,8 @@ class ScenarioForm(ScenarioRunOptions, total=False):
     ]
     row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
     by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
-    trust: Annotated[bool, Option("Run the code that a study of others names.", more="It runs with your permissions.",
-        default=False)]  # fmt: skip
+    trust: Annotated[bool, Option("Allow running code that a study's file names.",
+        more="It runs with your permissions.", default=False)]  # fmt: skip
 
 
 class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
@@ -51,7 +51,7 @@ class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
 
     connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
     unpack_limit: UnpackOption
-    run_anyway: Annotated[bool, Option("Run FMUs in spite of faults of their files.", default=False)]
+    run_anyway: Annotated[bool, Option("Run FMUs even if their files have faults.", default=False)]
     opened: OpenOption
 
 
@@ -67,7 +67,7 @@ def run(
     or a unit such as my_unit.py. A failed run has exit code 1.
     """
     parts = system or []
-    fmus = any(map(_FMUS.fullmatch, parts))
+    fmus = any(map(FMUS.fullmatch, parts))
     if fmus:
         _refuse_others(FmusForm, f"is for a scenario, got {' '.join(parts)}")
     else:
@@ -184,7 +184,7 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
     expected = read_expected(options["expect"], options["within"])
     with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
         try:
-            package, source, kept = _package_of(parts, options)
+            package, source, kept = package_of(parts, options)
             folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
             options["out"] = folder  # a failed run is said with its page there
             settings = pick(SystemOptions, options)
@@ -195,7 +195,7 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
             raise
 
 
-def _package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
+def package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
     """Return the package of FMUs; and if it was made for them their name in results, and the system that keeps it."""
     connections, first, unnamed = options["connections"], parts[0], [part for part in parts if "=" not in part]
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
@@ -226,9 +226,9 @@ def report(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",
         more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.")] = None,
     out: Annotated[Path | None, Option(
-        "Page, or FILE.tex for LaTeX (default report.html).",
+        "Page, folder, or FILE.tex (default report.html).",
         more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
-    simulate: Annotated[bool, Option("Let the page run them again, with sliders.")] = True,
+    simulate: Annotated[bool, Option("Give the page sliders that run them again.")] = True,
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""

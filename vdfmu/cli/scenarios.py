@@ -30,7 +30,9 @@ def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.",
     from vdfmu.base.toml_file import locate, read_toml
 
     if name == "reach":
-        raise UsageError("reach: is made for a robot. 'vdfmu robot reach ROBOT' writes its file.")
+        raise UsageError(
+            "reach: has no file of its own, because it is made for a robot. 'vdfmu robot reach ROBOT' writes one."
+        )
     read_toml(path := locate(name, "scenarios"))
     say(read_text(path))
 

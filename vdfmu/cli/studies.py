@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Unpack
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import ForeignOption, JsonOption, Positional, TrustOption, known_scenarios
+from vdfmu.cli.runs import FMUS, package_of
 from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
 from vdfmu.study.options import SweepOptions
 
@@ -34,14 +36,15 @@ app = _SweepGroup(
 )
 @meets_code(RUNS)
 def run(
-    scenario: Annotated[str, Positional("Scenario, or a system package, .ssp.", names=known_scenarios)] = "tracking",
+    system: Annotated[list[str] | None, Positional(
+        "Scenario [tracking], x.ssp, x.fmu, a=A.fmu b=B.fmu.", names=known_scenarios)] = None,
     vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
         more="TARGET is a parameter, or robot, algorithm, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
         "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it "
         "makes factors: *lin(0.9, 1.1).")] = None,
     **options: Unpack[SweepOptions],
 ) -> None:  # fmt: skip
-    """Run a scenario at many points, and keep a row for each.
+    """Run a scenario or FMUs at many points, and keep a row for each.
 
     After Ctrl-C or a kill the same command resumes. The exit code is 1 if no point has a value.
     """
@@ -49,7 +52,15 @@ def run(
     from vdfmu.study.report.sheets import sheet_table
     from vdfmu.study.sweeps.sweep import sweep
 
-    study = sweep(scenario, vary or (), **options)
+    parts, joined = system or ["tracking"], None
+    if any(map(FMUS.fullmatch, parts)):
+        _, _, joined = package_of(parts, options)
+    elif len(parts) > 1:
+        raise UsageError(f"{' '.join(parts)}: expected one scenario, got {len(parts)}. Study each by itself.")
+    if joined is None:
+        study = sweep(parts[0], vary or (), **options)
+    else:
+        study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in its package
     say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
@@ -82,7 +93,7 @@ def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = Fal
 @meets_code(RUNS)
 def report(
     study: StudyArgument,
-    out: Annotated[Path | None, Option("Page, or FILE.tex for LaTeX (default report.html).",
+    out: Annotated[Path | None, Option("Page, folder, or FILE.tex (default report.html).",
         more="FILE.tex has the measures.")] = None,
     simulate: Annotated[bool, Option("Let the page run any point.")] = True,
     overwrite: ForeignOption = False,
@@ -97,7 +108,7 @@ def report(
     with replacing_foreign(overwrite):
         require_ours(out or sweep.folder / NAME)
     if out is not None and out.suffix == LATEX:
-        say_written(write_tables([sweep.sheet()], out))
+        say_written(write_tables([("", sweep.sheet())], out))
         return
     page = sweep.report(out, simulate=simulate, trust=trust)
     say_notes(sweep.notes)

@@ -17,7 +17,7 @@ from vdfmu.base.files import data_path
 from vdfmu.compiler.c.calls import Vector, VectorText
 from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.functions.derivatives import instructions, lookup_table
-from vdfmu.compiler.scalar.symbol import LOOKUP
+from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 INTEGER, NUMBER = b"\x7f", b"\x7c"
 """Types: i32, f64."""
@@ -271,6 +271,8 @@ class Assembler:
                 code += local(function.n_in() + target[0]) + get(source[0]) + STORE + unsigned(8 * target[1])
             elif operation == ca.OP_CALL:
                 table = function.instructions_sx()[k].which_function()
+                if MATRIX in table.name():
+                    raise KernelError(f"{function.name()}: a product with a large matrix has no code in WebAssembly.")
                 looks = table.name().startswith(LOOKUP)  # any other call is the derivative of a lookup: 0
                 if looks:
                     code += self._row(table, get(source[0])) + SET + unsigned(row)

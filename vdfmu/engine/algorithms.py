@@ -30,7 +30,7 @@ class Algorithm:
     substeps: int = 0
     """Number of equal steps in a communication step, if inputs hold over each of these; else 0."""
     declared_order: int = 0
-    """Order of the error by communication, for a row that neither holds inputs nor is continuous; 0 if unknown."""
+    """Order of the coupling error in the step, for a row that neither holds inputs nor is continuous; 0 if unknown."""
 
     def __post_init__(self) -> None:
         if self.substeps < 0 or (self.continuous and self.substeps):
@@ -45,7 +45,7 @@ class Algorithm:
 
     @property
     def order(self) -> int:
-        """Order of the error by communication: the declared one, 1 if inputs hold, 2 if continuous, 0 if unknown."""
+        """Order of the coupling error in the step: as declared, 1 if inputs hold, 2 if continuous, 0 if unknown."""
         return self.declared_order or (1 if self.substeps else 2 if self.continuous else 0)
 
     def load(self) -> Callable[..., Any]:

@@ -118,9 +118,12 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
             source.type = kind
         connections.append(Connection(start, sources, end, [_variable(end, link.end[1]) for link in bundle]))
     configuration = Configuration(
-        parallelDoStep=False, modelDescription=model, components=list(components.values()), connections=connections,
+        parallelDoStep=False,
+        modelDescription=model,
+        components=list(components.values()),
+        connections=connections,
         variableMappings=mappings,
-    )  # fmt: skip
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     unzipped, whole = folder / "unzipped", folder / "container.fmu"
     unzipped.mkdir()  # it is emptied first
@@ -194,11 +197,17 @@ def _model(
             if inner.causality not in ("input", "output", "parameter") or (name, inner.name) in connected:
                 continue
             outer = fmi.ModelVariable(
-                name=f"{name}.{inner.name}", type=inner.type, description=inner.description,
-                causality=inner.causality, variability=inner.variability,
+                name=f"{name}.{inner.name}",
+                type=inner.type,
+                description=inner.description,
+                causality=inner.causality,
+                variability=inner.variability,
                 initial=None if inner.causality == "input" else inner.initial,  # fmpy fills it in
-                unit=inner.unit, min=inner.min, max=inner.max, start=starts.get(inner.name, inner.start),
-            )  # fmt: skip
+                unit=inner.unit,
+                min=inner.min,
+                max=inner.max,
+                start=starts.get(inner.name, inner.start),
+            )
             variables.append(outer)
             mappings[outer] = [(component, inner)]
     outputs = [fmi.Unknown(variable=v) for v in variables if v.causality == "output"]

@@ -47,7 +47,8 @@ algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sampl
     "the dependencies leave no order for it.", choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
     "By ``component.variable``, in the unit of the FMU; inputs can be set too. Without an index, all elements: one "
-    "value, or one each, 0.3,-0.5. They win over the values of the package or scenario.", flag="--set",
+    "value, or one each, 0.3,-0.5. In a scenario *0.8 multiplies the value that it has. They win over the values of "
+    "the package or scenario.", flag="--set",
     metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
 
 
@@ -122,7 +123,7 @@ class LogOptions(TypedDict, total=False):
 class StepperOptions(TypedDict, total=False):
     """What makes the steps."""
 
-    stepper: Annotated[str, Option("Loop over the steps: fmpy, c or auto.",
+    stepper: Annotated[str, Option("What runs the steps: fmpy, c or auto.",
         more="In Python by calls of fmpy, or in C by the same functions, with the same bits. `auto` is C where the "
         "system allows it; ``stepper`` in the summary says which, and why not C.",
         default=AUTO, choices=STEPPERS, read=read_stepper)]
@@ -147,7 +148,7 @@ class LoadedOptions(CouplingOptions, InputOptions, LogOptions, StepperOptions, I
 
     tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
         more="Default: that of the scenario, or of each FMU.")]
-    ignore_unmatched: Annotated[bool, Option("Ignore values that no variable takes.",
+    ignore_unmatched: Annotated[bool, Option("Ignore values without a variable of that name.",
         more="They are values of the package's parameter sets.", default=False)]
 
 
@@ -201,6 +202,8 @@ class PictureOptions(TypedDict, total=False):
         "Kinds are png, svg and pdf. Default none.", (), typed=str, choices=SUFFIXES)]
     width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="Their text has 8 pt.",
         default="160mm", metavar="LENGTH")]
+    serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers whose text has them.",
+        default=False)]
 
 
 class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):

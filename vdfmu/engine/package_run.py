@@ -103,7 +103,7 @@ def run_system(
                 from vdfmu.engine.results.picture import write_signals  # takes long to import
 
                 with doing("picture"):
-                    left = write_signals(results.thinned(DRAWN), partial, options["pictures"], width)
+                    left = write_signals(results.thinned(DRAWN), partial, options["pictures"], width, options["serif"])
                 if left:
                     say(f"signals: not drawn: {', '.join(left)}; --record chooses others")
         except VdfmuError:

@@ -135,7 +135,7 @@ class System:
     def _simulate(self, options: dict[str, Any]) -> Results:
         """Run the package; FMUs that were built here stay loaded for runs that differ in values and rows alone."""
         rows: Any = pick(RowOptions, options)
-        loading: Any = {name: value for name, value in options.items() if name not in {*rows, "parameters"}}
+        loading: Any = {name: value for name, value in options.items() if name not in rows and name != "parameters"}
         plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
         # the end of a pool kills its workers, which then remove no folder
         here = os.getpid() == self._process and not process.current_process().daemon
@@ -143,8 +143,8 @@ class System:
             return simulate(self.path, **options)
         try:
             simulator = self._load(loading)
-            parameters = options.get("parameters") or {}
-            if not simulator.sizes.isdisjoint(parameters):
+            parameters = options.get("parameters")
+            if parameters and not simulator.sizes.isdisjoint(parameters):
                 return simulate(self.path, **options)
             results = simulator.run(parameters=parameters, **rows)
             if not simulator.rest():
@@ -205,7 +205,10 @@ class System:
         """Run the system at many points, see :func:`vdfmu.sweep`. `parameters` are the same at all points."""
         from vdfmu.study.sweeps.sweep import sweep  # takes long to import
 
-        return sweep(self.path, vary, **self._with(options))
+        study = sweep(self.path, vary, **self._with(options))
+        if self._keep is not None:  # the package would end with the system
+            self.write(study.folder / self.path.name)
+        return study
 
     @checks_types
     def write(self, path: str | os.PathLike[str]) -> Path:

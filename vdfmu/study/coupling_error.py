@@ -67,9 +67,12 @@ class Differences(NamedTuple):
 
 
 def differences(
-    runs: Sequence[Floats], names: Sequence[str], sampled: Collection[str] = (), units: Sequence[str] = (),
+    runs: Sequence[Floats],
+    names: Sequence[str],
+    sampled: Collection[str] = (),
+    units: Sequence[str] = (),
     read: Any = None,
-) -> Differences:  # fmt: skip
+) -> Differences:
     """Return the differences of runs with the steps h, h/2 and h/4: arrays (rows, signals).
 
     `units` are units of measurement; `read` says which signals other components read, by default all.
@@ -95,9 +98,14 @@ def differences(
     late = count * change[1:-1, smooth].max(initial=0.0 if smooth.any() else 1.0) if count else 0.0
     far, near = np.abs(first - half), np.abs(half - quarter)
     return Differences(
-        far.max(axis=0) / scale, near.max(axis=0) / scale, far.argmax(axis=0), jumping.sum(axis=0), float(late), scale,
+        far.max(axis=0) / scale,
+        near.max(axis=0) / scale,
+        far.argmax(axis=0),
+        jumping.sum(axis=0),
+        float(late),
+        scale,
         constant,
-    )  # fmt: skip
+    )
 
 
 def at_common_times(runs: Sequence[Floats]) -> list[Floats]:
@@ -223,7 +231,7 @@ KINDS: Mapping[str, Kind] = {
         "the step is too long for {signal}",
         "Halving it twice does not show the order of the algorithm. A shorter step would do",
     ),
-}  # fmt: skip
+}
 """Kinds of systems without a verdict, beside errors near the limit, failed runs and an undeclared period."""
 _LEVELS = 0.25
 """A signal with fewer values than this share of its rows is quantised; with up to three of them it switches."""

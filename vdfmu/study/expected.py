@@ -60,9 +60,13 @@ class Expected(NamedTuple):
         differences.sort(key=lambda each: -each["share"])
         beyond = sum(each["share"] > self.within for each in differences)
         return {
-            "file": str(self.path), "within": self.within, "signals": len(pairs), "problems": problems,
-            "beyond": beyond, "differences": differences[: max(1, min(beyond, _LISTED))],
-        }  # fmt: skip
+            "file": str(self.path),
+            "within": self.within,
+            "signals": len(pairs),
+            "problems": problems,
+            "beyond": beyond,
+            "differences": differences[: max(1, min(beyond, _LISTED))],
+        }
 
     def _pairs(self, run: Recorded) -> tuple[dict[str, str], list[str]]:
         """Return recorded names and names of the run, and the problems of names and units.
@@ -132,9 +136,13 @@ def _largest(
     largest = float(apart[row])
     share = largest / size if size > 0.0 else math.inf if largest > 0.0 else 0.0
     return {
-        "signal": name, "share": share, "at_s": float(t[row]), "value": float(values[row]),
-        "expected": float(expected[row]), "constant": constant,
-    }  # fmt: skip
+        "signal": name,
+        "share": share,
+        "at_s": float(t[row]),
+        "value": float(values[row]),
+        "expected": float(expected[row]),
+        "constant": constant,
+    }
 
 
 def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
@@ -149,8 +157,8 @@ def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
     share = math.nan if worst is None else worst["share"]
     sentences = [*problems]
     if worst is not None and beyond:
-        what = "value" if worst["constant"] else "swing"
-        by = f"by {number(100.0 * share)} % of its {what} at t = {worst['at_s']:.6g} s (allowed {allowed})"
+        scale = "value" if worst["constant"] else "swing"
+        by = f"by {number(100.0 * share)} % of its {scale} at t = {worst['at_s']:.6g} s (allowed {allowed})"
         if math.isinf(share):
             by = f"at t = {worst['at_s']:.6g} s: {number(worst['value'])}, expected {number(worst['expected'])}"
         sentences.append(f"{worst['signal']} differs from {file} {by}")

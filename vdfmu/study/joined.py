@@ -21,9 +21,14 @@ from vdfmu.study.expected import Expected
 
 
 def run_joined(
-    package: Path, source: str | None, folder: Path, wanted: float | None, sampled: bool | None,
-    expected: Expected | None = None, **options: Unpack[SystemOptions],
-) -> Results:  # fmt: skip
+    package: Path,
+    source: str | None,
+    folder: Path,
+    wanted: float | None,
+    sampled: bool | None,
+    expected: Expected | None = None,
+    **options: Unpack[SystemOptions],
+) -> Results:
     """Run a package of any tool, judge the run and write its page, all in a folder.
 
     It is judged by the largest error `wanted`, a share of each swing, and by `expected` results, unless these are None.
@@ -67,10 +72,15 @@ def _judgement(
     from vdfmu.study.judgement import judge  # takes long to import
 
     judgement = judge(
-        load_ssp(package, options["variant"]), wanted, start=options["start"], sampled=sampled,
-        algorithm=results.summary["algorithm"], parameters=options["parameters"],
-        **pick(SpanOptions, options), **pick(LoadedOptions, options),
-    )  # fmt: skip
+        load_ssp(package, options["variant"]),
+        wanted,
+        start=options["start"],
+        sampled=sampled,
+        algorithm=results.summary["algorithm"],
+        parameters=options["parameters"],
+        **pick(SpanOptions, options),
+        **pick(LoadedOptions, options),
+    )
     return judgement.to_dict()
 
 
@@ -80,5 +90,5 @@ def _judge(summary: dict[str, Any]) -> None:
         return
     from vdfmu.study.verdict import calculated_checks  # takes long to import
 
-    checks = [*calculated_checks(summary)]
+    checks = [check for check in calculated_checks(summary) if check.key != "reference"]  # FMUs have none
     summary["verdict"] = verdict_of(checks, [check.sentence for check in checks if check.state == GOOD])

@@ -218,8 +218,11 @@ class _Case(NamedTuple):
         links = [link for link in self.checked.links if link.stepped and link.start[0] in descriptions]
         read = dict.fromkeys(".".join(link.start) for link in links if link.source.type not in TEXTS)
         feeding, fed = ({getattr(link, end)[0] for link in links} for end in ("start", "end"))
-        outputs = {name: [f"{name}.{v.name}" for v in descriptions[name].named("output") if v.type == "Real"]
-                   for name in descriptions if name in feeding | fed}  # fmt: skip
+        outputs = {
+            name: [f"{name}.{v.name}" for v in descriptions[name].named("output") if v.type == "Real"]
+            for name in descriptions
+            if name in feeding | fed
+        }
         for name in fed - feeding:
             read |= dict.fromkeys(outputs[name])
         return [*dict.fromkeys([*read, *(each for some in outputs.values() for each in some)])], len(read)
@@ -230,7 +233,7 @@ class _Case(NamedTuple):
         if not n_read:
             raise UsageError(
                 "judge needs connected signals, got none: only exchange between components has this error."
-            )  # fmt: skip
+            )
         if not order:
             why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
             return self._open("order", why)
@@ -278,14 +281,25 @@ class _Case(NamedTuple):
         text += f" Kept periods: {periods}." if periods else ""
         text += f" Aliasing is not tested: {other}." if isinstance(other, str) else ""
         return Judgement(
-            verdict, text, **self._facts, error=signals[worst].error, signal=signals[at].name, kind=kind,
+            verdict,
+            text,
+            **self._facts,
+            error=signals[worst].error,
+            signal=signals[at].name,
+            kind=kind,
             signals=tuple(sorted(signals, key=lambda each: -each.error)),
-        )  # fmt: skip
+        )
 
     def _text(
-        self, flat: FlatSystem, verdict: str, kind: str, worst: SignalError, met: SignalError, constant: bool,
+        self,
+        flat: FlatSystem,
+        verdict: str,
+        kind: str,
+        worst: SignalError,
+        met: SignalError,
+        constant: bool,
         late: float,
-    ) -> str:  # fmt: skip
+    ) -> str:
         """Return the verdict in a sentence, from the largest error that decides it, and the signal that was `met`."""
         share = _share(max(worst.error, late) if verdict == RIGHT else worst.error)
         about = f"{share} of the {'value' if constant else 'swing'} of {worst.name}"

@@ -75,7 +75,7 @@ class RobotOptions(ValueOptions, total=False):
     """Parts of a scenario, and its FMUs."""
 
     robot: Annotated["Robot | str | os.PathLike[str] | None", Option(
-        "Robot instead of the scenario's.", "Robot, str or path", "A name, or the path of a TOML file.",
+        "Use this robot, not the scenario's.", "Robot, str or path", "A name, or the path of a TOML file.",
         metavar="ROBOT", typed=str | None, names=known_robots)]
 
 
@@ -105,21 +105,21 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
         "``plant.tau[1]``. The input loses the connection that the scenario gives it.", flag="--connect",
         metavar="a.y=b.u", typed=TEXTS, read=read_connections)]
     unfed: Annotated[str | None, Option(
-        "ok: keep start values of inputs that nothing feeds.",
+        "ok: unconnected inputs keep their start values.",
         more="Otherwise each input of a unit of `units` needs a connection or a value, except in plants.",
         choices=("ok",))]
 
 
 class JudgeOptions(TypedDict, total=False):
-    """How the error by communication is judged."""
+    """How the coupling error is judged."""
 
     judge: Annotated[float | None, Option(
-        "Coupling error: limit in % of a signal's swing.", "float",
+        "Estimate the coupling error; fail above PERCENT.", "float",
         "In Python a share, 0.01. The shorter steps take 9 times the run, or 17 times where a component does not "
         "declare whether it is sampled.",
         metavar="PERCENT", typed=str, read=read_percent)]
     sampled: Annotated[bool | None, Option(
-        "How to read components without a period.", "bool",
+        "Treat undeclared components as one or the other.", "bool",
         "Sampled components keep the step as their period, continuous ones take the shorter steps too. By default "
         "their FMUs decide, or else both readings are judged.", flag="--sampled/--continuous")]
 
@@ -156,6 +156,8 @@ class ScenarioRunOptions(
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
+    reference_stop: Annotated[float | None, Option("Compare with the references up to this time in s.", "float [s]",
+        "The default is the stop of the run.", metavar="SECONDS")]
     limits: Annotated[Mapping[str, Any] | None, Option("Limit of the verdict: margin=0.3. Repeatable.",
         "mapping of str to float", "See the table in docs/report.md, or `--verbose`.", flag="--limit",
         metavar="NAME=VALUE", typed=TEXTS,
@@ -163,7 +165,7 @@ class ScenarioRunOptions(
     record: Annotated[Sequence[str] | None, option_of(RecordOptions, "record")]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
-    simulate: Annotated[bool | None, Option("Let report.html run it again, with sliders.",
+    simulate: Annotated[bool | None, Option("Give the page sliders that run it again.",
         more="The page gets the system as WebAssembly; default on the command line, but not in Python.",
         flag="--simulate/--no-simulate")]
 
@@ -177,7 +179,7 @@ class SeedOptions(TypedDict, total=False):
 class WorkerOptions(ProgressOptions, total=False):
     """How the runs of a study are done."""
 
-    workers: Annotated[int | None, Option("Processes (default one a processor).")]
+    workers: Annotated[int | None, Option("Processes (default: one for each processor).")]
     time_limit: Annotated[float | None, Option("Longest run in s (default 600).", "float [s]")]
     scheduler: Annotated[str | None, Option("Address of a Dask scheduler, for its workers.",
         metavar="ADDRESS")]

@@ -79,7 +79,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
         conclude(case, package, results, loops)
         if case.written:
             with doing("figures"):
-                write_pictures(results, case.scenario.robot, folder, options["pictures"], width)
+                write_pictures(results, case.scenario.robot, folder, options["pictures"], width, options["serif"])
             with doing("page"):
                 shown = ShownRun(case.scenario.name, results, results.summary, package, loops.poses, program)
                 write_report([shown], folder / NAME, simulate=bool(options["simulate"]))

@@ -202,6 +202,11 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         row = row._replace(by="the absolute tolerance of the reference's solver")
     apart = compared["max_position_difference_rad"]
     more = f"positions differ by {number(apart)} rad at most; limit {number(row.value * largest)}"
+    if "solved_by_scipy" in compared:
+        more += (
+            f"; solved by DOP853 in compiled code, {compared['solved_by_scipy']} of its intervals by scipy too: their "
+            f"states differ by {number(compared['max_solver_difference'])} at most"
+        )
     check = row.check(apart / largest, more, place=compared["name"])
     tolerance: float = summary.get("tolerance") or 0.0
     if check.state == GOOD:
@@ -212,6 +217,9 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
         noise = f"{row.shown(check.value)} of the largest error may be solver noise: try --tolerance {number(smaller)}"
         check = check._replace(state=DOUBTFUL, sentence=noise, more=more)
+    if "reference_stop" in summary:
+        part = f"{check.sentence}, compared over the first {number(summary['reference_stop'])} s"
+        check = check._replace(sentence=part)
     yield check
 
 

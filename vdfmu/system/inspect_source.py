@@ -114,8 +114,11 @@ def _trace(interface: Interface) -> None:
 
 
 _CHECKS: dict[str, Callable[[Path, Robot], list[str]]] = {
-    "robot": _robot, "scenario": _scenario, "system": _system, "unit": _units
-}  # fmt: skip
+    "robot": _robot,
+    "scenario": _scenario,
+    "system": _system,
+    "unit": _units,
+}
 
 if __name__ == "__main__":
     contained(serve, _run, *sys.argv[1:])

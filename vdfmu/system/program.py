@@ -43,10 +43,14 @@ class MovingUnit(NamedTuple):
         fixed = int(self.unit.group("solver")[0]) if self.step is not None else 0
         sampled, states = table.sampled, table.states
         return {
-            "time": begin + table.time, "x": begin + states.start, "n_x": states.stop - states.start,
-            "period": period, "sampled": begin + sampled.start, "n_sampled": sampled.stop - sampled.start,
+            "time": begin + table.time,
+            "x": begin + states.start,
+            "n_x": states.stop - states.start,
+            "period": period,
+            "sampled": begin + sampled.start,
+            "n_sampled": sampled.stop - sampled.start,
             "fixed": fixed,
-        }  # fmt: skip
+        }
 
     def place(self, argument: str) -> int | None:
         """Return the place of an argument of `step` or `left`. None for rates of inputs and the internal step."""

@@ -10,11 +10,11 @@ import pytest
 
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.robot import load_robot
-from vdfmu.base.errors import ModelError
+from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.files import data_path
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.values import group_value
+from vdfmu.system.scenario.values import group_value, system_values
 
 # (path to the entry, its new value, what the message says)
 FAULTS: list[tuple[tuple[str, ...], Any, str]] = [
@@ -172,3 +172,22 @@ def test_a_name_that_is_no_file_name_is_refused(write, scenario_data, name):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelError, match="name: expected a name of letters, digits"):
         load_scenario(path)
+
+
+def test_a_factor_multiplies_what_the_scenario_has_element_by_element():
+    scenario = load_scenario("planar_tracking")
+    before = system_values(scenario)
+    after = system_values(scenario, {"controller.K_v": "*0.8", "plant.mass[2]": "*1.5", "robot.gravity[3]": "*0"})
+    assert after["controller"]["K_v[1]"] == 0.8 * before["controller"]["K_v[1]"] > 0.0
+    assert after["controller"]["K_v[2]"] == 0.8 * before["controller"]["K_v[2]"] > 0.0
+    assert after["plant"]["mass[2]"] == 1.5 * before["plant"]["mass[2]"]
+    assert after["feedforward"]["mass[2]"] == before["feedforward"]["mass[2]"]
+    assert {name: after[name]["gravity[3]"] for name in ("plant", "feedforward")} == {"plant": 0.0, "feedforward": 0.0}
+    for value, words in (
+        ("*x", r"a number behind the star, such as \*0\.8, got \*x"),
+        ("*", "a number behind the star"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            system_values(scenario, {"controller.K_v": value})
+    with pytest.raises(UsageError, match="expected a number to multiply, got 0"):
+        system_values(scenario, {"controller.velocity": "*2"})

@@ -107,7 +107,7 @@ def test_a_motion_stays_within_the_limits_of_the_robot():
     assert not any("no limits" in note for note in best.notes)
     assert not any(name.startswith("K_") for name in best.expected.names)  # no encoders behind the gears
     weak = arm.with_parameters(tau_stall=1e-3 * arm.tau_stall)
-    with pytest.raises(UsageError, match="the motors do not have the torques of any motion"):
+    with pytest.raises(UsageError, match="the motors are too weak for any motion"):
         design(weak, duration=20.0)
 
 

@@ -306,5 +306,5 @@ def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
         assert part in said
     motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * robot.ell
     scipy.io.savemat(path, {"rec": rec, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}})
-    with pytest.raises(UsageError, match="expected a start at 0, -90, .* over the ratios, got 0, -80, 90"):
+    with pytest.raises(UsageError, match="expected a start at 0, -90, .* divided by the gear ratios, got 0, -80, 90"):
         read_log(path, robot)

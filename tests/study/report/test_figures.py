@@ -101,7 +101,7 @@ def test_a_joint_has_one_look_in_all_figures_and_many_joints_differ(made):
     entries = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()[:6]]
     assert all(look == entries for look in looks.values()) and len(set(entries)) == 6
     words = [text.get_text() for text in legend.get_texts()]
-    assert words == [*(f"joint {i}" for i in range(1, 7)), "ℓτ", "ℓτ_m"]
+    assert words == [*(f"joint {i}" for i in range(1, 7)), r"$\ell \tau$", r"$\ell \tau_{m}$"]
     looks = {(style.joint_look(i)["color"], style.joint_look(i)["linestyle"]) for i in range(28)}
     assert len(looks) == 28
 

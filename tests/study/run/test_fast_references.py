@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vdfmu.base.arrays import scipy_part
 from vdfmu.base.errors import VdfmuError
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as compiled
@@ -98,6 +99,33 @@ def test_other_rows_are_solved(own_cache, options):
     for chosen in (plain, plain | options):
         list(reference_blocks("sampled", described(), **chosen))
     assert kept(own_cache) == 2
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["sampled", "sampled-delayed"])
+def test_a_long_reference_in_compiled_code_is_that_of_scipy(own_cache, monkeypatch, name):
+    slow = reference(name, described("tracking"), step=1e-3, stop=1.2)
+    monkeypatch.setattr(solution, "SCIPY_ALONE", 1.0)
+    use(own_cache / "other", monkeypatch)
+    rows = []
+    for block in reference_blocks(name, described("tracking"), step=1e-3, stop=1.2):
+        block.repeat(block.t.size // 2)
+        rows.append(block["plant.q"])
+    # the same method and steps, so rounding, which friction near standstill increases
+    np.testing.assert_allclose(np.concatenate(rows), slow["plant.q"], rtol=0, atol=1e-12)
+    (again, *_), count = reference_blocks(name, described("tracking"), step=1e-3, stop=1.2), 1200 // 12 + 2
+    assert (slow.repeated.intervals, block.repeated.intervals, again.repeated.intervals) == (0, count, count)
+    # of states up to 10 at rtol = 1e-9
+    assert 0.0 < again.repeated.difference == block.repeated.difference < 1e-8
+
+
+@pytest.mark.heavy
+def test_a_compiled_solution_that_is_not_that_of_scipy_is_no_reference(own_cache, monkeypatch):
+    monkeypatch.setattr(solution, "SCIPY_ALONE", 0.0)
+    tables = scipy_part("scipy.integrate._ivp.dop853_coefficients")
+    monkeypatch.setattr(tables, "B", tables.B * (1.0 + 1e-5))  # of some 1e-3 in an interval, for 2e-10
+    with pytest.raises(VdfmuError, match=r"from t = 0 s to 0.001 s its compiled solver and scipy's differ by \d"):
+        reference("sampled", described("planar_tracking"), step=1e-3, stop=0.05)
 
 
 def test_a_damaged_solution_is_solved_again(own_cache):

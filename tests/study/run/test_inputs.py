@@ -82,7 +82,7 @@ def test_arrays_feed_a_run_as_a_file_does():
 def test_a_reference_refuses_a_signal_for_no_free_input():
     scenario = load_scenario("planar_tracking")
     scenario = dataclasses.replace(scenario, inputs={"plant.tau[1]": ([0.0], [0.0])})
-    with pytest.raises(UsageError, match=r"plant\.tau\[1\]: expected inputs that nothing is connected to"):
+    with pytest.raises(UsageError, match=r"plant\.tau\[1\]: expected unconnected inputs"):
         reference("sampled", SystemDescription(scenario), step=1e-3, stop=1e-3)
 
 

@@ -1,13 +1,16 @@
 """Runs of many rows: what is told of them comes from stretches, is the same, and takes memory that does not grow."""
 
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import vdfmu
+from vdfmu.base.errors import UsageError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.run import summary
+from vdfmu.study.run.references import _Progress
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as references
 from vdfmu.system.reference.reference import BLOCK, Reference, reference, reference_blocks
@@ -99,3 +102,27 @@ def test_a_reference_in_stretches_is_the_whole(monkeypatch, name):
         np.testing.assert_array_equal(np.concatenate([part[signal] for part in parts]), array)
         np.testing.assert_array_equal(np.concatenate([part[signal] for part in halves]), array[::2])
         np.testing.assert_array_equal(after[1][signal], array[17:40])
+
+
+@pytest.mark.heavy
+def test_a_comparison_with_references_may_end_before_the_run():
+    part = vdfmu.run("planar_tracking", stop=0.2, out=False, reference_stop=0.1).summary
+    short = vdfmu.run("planar_tracking", stop=0.1, out=False).summary
+    # the same rows up to then, so the same numbers
+    assert part["reference"] == short["reference"] and part["reference_stop"] == 0.1 and "reference_stop" not in short
+    (check,) = [each for each in part["verdict"]["checks"] if each["key"] == "reference"]
+    assert check["sentence"].endswith("of the largest error, compared over the first 0.1 s")
+    with pytest.raises(UsageError, match="reference_stop must be at least one step, 0.001 s, got 0"):
+        vdfmu.run("planar_tracking", stop=0.1, out=False, reference_stop=0.0)
+
+
+def test_a_reference_that_takes_much_longer_than_its_run_is_named_once(monkeypatch):
+    monkeypatch.setattr(
+        "vdfmu.study.run.references.time", SimpleNamespace(perf_counter=iter([0.0, 4.0, 8.0, 12.0]).__next__)
+    )
+    notes = []
+    case = SimpleNamespace(options={"log": lambda message: notes.append(message.text)})
+    progress = _Progress(case, "sampled reference", 3.0)
+    for done in (50, 60, 90):  # of 100 it takes 8 s, which is short, 13.3 s, and 13.3 s
+        progress(done, 100)
+    assert [text.partition(":")[0] for text in notes] == ["the sampled reference takes some 13 s, 4.4 times the run"]

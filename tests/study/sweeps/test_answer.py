@@ -1,6 +1,7 @@
 """The answer of a study: best point, ranking, the axis that matters, failures, roles of the points of a search."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -11,6 +12,7 @@ from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.sweeps import answer as answers
+from vdfmu.study.sweeps import page
 from vdfmu.study.sweeps.candidates import JudgedPoint, best_of, candidates, neighbours
 from vdfmu.study.sweeps.sweep import Sweep
 
@@ -61,6 +63,22 @@ def test_a_drawn_study_has_a_spread_and_no_best(tmp_path):
     assert answer.headline.startswith("Good: y is 10 rad in the median") and answer.best is None
     assert sentences[0].startswith("y is 10 rad in the median, at most 11.") and "in 95 % of the points" in sentences[0]
     assert not any("Best" in each or "ranking" in each for each in sentences)
+
+
+def test_of_many_points_a_page_shows_some_with_all_that_its_texts_name(tmp_path, monkeypatch):
+    study = study_of(tmp_path / "s", GRID, bowl, fail=[0, 24])
+    monkeypatch.setattr(page, "MOST_SHOWN", 5)
+    shown = page.shown_rows(study, study.answer)
+    content = page.study_content(study, study.answer, shown)
+    points = content["points"]
+    # besides five at random: the best, which is the smallest, the largest and the first that failed
+    assert {12, 4, 0} <= set(points) and 5 <= len(points) <= 8 and points == sorted(set(points))
+    assert content["roles"] == {"best": [points.index(12)]} and content["failed"][points.index(0)] == "it broke"
+    for column in content["columns"]:
+        values = study["y" if column["name"] == "y" else column["name"].partition(" ")[0]][shown]
+        np.testing.assert_allclose([math.nan if v is None else v for v in column["values"]], values)
+    text = study.report(tmp_path / "page.html", simulate=False).read_text("utf-8")
+    assert f"pictures show {len(points)}, a random selection with all extremes" in text
 
 
 def test_a_study_without_a_value_says_why(tmp_path):

@@ -1,5 +1,7 @@
 """What varies, and how its values are combined."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -55,6 +57,12 @@ def test_what_cannot_be_read_is_said(words):
     for text in REFUSED[words]:
         with pytest.raises(UsageError, match=words):
             read_axes([text])
+
+
+@pytest.mark.parametrize(("form", "fix"), [("500:4000:8", "lin(500, 4000, 8)"), ("*0.5:2", "*lin(0.5, 2, N)")])
+def test_a_range_with_colons_is_answered_by_the_form_that_it_has_here(form, fix):
+    with pytest.raises(UsageError, match=re.escape(f"got {form}. Write {fix}.")):
+        axis_of(f"a.b={form}")
 
 
 def test_all_that_is_wrong_is_said_at_once():

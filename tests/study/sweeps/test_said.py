@@ -6,8 +6,10 @@ from pyarrow import parquet
 
 import vdfmu
 from tests.conftest import invoked, refused
+from tests.engine.reference import models
 from tests.study.sweeps.conftest import study_of
-from vdfmu.base.errors import SspError
+from vdfmu.base.errors import SspError, UsageError
+from vdfmu.study.sweeps.sweep import Sweep
 
 
 def test_faults_of_a_package_name_the_file_of_the_user(tmp_path):
@@ -21,6 +23,29 @@ def test_a_table_of_others_is_no_study(tmp_path):
     parquet.write_table(pyarrow.table({"point": [0]}), file)
     said = refused("sweep", "report", file)
     assert "sweep.parquet has no facts of a study, so no study of vdfmu wrote it." in said
+
+
+def test_a_study_of_joined_fmus_keeps_their_package(tmp_path):
+    lag = models.build(models.LAG, "2.0", tmp_path)
+    axis = ("--vary", "a.u=1, 3", "--measure", "end=final(b.x)", "--stop", "1", "--step", "0.1")
+    done = invoked("sweep", f"a={lag}", f"b={lag}", "--connect", "a.x=b.u", *axis, "--out", tmp_path / "study")
+    assert done.exit_code == 0, done.output
+    low, high = Sweep(tmp_path / "study")["end"]
+    # linear in u: the bits differ by the rounding of three times each number
+    assert high == pytest.approx(3.0 * low, rel=1e-12)
+    package = tmp_path / "study" / "system.ssp"
+    assert vdfmu.load(package).run(stop=1.0, step=0.1, parameters={"a.u": 3.0})["b.x"][-1] == high
+    assert f"'vdfmu run {package}' runs it, with a.u=3." in refused("run", "--from", tmp_path / "study", "--row", "1")
+    assert f"must be NAME=FILE if there are several. Write {lag.stem}={lag}." in refused("sweep", lag, lag, *axis)
+
+
+def test_a_study_asks_for_its_package_before_work_begins(monkeypatch, tmp_path):
+    def missing():
+        raise UsageError("Parquet needs the package pyarrow.")
+
+    monkeypatch.setattr("vdfmu.study.sweeps.sweep.needed", missing)
+    with pytest.raises(UsageError, match="needs the package pyarrow"):
+        vdfmu.sweep(tmp_path / "none.toml", {"controller.K_p": [1.0]})  # the file would be missed next
 
 
 @pytest.mark.parametrize(("fail", "code"), [((0, 1, 2), 1), ((0, 1), 0)])

@@ -230,7 +230,7 @@ def test_rows_are_found_by_what_they_measured(tmp_path):
     ({"unit.at": [1.0]}, {"measure": None}, "measure: expected at least one"),
     ({"unit.at": [1.0]}, {"record": ["x*"]}, "record: no output"),
     ({"unit.at": [1.0]}, {"measure": ["m=at(unit.y, 2)"]}, "a time from 0 to 1 s, got 2 s"),
-    ({"unit.at": [1.0]}, {"step": None}, "step: the package says none"),
+    ({"unit.at": [1.0]}, {"step": None}, "step: the package does not state it"),
     ({"unit.at": [1.0]}, {"measure": ["m=1 / 0 + final(unit.y)"]}, "ZeroDivisionError"),
     ({"unit.at": [1.0]}, {"workers": 0}, "workers"),
     ({"unit.at": [1.0]}, {"chunk": 0}, "chunk"),

@@ -16,7 +16,7 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.files import PAGE_MARK
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.engine.package.writing import to_bytes
+from vdfmu.engine.package.parse import to_bytes
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.structure_file import mapping_file, parameter_file, structure_file, system_page
 from vdfmu.system.package.write import build_parts, fmi_of_format, write_ssp

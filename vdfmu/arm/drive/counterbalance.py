@@ -76,9 +76,17 @@ COUNTERBALANCE = DriveOption(
     revolute_only=("F_cb",),
     conditions=(
         Condition("r_cb", "r_cb > 0", lambda robot: robot.r_cb, "The crank has a length."),
-        Condition("D_cb", "D_cb > r_cb", lambda robot: robot.D_cb - robot.r_cb,
-                  "The pivot is further from the axis than the crank."),
-        Condition("L_cb", "L_cb > 2*r_cb", lambda robot: robot.L_cb - 2.0 * robot.r_cb,
-                  "The gas column is longer than its stroke."),
+        Condition(
+            "D_cb",
+            "D_cb > r_cb",
+            lambda robot: robot.D_cb - robot.r_cb,
+            "The pivot is further from the axis than the crank.",
+        ),
+        Condition(
+            "L_cb",
+            "L_cb > 2*r_cb",
+            lambda robot: robot.L_cb - 2.0 * robot.r_cb,
+            "The gas column is longer than its stroke.",
+        ),
     ),
-)  # fmt: skip
+)

@@ -102,9 +102,13 @@ def required_motion(
 
 
 def required_net_force(
-    body: tuple[Any, np.ndarray, np.ndarray], K_V: Any, g_B: np.ndarray, V_B: np.ndarray, V_B_r: np.ndarray,
+    body: tuple[Any, np.ndarray, np.ndarray],
+    K_V: Any,
+    g_B: np.ndarray,
+    V_B: np.ndarray,
+    V_B_r: np.ndarray,
     V_B_r_dot: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the required net force of a body, Eq. (50), (15), (17): (6,) [N, N m] in {B}, as below."""
     return (
         mass_matrix(*body) @ V_B_r_dot
@@ -160,9 +164,15 @@ def required_forces(
 
 
 def drive_torques(
-    robot: Any, gains: FeedbackGains, required: RequiredMotion, tau_q: Any, tau_kr: Any, friction: tuple[Any, Any],
-    q_dot: np.ndarray, kappa_dot: np.ndarray,
-) -> tuple[Any, Any]:  # fmt: skip
+    robot: Any,
+    gains: FeedbackGains,
+    required: RequiredMotion,
+    tau_q: Any,
+    tau_kr: Any,
+    friction: tuple[Any, Any],
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+) -> tuple[Any, Any]:
     """Drive torques tau_t, Eq. (26), and motor torques tau, Eq. (27), (n,) [N m] each, motor-side.
 
     They solve (21) and (22) with the axis components ``z.T F_qr = tau_q`` [N m or N], link-side, and
@@ -176,9 +186,15 @@ def drive_torques(
 
 
 def feedforward_vdc(
-    robot: Any, gains: FeedbackGains, desired: Desired, q: np.ndarray, q_dot: np.ndarray, kappa_dot: np.ndarray,
-    F_e_d: np.ndarray = NO_WRENCH, base: Base = AT_REST,
-) -> FeedforwardTorques:  # fmt: skip
+    robot: Any,
+    gains: FeedbackGains,
+    desired: Desired,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    kappa_dot: np.ndarray,
+    F_e_d: np.ndarray = NO_WRENCH,
+    base: Base = AT_REST,
+) -> FeedforwardTorques:
     """Feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53), at measured `q`, `q_dot`, `kappa_dot`.
 
     Deviation: friction is evaluated at the desired velocities. At measured or required velocities its slope around

@@ -59,9 +59,15 @@ def eliminate(z: np.ndarray, M_B: np.ndarray, p_B: np.ndarray, tau: Any) -> Elim
 
 
 def articulated(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, F_Dk: list[np.ndarray] | None,
-    base: Base, load: Hanging | None,
-) -> Articulated:  # fmt: skip
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    tau: np.ndarray,
+    F_e: np.ndarray,
+    F_Dk: list[np.ndarray] | None,
+    base: Base,
+    load: Hanging | None,
+) -> Articulated:
     """Eliminate the accelerations link by link, see :func:`forward_dynamics`."""
     n = robot.n
     z = [joint_axis(joint_type) for joint_type in robot.joint_types]
@@ -113,9 +119,15 @@ def accelerate(
 
 
 def forward_dynamics(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray = NO_WRENCH,
-    F_Dk: list[np.ndarray] | None = None, base: Base = AT_REST, load: Hanging | None = None,
-) -> np.ndarray:  # fmt: skip
+    robot: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    tau: np.ndarray,
+    F_e: np.ndarray = NO_WRENCH,
+    F_Dk: list[np.ndarray] | None = None,
+    base: Base = AT_REST,
+    load: Hanging | None = None,
+) -> np.ndarray:
     """Joint accelerations (n,) [rad/s2 or m/s2] of the arm by the articulated recursion. The cost is O(n).
 
     The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: all bodies

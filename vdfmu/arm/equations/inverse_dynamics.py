@@ -1,6 +1,6 @@
 """Inverse dynamics by virtual decomposition, the whole recursion: Eq. (29)-(31), (44)-(47), and the rotors' part, (11).
 
-Pass 1 goes from the base to the end effector and pass 2 back. The functions stand in the order of their calls, and
+Pass 1 goes from the base to the end effector and pass 2 back. The functions are in the order of their calls, and
 :func:`inverse_dynamics`, last, joins them.
 """
 

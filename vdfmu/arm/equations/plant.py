@@ -75,9 +75,14 @@ def plant_derivative(
 
 
 def balance(
-    robot: Any, x: np.ndarray, x_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base = AT_REST,
+    robot: Any,
+    x: np.ndarray,
+    x_dot: np.ndarray,
+    tau: np.ndarray,
+    F_e: np.ndarray,
+    base: Base = AT_REST,
     load: Any = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Residual of the plant's implicit equations: 0 for its own x_dot. It is short to differentiate.
 
     Links have ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N] and the torques of options, the other states the

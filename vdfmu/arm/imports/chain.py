@@ -89,9 +89,11 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placeme
     for name, first, second in tree.loops:
         if owner.get(first, 0) != owner.get(second, 0):
             tree.problems.add(
-                name, "links of one chain", f"a loop: it joins {first} to {second} beside the joints",
+                name,
+                "links of one chain",
+                f"a loop: it joins {first} to {second} beside the joints",
                 "An arm must be an open chain: delete it, or end the arm before by --tip.",
-            )  # fmt: skip
+            )
     if held:
         names = few([joint.name for joint in held])
         tree.notes.append(f"held at 0, beside the arm: {names}.")
@@ -107,9 +109,11 @@ def _root(tree: Tree) -> str | None:
     for link, joints in carriers.items():
         if len(joints) > 1:
             tree.problems.add(
-                f"link {link}", "one joint that carries it", f"the joints {', '.join(joints)}",
+                f"link {link}",
+                "one joint that carries it",
+                f"the joints {', '.join(joints)}",
                 "An arm must be an open chain: delete all but one.",
-            )  # fmt: skip
+            )
     roots = [link for link in tree.links if link not in carriers]
     if not tree.links:
         tree.problems.add("the file", "links", "none", "Is it whole? xacro writes a URDF from a .xacro file.")
@@ -140,9 +144,11 @@ def _only_tip(tree: Tree, base: str) -> str | None:
             ends = tips(tree, base)
             names = few([f"{name} ({n} joint{'s' * (n > 1)})" for n, name in ends])
             tree.problems.add(
-                "--tip", "a link", f"nothing, and {len(onward)} joints branch off from {link}",
+                "--tip",
+                "a link",
+                f"nothing, and {len(onward)} joints branch off from {link}",
                 f"Choose where the arm ends; what moves beside it is held at 0. There are: {names}.",
-            )  # fmt: skip
+            )
             return None
         link = onward[0].child
 
@@ -202,16 +208,19 @@ def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
             tree.problems.add(key, f"one of {', '.join(MOVING)}, fixed", joint.kind, way_out)
         if joint.follows:
             tree.problems.add(
-                key, "a joint with its own drive", f"one that mimics {joint.follows}",
+                key,
+                "a joint with its own drive",
+                f"one that mimics {joint.follows}",
                 f"End the arm before it, --tip {joint.parent}, or delete its <mimic>.",
-            )  # fmt: skip
+            )
     for joint in tree.joints:
         if joint.name not in on_path and joint.follows in on_path:
             tree.problems.add(
-                f"joint {joint.name}", "no joint that moves beside the arm",
+                f"joint {joint.name}",
+                "no joint that moves beside the arm",
                 f"one that mimics {joint.follows}, a joint of the arm",
                 "End the arm before that by --tip, or delete the <mimic>: it is held at 0 then.",
-            )  # fmt: skip
+            )
 
 
 def _carried(

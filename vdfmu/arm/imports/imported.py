@@ -109,9 +109,17 @@ def robot_from_mjcf(
 
 
 def import_robot(
-    path: Path_, base: str | None = None, tip: str | None = None, drives: Path_ | None = None, density: float | None =
-    None, *, tool: npt.ArrayLike | None = None, tool_frame: str | None = None, out: Path_ | None = None, kind: str = "",
-) -> Imported:  # fmt: skip
+    path: Path_,
+    base: str | None = None,
+    tip: str | None = None,
+    drives: Path_ | None = None,
+    density: float | None = None,
+    *,
+    tool: npt.ArrayLike | None = None,
+    tool_frame: str | None = None,
+    out: Path_ | None = None,
+    kind: str = "",
+) -> Imported:
     """Make a robot file from a URDF or a MuJoCo file; see :func:`robot_from_urdf`.
 
     Paths of meshes are relative to the robot file `out`, by default in the folder of `path`. `kind` is the required

@@ -146,9 +146,15 @@ class _MjcfReader:
         if tendons:
             self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
         return Tree(
-            self.path.stem, self.problems, links, tuple(joints), -np.array(m.opt.gravity), False, self.notes,
+            self.path.stem,
+            self.problems,
+            links,
+            tuple(joints),
+            -np.array(m.opt.gravity),
+            False,
+            self.notes,
             self.loops(),
-        )  # fmt: skip
+        )
 
     def link(self, i: int, name: str) -> RigidLink:
         """Return a body as a link."""
@@ -182,10 +188,16 @@ class _MjcfReader:
             links.setdefault(child, RigidLink(child))
             joints.append(
                 Joint(
-                    self.names[j], self.kind(j, kind), parent, child,
-                    at @ Placement(np.eye(3), anchor - here) @ zero, axis, self.joint_numbers(j, kind), self.follows(j),
+                    self.names[j],
+                    self.kind(j, kind),
+                    parent,
+                    child,
+                    at @ Placement(np.eye(3), anchor - here) @ zero,
+                    axis,
+                    self.joint_numbers(j, kind),
+                    self.follows(j),
                 )
-            )  # fmt: skip
+            )
             parent, at, here = child, HERE, anchor
         if parent != name:
             fixed = at @ Placement(np.eye(3), -here)
@@ -292,9 +304,14 @@ class _MjcfReader:
                 return None
         rgba = m.mat_rgba[m.geom_matid[g]] if int(m.geom_matid[g]) >= 0 else m.geom_rgba[g]
         return Visual(
-            joint=0, shape=shape, size=read_only(size), rotation=at.R, offset=at.p,
-            color=read_only(np.clip(rgba, 0.0, 1.0)), file=file,
-        )  # fmt: skip
+            joint=0,
+            shape=shape,
+            size=read_only(size),
+            rotation=at.R,
+            offset=at.p,
+            color=read_only(np.clip(rgba, 0.0, 1.0)),
+            file=file,
+        )
 
     def mesh(self, k: int) -> str:
         """Return the path of a mesh; empty without a file."""

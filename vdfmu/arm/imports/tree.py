@@ -234,9 +234,11 @@ def with_inertia(
         )
         if not whole.mass:
             problems.add(
-                f"joint {body.joint.name}", "a link with mass, which it moves",
-                f"no <inertial> with a mass in {names}", f'{ways}. Or make the joint type="fixed".',
-            )  # fmt: skip
+                f"joint {body.joint.name}",
+                "a link with mass, which it moves",
+                f"no <inertial> with a mass in {names}",
+                f'{ways}. Or make the joint type="fixed".',
+            )
         elif not whole.inertia.any():
             got = "principal moments 0, 0, 0 kg.m2"
             problems.add(f"link {names}", "positive definite, in kg.m2", got, f"{ways}.")

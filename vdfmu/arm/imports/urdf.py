@@ -51,9 +51,14 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
     if geared:
         reader.notes.append(f"ratios of transmissions are left out; --drives can give them: {few(geared)}.")
     return Tree(
-        str(root.get("name") or path.stem), problems, links, tuple(joints.values()), _STANDARD_GRAVITY,
-        True, reader.notes,
-    )  # fmt: skip
+        str(root.get("name") or path.stem),
+        problems,
+        links,
+        tuple(joints.values()),
+        _STANDARD_GRAVITY,
+        True,
+        reader.notes,
+    )
 
 
 class _UrdfReader:
@@ -157,10 +162,14 @@ class _UrdfReader:
         rgba = None if color is None else self.numbers(color, "rgba", 4, f"{label}: color")
         frame = self.placement(element, f"{label}: {element.tag}")
         yield Visual(
-            joint=0, shape=shape.tag, size=read_only(size), rotation=frame.R, offset=frame.p,
+            joint=0,
+            shape=shape.tag,
+            size=read_only(size),
+            rotation=frame.R,
+            offset=frame.p,
             color=read_only(np.clip(_GREY if rgba is None else rgba, 0.0, 1.0)),
             file=self.mesh(shape.get("filename", ""), element.tag == "visual") if shape.tag == "mesh" else "",
-        )  # fmt: skip
+        )
 
     def mesh(self, name: str, shown: bool) -> str:
         """Return a mesh's path, else its name, with a note if it is shown. A package:// is in any folder above."""

@@ -46,10 +46,18 @@ _PULL = 0.5
 
 @of_numbers
 def line(
-    robot: Robot, start: npt.ArrayLike, points: npt.ArrayLike, *, orientation: str | npt.ArrayLike | None = None,
-    velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike | None = None, speed: float | None = None,
-    duration: float | None = None, dwell: float = 0.0, tolerance: float = 1e-6,
-) -> Motion:  # fmt: skip
+    robot: Robot,
+    start: npt.ArrayLike,
+    points: npt.ArrayLike,
+    *,
+    orientation: str | npt.ArrayLike | None = None,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    speed: float | None = None,
+    duration: float | None = None,
+    dwell: float = 0.0,
+    tolerance: float = 1e-6,
+) -> Motion:
     """Return the motion whose end effector goes straight from point to point, at rest at each.
 
     Parameters
@@ -95,10 +103,20 @@ def line(
 
 @of_numbers
 def circle(
-    robot: Robot, start: npt.ArrayLike, centre: npt.ArrayLike, axis: npt.ArrayLike = (0.0, 0.0, 1.0), *, angle: float =
-    2.0 * np.pi, orientation: str | None = None, velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike |
-    None = None, speed: float | None = None, duration: float | None = None, dwell: float = 0.0, tolerance: float = 1e-6,
-) -> Motion:  # fmt: skip
+    robot: Robot,
+    start: npt.ArrayLike,
+    centre: npt.ArrayLike,
+    axis: npt.ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    angle: float = 2.0 * np.pi,
+    orientation: str | None = None,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    speed: float | None = None,
+    duration: float | None = None,
+    dwell: float = 0.0,
+    tolerance: float = 1e-6,
+) -> Motion:
     """Return the motion whose end effector goes round an axis, at rest at both ends.
 
     Other arguments and errors: see :func:`line`.
@@ -208,9 +226,13 @@ def _along(
 
 
 def _timed(
-    robot: Robot, motion: Motion, velocity: npt.ArrayLike | None, acceleration: npt.ArrayLike | None, speed: float |
-    None, duration: float | None,
-) -> Motion:  # fmt: skip
+    robot: Robot,
+    motion: Motion,
+    velocity: npt.ArrayLike | None,
+    acceleration: npt.ArrayLike | None,
+    speed: float | None,
+    duration: float | None,
+) -> Motion:
     """Return the motion over `duration`, or over the shortest time within the limits."""
     limits = limit("velocity", velocity, motion.n), limit("acceleration", acceleration, motion.n)
     if speed is not None and not 0.0 < speed < np.inf:

@@ -22,9 +22,14 @@ _AT_REST = 0.2
 
 @of_numbers
 def waypoints(
-    points: npt.ArrayLike, times: npt.ArrayLike | None = None, *, velocity: npt.ArrayLike | None = None, acceleration:
-    npt.ArrayLike | None = None, duration: float | None = None, dwell: npt.ArrayLike = 0.0,
-) -> Motion:  # fmt: skip
+    points: npt.ArrayLike,
+    times: npt.ArrayLike | None = None,
+    *,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    duration: float | None = None,
+    dwell: npt.ArrayLike = 0.0,
+) -> Motion:
     """Return the motion through points of the joints, at rest at the first and the last, continuous up to snap.
 
     UsageError, with all problems, if points, times and limits do not fit.
@@ -54,10 +59,11 @@ def waypoints(
         raise UsageError("waypoints: expected times or a duration, got both. Remove one of them.")
     stops = [0, *(i for i in range(1, len(q) - 1) if dwells[i] > 0.0), len(q) - 1]
     moves = [
-        spline(np.append(t[a] + dwells[a], t[a + 1 : b + 1]), q[a : b + 1]) if t is not None else
-        _timed(q[a : b + 1], *limits)
+        spline(np.append(t[a] + dwells[a], t[a + 1 : b + 1]), q[a : b + 1])
+        if t is not None
+        else _timed(q[a : b + 1], *limits)
         for a, b in pairwise(stops)
-    ]  # fmt: skip
+    ]
     if t is not None or duration is not None:
         moving = joined(moves)
         rested = float(dwells.sum())

@@ -84,9 +84,11 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
         data = read_toml(path)
         if "motion" not in data and "stop" in data:
             problems.add(
-                "motion", "a table", "a scenario without one",
+                "motion",
+                "a table",
+                "a scenario without one",
                 f"Its motion is (57): 'vdfmu run {path.stem}' shows it. Or add the table.",
-            )  # fmt: skip
+            )
             problems.raise_any()
         data = data.get("motion", data)
     motion = read_motion(problems, data, robot, path.parent)

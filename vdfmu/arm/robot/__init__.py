@@ -6,6 +6,15 @@ from vdfmu.arm.robot.robot_file import check_robot, load_robot, robot_from_dict,
 from vdfmu.arm.robot.visual import SHAPES
 
 __all__ = [
-    "FRICTION_ARRANGEMENTS", "SHAPES", "DriveFile", "Robot", "check_robot", "joint_free", "load_robot",
-    "robot_argument", "robot_from_dict", "robot_names", "section_numbers",
-]  # fmt: skip
+    "FRICTION_ARRANGEMENTS",
+    "SHAPES",
+    "DriveFile",
+    "Robot",
+    "check_robot",
+    "joint_free",
+    "load_robot",
+    "robot_argument",
+    "robot_from_dict",
+    "robot_names",
+    "section_numbers",
+]

@@ -65,7 +65,7 @@ class Row:
     part_of: str = ""
     """Parameter of the joint that switches this one off, as a constant, if it is 0."""
     hint: str = ""
-    """Way out of a problem with it; else the text."""
+    """Fix of a problem with it; else the text."""
     foreign: str = ""
     """Its name in files of other tools: in a URDF's <limit> or <dynamics>, MJCF's armature and gravity, the tip."""
     scaled_as: str = ""

@@ -59,20 +59,27 @@ def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
 
 
 CONTRACTION = Condition(
-    "theta_err_amplitude", f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
+    "theta_err_amplitude",
+    f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
     lambda robot: CONTRACTION_LIMIT - 2.0 * robot.ell * robot.theta_err_amplitude,
     "Lower the amplitude, or the rotor's position does not follow from the spring.",
-)  # fmt: skip
+)
 STATIC_FRICTION = Condition(
-    "f_s", "f_s >= f_c", lambda robot: robot.f_s - robot.f_c, "Set f_s = f_c for friction without the Stribeck effect.",
+    "f_s",
+    "f_s >= f_c",
+    lambda robot: robot.f_s - robot.f_c,
+    "Set f_s = f_c for friction without the Stribeck effect.",
     strict=False,
-)  # fmt: skip
+)
 
 
 def check_conditions(
-    problems: Problems, path: str, conditions: Iterable[Condition], joint: Mapping[str, Any],
+    problems: Problems,
+    path: str,
+    conditions: Iterable[Condition],
+    joint: Mapping[str, Any],
     rows: Mapping[str, Row] = PARAMETERS,
-) -> None:  # fmt: skip
+) -> None:
     """Add the unmet conditions of a joint at `path`, field of `Robot` to its value."""
     for condition in conditions:
         row, margin = rows[condition.name], condition.margin(SimpleNamespace(**joint))

@@ -147,8 +147,9 @@ def _joints(robot: Robot) -> Iterator[str]:
     for check in CHECKS:
         sizes = check.size(robot)
         for out, i, why in (
-            (sizes < check.low, sizes.argmin, check.if_low), (sizes > check.high, sizes.argmax, check.if_high)
-        ):  # fmt: skip
+            (sizes < check.low, sizes.argmin, check.if_low),
+            (sizes > check.high, sizes.argmax, check.if_high),
+        ):
             if out.any():
                 yield f"joint {robot.joint_labels[i()]}: {check.text.format(sizes[i()])} {why}"
     for i in np.flatnonzero(np.abs(robot.tool_offset) > _FAR)[:1]:

@@ -185,12 +185,15 @@ class Robot(Parameters):
         entries = self.entries()
         fixed = self.with_values([0.0] * len(entries))
         structure = {
-            "source": source_digest("arm.kernel", "compiler.functions"), "joints": self.joint_types,
-            "friction": self.friction, "rotor_coupling": self.rotor_coupling,
+            "source": source_digest("arm.kernel", "compiler.functions"),
+            "joints": self.joint_types,
+            "friction": self.friction,
+            "rotor_coupling": self.rotor_coupling,
             "drive": self.drive.text if self.drive else "",
-            "flags": [name for name in self.flags if getattr(self, name)], "parameters": [p.name for p in entries],
+            "flags": [name for name in self.flags if getattr(self, name)],
+            "parameters": [p.name for p in entries],
             "folded": {name: np.asarray(getattr(fixed, name), dtype=float).tolist() for name in self.rows},
-        }  # fmt: skip
+        }
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
     def joint(self, i: int) -> Self:
@@ -199,9 +202,13 @@ class Robot(Parameters):
         if self.friction == "lumped":
             arrays["f_ck"] = read_only(np.zeros(1))
         return dataclasses.replace(
-            self, joint_types=(self.joint_types[i],), joint_names=(), visuals=(),
-            payload=self.payload and i == self.n - 1, **arrays,
-        )  # fmt: skip
+            self,
+            joint_types=(self.joint_types[i],),
+            joint_names=(),
+            visuals=(),
+            payload=self.payload and i == self.n - 1,
+            **arrays,
+        )
 
     @property
     def joint_labels(self) -> list[str]:
@@ -292,9 +299,13 @@ def _constants(array: np.ndarray) -> np.ndarray:
 
 
 _PLACES = {
-    (False, 0): "", (False, 1): ", axis", (False, 2): ", (row, column)",
-    (True, 0): "", (True, 1): ", (link, axis)", (True, 2): ", (link, row, column)",
-}  # fmt: skip
+    (False, 0): "",
+    (False, 1): ", axis",
+    (False, 2): ", (row, column)",
+    (True, 0): "",
+    (True, 1): ", (link, axis)",
+    (True, 2): ", (link, row, column)",
+}
 """(per joint?, number of axes) -> label of the indices."""
 
 

@@ -31,10 +31,14 @@ RIGID, LINEAR = 1e11, 1e-6
 """K_w0 [N.m/rad] and c_f, c_w [1/(N.m), 1/N] of a linear spring. Its compliance differs from 1 / K_f0 by less than
 (c_f tau)^2, 1e-8 of itself at 100 N.m, and the compliance 1 / (ell^2 K_w0) of the wave generator."""
 PLAIN = {
-    "stiffness": ("stiffness", ("K_f0", "c_f", "K_w0", "c_w"), "Stiffness of a linear spring, link-side",
-                  f"K_f0 = stiffness, K_w0 = {RIGID:g} N.m/rad, c_f = c_w = {LINEAR:g}"),
+    "stiffness": (
+        "stiffness",
+        ("K_f0", "c_f", "K_w0", "c_w"),
+        "Stiffness of a linear spring, link-side",
+        f"K_f0 = stiffness, K_w0 = {RIGID:g} N.m/rad, c_f = c_w = {LINEAR:g}",
+    ),
     "rotor_inertia": ("kg.m2", ("I_m",), "Rotor inertia, motor-side", "I_m = ell * rotor_inertia"),
-}  # fmt: skip
+}
 """Word to its unit of measurement, or a key of `unit_of`, to the paper's keys, its meaning and its conversion."""
 
 
@@ -43,9 +47,20 @@ def _keys(name: Section) -> list[str]:
 
 
 ROBOT_KEYS = (
-    "name", "description", "friction", "rotor_coupling", *ENDS, "folded", "drive", *_keys("robot"),
-    "tool_on_last_axis", "payload", "joints", "sources", "visuals",
-)  # fmt: skip
+    "name",
+    "description",
+    "friction",
+    "rotor_coupling",
+    *ENDS,
+    "folded",
+    "drive",
+    *_keys("robot"),
+    "tool_on_last_axis",
+    "payload",
+    "joints",
+    "sources",
+    "visuals",
+)
 JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIONS, *NAMED, "name")
 
 
@@ -102,10 +117,20 @@ def robot_from_dict(
         for name in made.rows
     }
     return made(
-        name=name, description=description, joint_types=tuple(cast(str, joint["type"]) for joint in read),
-        joint_names=tuple(names), friction=friction, rotor_coupling=rotor_coupling, sources=of_catalogue | sources,
-        payload="payload" in file.data or not folded, folded=folded, visuals=visuals, **options, **flags, **arrays,
-    )  # fmt: skip
+        name=name,
+        description=description,
+        joint_types=tuple(cast(str, joint["type"]) for joint in read),
+        joint_names=tuple(names),
+        friction=friction,
+        rotor_coupling=rotor_coupling,
+        sources=of_catalogue | sources,
+        payload="payload" in file.data or not folded,
+        folded=folded,
+        visuals=visuals,
+        **options,
+        **flags,
+        **arrays,
+    )
 
 
 def robot_names() -> list[str]:
@@ -194,9 +219,12 @@ def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot]
 
 
 def section_numbers(
-    table: Table, part: Section, joint_type: str = "revolute", keys: Container[str] | None = None,
+    table: Table,
+    part: Section,
+    joint_type: str = "revolute",
+    keys: Container[str] | None = None,
     rows: Iterable[Row] | None = None,
-) -> dict[str, float | Floats]:  # fmt: skip
+) -> dict[str, float | Floats]:
     """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
     numbers: dict[str, float | Floats] = {}
     for row in (row for row in rows or section(part) if keys is None or row.key in keys):

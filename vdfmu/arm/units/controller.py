@@ -36,8 +36,12 @@ class PDController(Unit):
     K_v = gain("damping", "derivative gain, link-side, Eq. (58)", 20.0)
     tau_max = torque_limit()
     velocity = Choice(
-        "kappa_dot", "q_dot", "mixed", text="Derivative term; 0: kappa_dot_d - kappa_dot (collocated), "
-        "1: q_d_dot - q_dot (Eq. 58), 2: q_d_dot - kappa_dot")  # fmt: skip
+        "kappa_dot",
+        "q_dot",
+        "mixed",
+        text="Derivative term; 0: kappa_dot_d - kappa_dot (collocated), "
+        "1: q_d_dot - q_dot (Eq. 58), 2: q_d_dot - kappa_dot",
+    )
     robot = RobotParameters("ell")
     terminals = (
         Terminal("desired", "left", ("q_d", "q_d_dot"), "Desired motion of the joints"),

@@ -30,8 +30,13 @@ class TorqueEstimator(Unit):
     tau_s_hat = Output("torque", JOINTS, "spring torque from the positions alone, link-side")
     tau_f_hat = Output("torque", JOINTS, "spring torque from the motor torque, link-side, Eq. (2)-(3) as printed")
     tau_hat_max = Parameter(
-        "torque", JOINTS, "largest estimate, link-side; start: 10/c_f, where the flexspline is 100 times as stiff as "
-        "at rest", start=lambda robot: 10.0 / robot.c_f, minimum=0.0, tunable=True)  # fmt: skip
+        "torque",
+        JOINTS,
+        "largest estimate, link-side; start: 10/c_f, where the flexspline is 100 times as stiff as at rest",
+        start=lambda robot: 10.0 / robot.c_f,
+        minimum=0.0,
+        tunable=True,
+    )
     robot = RobotParameters(*SPRING_KEYS)
     terminals = (
         Terminal("joints", "left", ("tau", "q", "kappa"), "Motor torques and positions of the joints"),

@@ -144,12 +144,17 @@ class Plant(Unit):
     vars().update(_STARTS)
     robot = RobotParameters()
     terminals = (
-        Terminal("joints", "left", ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", *_STATES),
-                 "Motor torques and motion of the joints"),
-        Terminal("end_effector", "right", ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"),
-                 "Wrench and pose of the end effector"),
+        Terminal(
+            "joints",
+            "left",
+            ("tau", "q", "q_dot", "kappa_dot", "tau_s", "kappa", *_STATES),
+            "Motor torques and motion of the joints",
+        ),
+        Terminal(
+            "end_effector", "right", ("F_e", "p_O", "R_O", "V_O", "A_O", "M_e"), "Wrench and pose of the end effector"
+        ),
         Terminal("base", "bottom", ("p_S", "R_S", "V_S", "A_S", "F_S", "M_S", "F_S0"), "Motion and wrench of the base"),
-    )  # fmt: skip
+    )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", *reversed(_STATES), "kappa_dot", "tau_s", "q_dot")
     chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from hashlib import sha256
 
 import casadi as ca
+import numpy as np
+import numpy.typing as npt
 
 from vdfmu.base.cache import cache_folder, cached_per_command, load_or_make
 from vdfmu.base.errors import KernelError
@@ -21,10 +23,17 @@ from vdfmu.compiler.c.grouping import Operation, grouped
 from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
 from vdfmu.compiler.functions.chain import LOCAL
-from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, instructions, lookup_table
+from vdfmu.compiler.functions.derivatives import (
+    DIRECTIONS,
+    has_roundings,
+    instructions,
+    lookup_table,
+    matrix_numbers,
+    matrix_of,
+)
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import renamed
-from vdfmu.compiler.scalar.symbol import LOOKUP
+from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 _MOST_IN_C = 1_700
 """Most operations of a function with derivatives, three times as long, in C. Longer: :mod:`.operations`.
@@ -64,6 +73,10 @@ def _written(
     top = head(f"The traced function {function.name()}, operation by operation.") + '#include "elementary.h"\n'
     files = {f"{name}_part_{k}.c": f"{top}\n{text}" for k, text in enumerate(texts[:-1], 1)}
     files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
+    for callee in function.find_functions(0):
+        if (matrix := matrix_of(callee)) is not None and not matrix[1]:
+            about = head("Products with a matrix of the traced functions.") + '#include "elementary.h"\n\n'
+            files[f"kernel_{matrix[0]}.c"] = about + _matrix(matrix[0], matrix_numbers(callee))
     if derivative is None:
         return files
     text = head(f"The derivatives of the traced function {function.name()}.")
@@ -93,7 +106,8 @@ def kernel_source(function: ca.Function) -> str:
     """Return the C text of a traced function in one file, see :func:`kernel_files`. A job makes it once."""
     sources = _sources()
     if function not in sources:
-        sources[function] = "\n".join(kernel_files(function).values())
+        text = "\n".join(kernel_files(function).values())
+        sources[function] = text.replace(f"{_PRODUCT} {MATRIX}", f"INLINE {_PRODUCT} {MATRIX}")
     return sources[function]
 
 
@@ -121,9 +135,9 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
             operations = grouped(operations)
         read = {name for operation in operations for name in operation.arguments}
         unused = [f"(void){name};" for name in function.name_in() if name not in read]
-        return [lookups(function) + _definition(c_prototype(function), operations, unused)]
-    first, *parts = _chain(function, operations)
-    return [lookups(function) + first, *parts]
+        return [called_tables(function) + _definition(c_prototype(function), operations, unused)]
+    tables = called_tables(function)
+    return [tables + text for text in _chain(function, operations)]
 
 
 _RARE = re.compile(r"_(fwd|adj)1_")
@@ -168,9 +182,12 @@ def _name_in_c(function: ca.Function, callee: str) -> str:
     return f"{name}_{before}{rest}"
 
 
-def lookups(function: ca.Function) -> str:
-    """Return the C functions of the tables of a trace."""
-    return "".join(_lookup(table) for table in function.find_functions(0) if table.name().startswith(LOOKUP))
+def called_tables(function: ca.Function) -> str:
+    """Return the C functions of the tables of a trace, and prototypes of products with large matrices."""
+    called = function.find_functions(0)
+    names = dict.fromkeys(matrix[0] for matrix in map(matrix_of, called) if matrix is not None)
+    prototypes = (f"{_PRODUCT} {name}{ending}({_FACTORS});\n" for name in names for ending in ("", "_back"))
+    return "".join([*(_lookup(each) for each in called if each.name().startswith(LOOKUP)), *prototypes])
 
 
 def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
@@ -211,6 +228,16 @@ def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]])
     return f"{{ double v0[{function.numel_out(0)}]; {function.name()}(&w{argument}, v0); {numbers} }}"
 
 
+def _product(function: ca.Function, source: Sequence[int], taken: Sequence[tuple[int, int]]) -> str:
+    """Return the C text of a product with a large matrix, from places of the column; `taken` as in :func:`_row`."""
+    matrix = matrix_of(function)
+    assert matrix is not None
+    column = ", ".join(f"w{i}" for i in source[-function.numel_in(function.n_in() - 1) :])
+    call = f"{matrix[0]}{'_back' if matrix[1] else ''}(x, y);"
+    results = " ".join(f"w{i} = y[{j}];" for j, i in taken)
+    return f"{{ const double x[] = {{{column}}}; double y[{function.numel_out(0)}]; {call} {results} }}"
+
+
 @dataclass(frozen=True)
 class Language:
     """Text of the operations of a trace in a language, with the values ``w0``, ``w1``, .."""
@@ -224,10 +251,12 @@ class Language:
     """Text of an element of a result."""
     row: Callable[[ca.Function, int, Sequence[tuple[int, int]]], str] = _row
     """Text of the lookup of a row, see :func:`_row`."""
+    product: Callable[[ca.Function, Sequence[int], Sequence[tuple[int, int]]], str] | None = None
+    """Text of a product with a large matrix, see :func:`_product`; None if there is none."""
     assignment: str = "{} = {};"
 
 
-C = Language(EXPRESSIONS, c_constant, "{}[{}]".format, "{}_out[{}]".format)
+C = Language(EXPRESSIONS, c_constant, "{}[{}]".format, "{}_out[{}]".format, product=_product)
 
 
 def operations_of(function: ca.Function, language: Language = C) -> list[Operation]:
@@ -252,6 +281,10 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             writes = tuple(i for _, i in wanted)
             if called.name().startswith(LOOKUP):
                 lines.append(Operation(language.row(called, source[0], wanted), source[:1], writes))
+            elif MATRIX in called.name():
+                if language.product is None or matrix_of(called) is None:
+                    raise KernelError(f"{function.name()}: a product with a large matrix has no text for this use.")
+                lines.append(Operation(language.product(called, source, wanted), source, writes))
             else:  # the derivative of a lookup
                 zero = language.number(0.0)
                 lines.append(Operation(" ".join(assign(f"w{i}", zero) for i in writes), (), writes))
@@ -306,6 +339,47 @@ static void {name}(const double *x, double *row)
 }}
 #endif
 
+"""
+
+
+_PRODUCT, _FACTORS = "void", "const double *restrict x, double *restrict y"
+
+
+def _matrix(name: str, numbers: npt.NDArray[np.float64]) -> str:
+    """Return the C text of a matrix, column by column, and of both products with it.
+
+    The sums have the order of CasADi's, so the bits are the same. Numbers that are single-precision take half the room.
+    """
+    m, n = numbers.shape
+    single = np.array_equal(numbers, numbers.astype(np.float32))
+    listed = [f"{value!s}f" for value in numbers.T.astype(np.float32).ravel()] if single else numbers.T.ravel().tolist()
+    lines = ",\n".join("    " + ", ".join(map(str, listed[i : i + 8])) for i in range(0, len(listed), 8))
+    return f"""#ifndef {name.upper()}
+#define {name.upper()}
+static const {"float" if single else "scalar"} {name}_columns[] = {{
+{lines}
+}};
+
+{_PRODUCT} {name}({_FACTORS});
+{_PRODUCT} {name}({_FACTORS})
+{{
+    for (int i = 0; i < {m}; i++)
+        y[i] = (double){{0}};
+    for (int j = 0; j < {n}; j++)
+        for (int i = 0; i < {m}; i++)
+            y[i] += (scalar){name}_columns[{m} * j + i] * x[j];
+}}
+
+{_PRODUCT} {name}_back({_FACTORS});
+{_PRODUCT} {name}_back({_FACTORS})
+{{
+    for (int j = 0; j < {n}; j++) {{
+        y[j] = (double){{0}};
+        for (int i = 0; i < {m}; i++)
+            y[j] += (scalar){name}_columns[{m} * j + i] * x[i];
+    }}
+}}
+#endif
 """
 
 

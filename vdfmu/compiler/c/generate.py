@@ -55,9 +55,7 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
     """Return file name to text of the generated part of a unit."""
     traced = _TracedFunctions(interface)
     unit = _UnitGenerator(interface, guid, traced)
-    return {
-        "config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source(), **traced.files(),
-    }  # fmt: skip
+    return {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source(), **traced.files()}
 
 
 class _TracedFunctions:

@@ -85,9 +85,13 @@ class ChainError(Exception):
 
 
 def chain_of(
-    name: str, traces: Sequence[PartTrace], kinds: Sequence[int], places: Sequence[Mapping[str, Place]],
-    arguments: Mapping[str, int], outputs: Mapping[str, int],
-) -> PartChain:  # fmt: skip
+    name: str,
+    traces: Sequence[PartTrace],
+    kinds: Sequence[int],
+    places: Sequence[Mapping[str, Place]],
+    arguments: Mapping[str, int],
+    outputs: Mapping[str, int],
+) -> PartChain:
     """Return the chain of traces of its kinds of parts. ChainError if they do not fit together."""
     forms = [[(each.inward, each.first.numel()) for each in trace.passes] for trace in traces]
     if any(form != forms[0] for form in forms):

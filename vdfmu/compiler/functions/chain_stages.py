@@ -198,13 +198,15 @@ class _LinearPart:
         beyond = [ca.jacobian(self._rows, handed) for handed in (*self._handed, self._moved)]
         through = [ca.jacobian(handed, self._Y) for handed in (self._hands[0], self._inward)]
         self.explicit = [
-            k for k in range(len(states))
+            k
+            for k in range(len(states))
             if R_y[k, :].nnz() == 1 and R_y[k, k].is_minus_one() and not any(each[k, :].nnz() for each in beyond)
-        ]  # fmt: skip
+        ]
         self.carried = [
-            k for k in range(len(states))
+            k
+            for k in range(len(states))
             if R_y[:, k].nnz() != 1 or k not in self.explicit or any(each[:, k].nnz() for each in through)
-        ]  # fmt: skip
+        ]
 
     def _by_moved(self, states: Sequence[str]) -> tuple[ca.SX, ca.SX]:
         """Return the rows and what the part hands inward, in terms of what it hands outward."""
@@ -277,9 +279,12 @@ class _LinearPart:
         made = {"factors": factors} | ({"S_new": S_new} if S_new.numel() else {})
         read = read_of(inputs, made.values())
         eliminate = ca.Function(
-            f"{LOCAL}eliminate_{kind}", list(read.values()), ca.cse(list(map(ca.densify, made.values()))), list(read),
+            f"{LOCAL}eliminate_{kind}",
+            list(read.values()),
+            ca.cse(list(map(ca.densify, made.values()))),
+            list(read),
             list(made),
-        )  # fmt: skip
+        )
         return _PartFunctions(eliminate, kind, symbols, kept, places, order)
 
 
@@ -287,9 +292,14 @@ class _PartFunctions:
     """The functions of one kind of part: `eliminate`, and `inward` and `outward` of a stage."""
 
     def __init__(
-        self, eliminate: ca.Function, kind: int, factors: ca.SX, kept: Sequence[ca.SX],
-        places: Sequence[tuple[int, int]], order: np.ndarray,
-    ) -> None:  # fmt: skip
+        self,
+        eliminate: ca.Function,
+        kind: int,
+        factors: ca.SX,
+        kept: Sequence[ca.SX],
+        places: Sequence[tuple[int, int]],
+        order: np.ndarray,
+    ) -> None:
         self.eliminate = eliminate
         elements, answers, L, Q, P, W, R_b, B_b, A_a, A_x, A_y = kept
         m = len(order)

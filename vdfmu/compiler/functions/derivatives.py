@@ -7,6 +7,10 @@ from itertools import accumulate
 from typing import Any
 
 import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 DIRECTIONS = ("forward", "reverse")
 """Suffixes of the names of derivatives: Jacobian times direction, and direction times Jacobian."""
@@ -98,6 +102,22 @@ def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
     return edges, rows
 
 
+def matrix_of(function: ca.Function) -> tuple[str, bool] | None:
+    """Return the name of the matrix of a product, and whether it is the transposed product; None for others.
+
+    The product may be the derivative of another, which has its arguments before the direction.
+    """
+    direction, name, digest = function.name().rpartition(MATRIX)
+    return (name + digest, direction == "adj1_") if name and direction in ("", "fwd1_", "adj1_") else None
+
+
+def matrix_numbers(function: ca.Function) -> npt.NDArray[np.float64]:
+    """Return the matrix (m, n) of a product that is not transposed."""
+    inputs = [ca.DM(*function.size_in(i)) for i in range(function.n_in())]
+    inputs[-1] = ca.DM.eye(function.numel_in(function.n_in() - 1))
+    return function.call(inputs)[0].full()
+
+
 def rebuilt(
     function: ca.Function, arguments: list[ca.SX], replace: Callable[[int, list[ca.SX]], ca.SX | None]
 ) -> list[ca.SX]:
@@ -143,7 +163,9 @@ def time_left(function: ca.Function, inputs: dict[str, ca.SX], changing: dict[st
     if not operations & {*_JUMPS, *_BENDS, *_SIGNS, *_WHOLE, ca.OP_CALL}:
         return None
     if ca.OP_CALL in operations:
-        raise ValueError("it reads a table by lookup, and the time, so it is not known when it switches")
+        tables = any(callee.name().startswith(LOOKUP) for callee in function.find_functions(0))
+        call = "reads a table by lookup" if tables else "multiplies by a large matrix"
+        raise ValueError(f"it {call}, and the time, so it is not known when it switches")
     levels: list[tuple[ca.SX, bool]] = []
 
     def choice(operation: int, read: list[ca.SX]) -> None:

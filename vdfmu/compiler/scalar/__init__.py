@@ -8,6 +8,23 @@ from vdfmu.compiler.scalar.random_numbers import LARGEST_SEED
 from vdfmu.compiler.scalar.symbol import ZERO, Symbol, from_sx, to_sx
 
 __all__ = [
-    "LARGEST_SEED", "ZERO", "Symbol", "clip", "derivative", "factorize", "from_sx", "inward", "is_zero", "jets",
-    "lookup", "maximum", "minimum", "outward", "sgn", "solve_factorized", "to_sx", "total", "zeros",
-]  # fmt: skip
+    "LARGEST_SEED",
+    "ZERO",
+    "Symbol",
+    "clip",
+    "derivative",
+    "factorize",
+    "from_sx",
+    "inward",
+    "is_zero",
+    "jets",
+    "lookup",
+    "maximum",
+    "minimum",
+    "outward",
+    "sgn",
+    "solve_factorized",
+    "to_sx",
+    "total",
+    "zeros",
+]

@@ -231,6 +231,8 @@ _COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
 
 def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     """Call an elementwise function of numpy on symbols and their arrays."""
+    if function is np.matmul and method == "__call__" and not kwargs and _is_large(*inputs):
+        return _with_symbols(from_sx(matrix_function(np.asarray(inputs[0], float))(to_sx(inputs[1]))))
     if function in _COMPARISONS:
         kwargs["dtype"] = object
     if "out" in kwargs:
@@ -309,6 +311,31 @@ def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
     )
     options = {"never_inline": True, "custom_jacobian": zero, "enable_forward": False, "enable_reverse": False}
     return ca.Function(name, [x], [values(place, ca.MX(ca.DM(rows.ravel())))], options)
+
+
+MATRIX = "matrix_"
+"""Part of the names of products with a matrix. CasADi puts ``fwd1_`` or ``adj1_`` before it for derivatives."""
+_LARGE = 2_048
+"""Fewest numbers of a matrix whose product is a call: 45 rows and columns. Smaller ones are scalar operations."""
+
+
+def _is_large(*factors: Any) -> bool:
+    """Whether factors are a large matrix of numbers and a column.
+
+    A column of states has scalar operations whatever the size: then the Jacobian of a linear system is of numbers.
+    """
+    a, b = factors
+    if not (isinstance(a, np.ndarray) and a.dtype.kind in "fiu" and a.ndim == 2 and a.size >= _LARGE):
+        return False
+    leaves = [each.sx for each in b.flat if isinstance(each, Symbol) and each.sx.is_symbolic()] if np.ndim(b) else []
+    return np.ndim(b) == 1 and not any(leaf.name().startswith("x_") for leaf in leaves)
+
+
+def matrix_function(matrix: np.ndarray) -> ca.Function:
+    """Return the product of a matrix (m, n) with a column, which a trace calls: its sums would be m n operations."""
+    x = ca.MX.sym("x", matrix.shape[1])
+    name = MATRIX + sha256(repr(matrix.shape).encode() + matrix.tobytes()).hexdigest()[:12]
+    return ca.Function(name, [x], [ca.DM(matrix) @ x], {"never_inline": True})
 
 
 def from_sx(expression: ca.SX) -> np.ndarray:

@@ -101,9 +101,13 @@ class ImplicitEquations:
 
 
 def solver_step(
-    name: str, sizes: Mapping[str, int], inputs: Sequence[str], start: ca.Function, derivatives: ca.Function,
+    name: str,
+    sizes: Mapping[str, int],
+    inputs: Sequence[str],
+    start: ca.Function,
+    derivatives: ca.Function,
     stages: Stages,
-) -> ca.Function:  # fmt: skip
+) -> ca.Function:
     """Return the function of a step, see :meth:`ImplicitEquations.step`.
 
     `sizes` are those of the arguments of the derivatives, of which `inputs` have rates. `start` returns the factors and

@@ -96,9 +96,13 @@ def _text(trace: PartTrace) -> str:
     inputs = {**trace.inputs, **{f"pass_{k}": column for k, column in enumerate(passes)}}
     results = [*trace.results.values(), *trace.shared.values()]
     results += [column for each in trace.passes for column in (each.first, each.after)]
-    made = ca.Function("part", list(inputs.values()), ca.cse(list(map(ca.vec, results))), list(inputs), [
-        f"made_{k}" for k in range(len(results))
-    ])  # fmt: skip
+    made = ca.Function(
+        "part",
+        list(inputs.values()),
+        ca.cse(list(map(ca.vec, results))),
+        list(inputs),
+        [f"made_{k}" for k in range(len(results))],
+    )
     return made.serialize()
 
 

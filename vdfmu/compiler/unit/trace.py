@@ -186,6 +186,13 @@ class Symbols(Recording):
         array = from_sx(ca.SX(column)).reshape(shape)
         return array.view(SymbolArray) if shape else array[()]
 
+    def write(self, declared: Declared, value: Any) -> None:
+        """Take the value of a variable; arrays that are read again are arrays of symbols."""
+        super().write(declared, value)
+        array = self.sets[declared.name]
+        if isinstance(array, np.ndarray) and array.dtype == object:
+            self.sets[declared.name] = array.view(SymbolArray)
+
     def field(self, name: str) -> Any:
         """Return the symbols of a field of the robot."""
         return from_sx(self.symbol(argument_name(name), self.unit.n)).view(SymbolArray)
@@ -236,9 +243,13 @@ def state_slices(unit: BaseUnit) -> dict[str, slice]:
 
 def _kind(declared: Declared) -> str:
     names = {
-        "Output": "an output", "Input": "an input", "State": "a continuous state", "Sampled": "a sampled state",
-        "Held": "a held state", "Event": "the number of an event",
-    }  # fmt: skip
+        "Output": "an output",
+        "Input": "an input",
+        "State": "a continuous state",
+        "Sampled": "a sampled state",
+        "Held": "a held state",
+        "Event": "the number of an event",
+    }
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 

@@ -150,4 +150,4 @@ def _robot_parameters(robot: Machine, fields: tuple[str, ...]) -> Iterator[Varia
         start = float(getattr(robot, entry.field)[entry.index])
         yield Variable(
             entry.field, entry.index, "Real", "parameter", "fixed", unit, start, text, minimum=minimum, maximum=maximum
-        )  # fmt: skip
+        )

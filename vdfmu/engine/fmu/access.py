@@ -17,8 +17,12 @@ Call = tuple[Any, tuple[Any, ...], str]
 Ends = tuple[NDArray[Any], NDArray[np.intp], NDArray[Any], NDArray[np.intp]]
 """Target and places in it, source and places in it, of a copy."""
 DTYPES: dict[str, Any] = {
-    "Real": np.float64, "Integer": np.int64, "Boolean": np.int32, "String": np.object_, "Binary": np.object_,
-}  # fmt: skip
+    "Real": np.float64,
+    "Integer": np.int64,
+    "Boolean": np.int32,
+    "String": np.object_,
+    "Binary": np.object_,
+}
 """Types of the kinds of variables in the master; texts and binary values are ``bytes``."""
 KINDS = tuple(DTYPES)
 TEXTS = ("String", "Binary")

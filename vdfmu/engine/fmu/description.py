@@ -226,9 +226,11 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
     # a parameter of this name would be overruled at set-up
     own_tolerance = any(v.name == "tolerance" and v.causality == "parameter" for v in model.modelVariables)
     relative = {
-        v.get("name") for v in root.iterfind("ModelVariables/*")
-        for typed in (v, *v.iterfind("Real")) if typed.get("relativeQuantity") in _TRUE
-    }  # fmt: skip
+        v.get("name")
+        for v in root.iterfind("ModelVariables/*")
+        for typed in (v, *v.iterfind("Real"))
+        if typed.get("relativeQuantity") in _TRUE
+    }
     updated = all(
         v.get("intermediateUpdate") in _TRUE
         for v in root.iterfind("ModelVariables/*")

@@ -267,11 +267,13 @@ class Instance(Library):
         """Return the calls that get or set the chosen variables of one kind, with the values `values`, in place."""
         return [
             self._call_of(
-                moved, moved.verb + moved.native, self.kind_of(moved.native),
+                moved,
+                moved.verb + moved.native,
+                self.kind_of(moved.native),
                 [shared(c_size_t, moved.sizes)] if moved.native == "Binary" else [],
             )
             for moved in self.transfers(verb, variables, values, chosen)
-        ]  # fmt: skip
+        ]
 
     def _call_of(self, moved: Transfer, name: str, kind: Any, more: Sequence[Any]) -> Call:
         """Return the call of a function that gets or sets values, with `more` arguments before them."""

@@ -62,9 +62,12 @@ class Library:
         self.token = next(_tokens)
         self.python = (folder / "resources" / "slavemodule.txt").is_file()
         load = partial(
-            self.kinds[description.exchange], guid=description.guid, modelIdentifier=description.identifier,
-            unzipDirectory=str(folder), instanceName=name,
-        )  # fmt: skip
+            self.kinds[description.exchange],
+            guid=description.guid,
+            modelIdentifier=description.identifier,
+            unzipDirectory=str(folder),
+            instanceName=name,
+        )
         try:
             self.fmu = _loaded(watch(name, "load", load) if watch else load)
         except Exception as error:  # of fmpy, which raises plain ones

@@ -131,9 +131,13 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
 # are wrapped and note the exception. During the creation no call can be wrapped yet, so its lines are traced.
 
 _CALLS = (
-    "setup_experiment", "enter_initialization_mode", "exit_initialization_mode", "do_step", "terminate",
+    "setup_experiment",
+    "enter_initialization_mode",
+    "exit_initialization_mode",
+    "do_step",
+    "terminate",
     *(f"{verb}_{kind}" for verb in ("get", "set") for kind in ("real", "integer", "boolean", "string")),
-)  # fmt: skip
+)
 """Methods of a slave behind FMI functions."""
 
 

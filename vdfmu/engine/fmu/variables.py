@@ -140,9 +140,12 @@ def element_names(name: str, shape: Sequence[int] | None) -> list[str]:
 
 
 def read_variables(
-    model: ModelDescription, relative: set[str], units: Mapping[str, UnitFactor], clocks: Mapping[str, Any],
+    model: ModelDescription,
+    relative: set[str],
+    units: Mapping[str, UnitFactor],
+    clocks: Mapping[str, Any],
     names: Mapping[str, Mapping[str, int]],
-) -> dict[str, FmuVariable]:  # fmt: skip
+) -> dict[str, FmuVariable]:
     """Return the variables of fmpy's description by their names, arrays by their elements.
 
     `relative` has the names of relative quantities, `clocks` the elements of clocks, and `names` names of the values
@@ -158,17 +161,24 @@ def read_variables(
         nominals = _elements(v.nominal or (declared.nominal if declared is not None else None), len(elements))
         for index, (name, start, nominal) in enumerate(zip(elements, start_values(v), nominals, strict=True)):
             variables[name] = FmuVariable(
-                name, v.valueReference, type_of(v.type), v.causality, v.variability, v.initial,
+                name,
+                v.valueReference,
+                type_of(v.type),
+                v.causality,
+                v.variability,
+                v.initial,
                 unit=units.get(unit, UnitFactor(unit)) if unit else None,
                 relative=v.name in relative or bool(declared is not None and declared.relativeQuantity),
                 items=items or names.get(name),
                 nominal=abs(float(nominal or 0)) or None,
                 limits=_limits_of(v),
                 native=version.enumeration if v.type == "Enumeration" else v.type,
-                index=index, length=len(elements), start=start,
+                index=index,
+                length=len(elements),
+                start=start,
                 clocks=tuple(each.valueReference for each in v.clocks or ()),  # pyright: ignore[reportAttributeAccessIssue]
                 clock=_read_clock(clocks[name]) if name in clocks else None,
-            )  # fmt: skip
+            )
     return variables
 
 

@@ -176,9 +176,13 @@ class Instance3(Instance):
     prefix, sized, derivatives_name = "fmi3", True, "GetContinuousStateDerivatives"
     slopes_name, state_name, deserialize = "GetOutputDerivatives", "FMUState", "DeserializeFMUState"
     dtypes = {  # noqa: RUF012
-        "Float64": np.float64, "Float32": np.float32, "Boolean": np.bool_, "String": np.uintp, "Binary": np.uintp,
+        "Float64": np.float64,
+        "Float32": np.float32,
+        "Boolean": np.bool_,
+        "String": np.uintp,
+        "Binary": np.uintp,
         **{name: np.dtype(name.lower()) for name in INTEGERS},
-    }  # fmt: skip
+    }
     module = fmi3
 
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0

@@ -35,15 +35,32 @@ _CAUSALITIES = {
 }
 """Variability to the allowed causalities, FMI 2.0 and 3.0."""
 _UNKNOWNS = {
-    "2": {"outputs": "Outputs/Unknown", "derivatives": "Derivatives/Unknown",
-          "initialUnknowns": "InitialUnknowns/Unknown"},
-    "3": {"outputs": "Output", "derivatives": "ContinuousStateDerivative", "clockedStates": "ClockedState",
-          "initialUnknowns": "InitialUnknown", "eventIndicators": "EventIndicator"},
-}  # fmt: skip
+    "2": {
+        "outputs": "Outputs/Unknown",
+        "derivatives": "Derivatives/Unknown",
+        "initialUnknowns": "InitialUnknowns/Unknown",
+    },
+    "3": {
+        "outputs": "Output",
+        "derivatives": "ContinuousStateDerivative",
+        "clockedStates": "ClockedState",
+        "initialUnknowns": "InitialUnknown",
+        "eventIndicators": "EventIndicator",
+    },
+}
 """Lists of fmpy's description to the elements of the model structure, by version of FMI."""
 _TYPE_ATTRIBUTES = (
-    "name", "description", "quantity", "unit", "displayUnit", "relativeQuantity", "min", "max", "nominal", "unbounded",
-)  # fmt: skip
+    "name",
+    "description",
+    "quantity",
+    "unit",
+    "displayUnit",
+    "relativeQuantity",
+    "min",
+    "max",
+    "nominal",
+    "unbounded",
+)
 """Attributes of a type in fmpy."""
 
 

@@ -51,10 +51,15 @@ class Report(Findings):
         head = {name: getattr(self, name) for name in ("file", "kind", "standard", "ran", "compared")}
         findings = [
             {
-                "rule": text.rule.number, "severity": text.rule.severity, "file": text.file or None,
-                "line": text.line or None, "message": str(text), "way_out": text.rule.way,
-            } for text in (*self.problems, *self.notes)
-        ]  # fmt: skip
+                "rule": text.rule.number,
+                "severity": text.rule.severity,
+                "file": text.file or None,
+                "line": text.line or None,
+                "message": str(text),
+                "way_out": text.rule.way,
+            }
+            for text in (*self.problems, *self.notes)
+        ]
         return {"format": FORMAT, **head, "problems": self.problems, "notes": self.notes, "findings": findings}
 
 

@@ -215,18 +215,26 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
     try:
         folder, kind = fmpy.extract(str(path)), class_of(str(description.fmiVersion))
         load = partial(
-            kind.kinds[description.coSimulation is None], guid=description.guid, modelIdentifier=part.modelIdentifier,
-            unzipDirectory=folder, fmiCallLogger=_refuse_negative,
-        )  # fmt: skip
+            kind.kinds[description.coSimulation is None],
+            guid=description.guid,
+            modelIdentifier=part.modelIdentifier,
+            unzipDirectory=folder,
+            fmiCallLogger=_refuse_negative,
+        )
         fmu = phase.watch("", "load", load)()
         kind.mend(fmu)
         watch_calls(fmu, "", kind.prefix, phase.watch)
         said.stay()
         fmu.instantiate(loggingOn=True, **({"logMessage": said} if kind is Instance3 else {}))
         results = fmpy.simulate_fmu(  # without validation, which the check has done
-            folder, validate=False, start_time=start, stop_time=start + STEPS * step, output_interval=step,
-            model_description=description, fmu_instance=fmu,
-        )  # fmt: skip
+            folder,
+            validate=False,
+            start_time=start,
+            stop_time=start + STEPS * step,
+            output_interval=step,
+            model_description=description,
+            fmu_instance=fmu,
+        )
         fmu.freeInstance()
     except Exception as error:  # of a foreign unit, so any
         _raise_if_full(error)
@@ -281,10 +289,15 @@ def _run_system(path: Path, deadline: float) -> Findings:
     try:
         with listening(signal.SIGTERM):  # the time limit, or Ctrl-C: the components are in another session
             simulate(
-                system, start=start, stop=start + count * step, step=step, algorithm=master_of(system),
-                log=lambda message: None, isolate=True,
+                system,
+                start=start,
+                stop=start + count * step,
+                step=step,
+                algorithm=master_of(system),
+                log=lambda message: None,
+                isolate=True,
                 wait_limit=max(1.0, round(deadline - monotonic(), 1)),
-            )  # fmt: skip
+            )
     except (VdfmuError, OSError) as error:
         _raise_if_full(error)
         return Findings([finding("RUN001", f"{count} steps of {step:g} s failed: {error}")])

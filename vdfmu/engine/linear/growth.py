@@ -204,9 +204,7 @@ class Along:
         return self.system.parts.inputs[self.system.places(self.opened)[loop]]
 
 
-def growth_of(
-    at: Sequence[float], of_rows: Sequence[float], begin: float, end: float, above: float = SLOW
-) -> Growth:  # fmt: skip
+def growth_of(at: Sequence[float], of_rows: Sequence[float], begin: float, end: float, above: float = SLOW) -> Growth:
     """Return the largest growth of a run from `begin` to `end` [s] by the rates [1/s] at rows; its state is empty."""
     times, rates = np.array(at), np.array(of_rows)
     bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
@@ -284,9 +282,16 @@ class Poses(Tap):
     """
 
     def __init__(
-        self, group: str, tied: Sequence[Tied] = (), *, without: Mapping[str, Mapping[str, Value]] | None = None,
-        again: bool = False, opened: Sequence[str] = (), more: Sequence[int] = (), noted: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        group: str,
+        tied: Sequence[Tied] = (),
+        *,
+        without: Mapping[str, Mapping[str, Value]] | None = None,
+        again: bool = False,
+        opened: Sequence[str] = (),
+        more: Sequence[int] = (),
+        noted: bool = False,
+    ) -> None:
         self._opened, self._group, self._tied, self._without, self._more = opened, group, tied, without or {}, more
         self._whole, self._noted = again or bool(without), noted
         self.lacking, self.notes = "", tuple[str, ...]()

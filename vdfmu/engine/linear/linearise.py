@@ -91,11 +91,18 @@ class Linearisation:
         step /= max(1, checked.how.substeps)
         every = {name: n for name, period in periods(checked).items() if (n := round(period / step)) != 1}
         self._facts: dict[str, Any] = {
-            "links": links, "fresh": fresh, "step": step, "algorithm": checked.algorithm,
-            "constant": tuple(constant), "every": every,
-        }  # fmt: skip
-        self._notes = [f"its step is {n} communication steps, and is taken as one: {name}"
-                       for name, n in checked.multiples.items() if n != 1]  # fmt: skip
+            "links": links,
+            "fresh": fresh,
+            "step": step,
+            "algorithm": checked.algorithm,
+            "constant": tuple(constant),
+            "every": every,
+        }
+        self._notes = [
+            f"its step is {n} communication steps, and is taken as one: {name}"
+            for name, n in checked.multiples.items()
+            if n != 1
+        ]
 
     def at(self, time: float, values: bool = True) -> LinearSystem:
         """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
@@ -258,9 +265,11 @@ def _changed(components: Components, name: str, values: Mapping[str, Value]) -> 
 
 
 def with_part(
-    components: Components | Isolated, name: str, values: Mapping[str, Value],
+    components: Components | Isolated,
+    name: str,
+    values: Mapping[str, Value],
     rows: Sequence[tuple[float, LinearSystem]],
-) -> list[tuple[float, LinearSystem]]:  # fmt: skip
+) -> list[tuple[float, LinearSystem]]:
     """Return times and systems of a run with other parameters of a component, at the states and inputs of the run."""
     parts = rows[0][1].parts
     x, u, y = (

@@ -131,17 +131,24 @@ class LinearSystem:
         n, m = p.B.shape
         whole = np.block([[p.A[np.ix_(x, x)], p.B[np.ix_(x, u)]], [p.C[np.ix_(y, x)], p.D[np.ix_(y, u)]]])
         kinds = (
-            (p.states, p.state_units, p.x, x), (p.inputs, p.input_units, p.u, u), (p.outputs, p.output_units, p.y, y)
-        )  # fmt: skip
+            (p.states, p.state_units, p.x, x),
+            (p.inputs, p.input_units, p.u, u),
+            (p.outputs, p.output_units, p.y, y),
+        )
         signals = ([(names[i], units[i], float(values[i])) for i in at] for names, units, values, at in kinds)
         kept = Samples(
-            [samples.signals[i] for i in s.tolist()], samples.E[np.ix_(x, s)], samples.G[np.ix_(y, s)],
+            [samples.signals[i] for i in s.tolist()],
+            samples.E[np.ix_(x, s)],
+            samples.G[np.ix_(y, s)],
             samples.F[np.ix_(s, np.concatenate([x, n + u, n + m + s]))],
-        )  # fmt: skip
+        )
         return replace(
-            self, parts=replace(StateSpace.of(whole, *signals), notes=p.notes), links=self.links[np.ix_(u, y)],
-            fresh=self.fresh[u], samples=kept,
-        )  # fmt: skip
+            self,
+            parts=replace(StateSpace.of(whole, *signals), notes=p.notes),
+            links=self.links[np.ix_(u, y)],
+            fresh=self.fresh[u],
+            samples=kept,
+        )
 
     @property
     def whole(self) -> Floats:
@@ -233,14 +240,19 @@ class LinearSystem:
         p, size, value = self.parts, len(motion), self.links @ self.parts.y
         waiting, signals = (len(value), self.samples.signals) if step is not None else (0, ())
         return replace(
-            p, A=motion[:, :size], B=motion[:, size:], C=outputs[:, :size], D=outputs[:, size:], step=step,
+            p,
+            A=motion[:, :size],
+            B=motion[:, size:],
+            C=outputs[:, :size],
+            D=outputs[:, size:],
+            step=step,
             states=(*p.states, *(name for name, _, _ in signals), *(f"at {name}" for name in p.inputs[:waiting])),
             state_units=(*p.state_units, *(unit for _, unit, _ in signals), *p.input_units[:waiting]),
             x=np.concatenate([p.x, [x for _, _, x in signals], value[:waiting]]),
             outputs=(*p.outputs, *(p.inputs[i] for i in cut)),
             output_units=(*p.output_units, *(p.input_units[i] for i in cut)),
             y=np.concatenate([p.y, value[cut]]),
-        )  # fmt: skip
+        )
 
 
 def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:

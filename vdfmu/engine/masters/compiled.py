@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from ctypes import CDLL, Structure, addressof, byref, c_double, c_int, c_long, c_size_t, c_void_p, cast
-from functools import lru_cache
+from ctypes import Structure, addressof, byref, c_double, c_void_p, cast
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,59 +23,33 @@ from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.coupled import Coupled
 from vdfmu.engine.masters.events import EventStepper
 from vdfmu.engine.masters.exchange import Bank, Exchange
+from vdfmu.engine.masters.loop import (
+    BY_HAND,
+    CHANGED,
+    COPY,
+    EVENT,
+    LINE,
+    NOT_FINITE,
+    PREDICTED,
+    RAMP,
+    RATES,
+    SCALED,
+    STEP,
+    VALUES,
+    Action,
+    Master,
+    RowBlock,
+    lacking,
+    library,
+)  # fmt: skip
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.grid import Grid, largest_step
 from vdfmu.engine.results.recorder import RowsInMemory
 
-_COPY, _SCALED, _CHANGED, _PREDICTED, _LINE, _RAMP, _VALUES, _, _STEP, _, _RATES, _ = range(12)
-"""Kinds of actions. Kinds of calls are one more for FMI 3.0."""
-_NOT_FINITE, _EVENT, _BY_HAND = 2, 3, 4
-"""Answers of the loop."""
 _TYPES = "float64 float32 int64 bool int32 int16 int8 uint64 uint32 uint16 uint8".split()
 _SLICE = 0.01
 """Time [s] after which signals, and the clocks of recorder and observers, are looked at."""
-
-
-def _fields(**names: str) -> list[tuple[str, Any]]:
-    """Return the fields of a structure; the type is the first letter of each keyword."""
-    types = {"i": c_int, "l": c_long, "d": c_double, "n": c_size_t, "p": c_void_p}
-    return [(name, types[letter[0]]) for letter, listed in names.items() for name in listed.split()]
-
-
-class _Action(Structure):
-    _fields_ = _fields(
-        i="kind types number", l="every at_end from_row part parts", d="last", p="function component references",
-        n="n_references n",
-        p2="values source to from_ factor offset more flags reached",
-    )  # fmt: skip
-
-
-class _RowBlock(Structure):
-    _fields_ = _fields(p="block memory columns", n="n size", l="first")
-
-
-class _Master(Structure):
-    _fields_ = _fields(
-        p="actions rows outputs watched", n="n_actions n_rows n_watched", p2="clock size time waiting",
-        d="begin step rest", l="n", p3="row running", n2="action", i="status", d2="point length event", i2="pending",
-    )  # fmt: skip
-
-
-@lru_cache
-def _library() -> CDLL | None:
-    """Return the compiled loop; None without a compiler or room."""
-    from vdfmu.base.compile import own_library
-
-    library = own_library(Path(__file__).with_suffix(".c"))
-    if library is not None:
-        library.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
-    return library
-
-
-def lacking() -> str:
-    """Return that the compiled loop cannot be made here; else an empty text."""
-    return "" if _library() is not None else "no C compiler"
 
 
 def obstacle(stepper: Stepper, exchange: Exchange) -> str:
@@ -86,6 +58,10 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
         return f"the algorithm {exchange.checked.algorithm}"
     if isinstance(stepper, ContinuousStepper) and (stepper.error is not None or stepper.repeated):
         return "steps that may be repeated"
+    if isinstance(stepper, ContinuousStepper) and any(
+        addressof(call[1][4]) != rates.ctypes.data for _, call, _, rates in stepper.coupled.rates
+    ):
+        return "rates of parts of an array"
     if exchange.checked.feed is not None:
         return "inputs from outside"
     for bank in exchange.banks:
@@ -105,39 +81,39 @@ class CompiledSteps:
     """The steps of a run on a `grid`, as `stepper` does them, with the rows of all `keepers`."""
 
     def __init__(self, stepper: Stepper, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
-        library, bank = _library(), exchange.banks[0]
-        assert library is not None
+        loop, bank = library(), exchange.banks[0]
+        assert loop is not None
         self._eventful = stepper if isinstance(stepper, EventStepper) else None
         self._continuous = stepper if isinstance(stepper, ContinuousStepper) else None
         self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
-        self._run, self._exchange, self._grid = library.do_steps, exchange, grid
+        self._run, self._exchange, self._grid = loop.do_steps, exchange, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
         self.lasting = self._eventful is None and self._continuous is None
         """Whether the plan holds for other start values."""
-        self._actions: list[_Action] = []
+        self._actions: list[Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
         """The component of each action, and the function that judges its status."""
         if self._continuous is None:
             self._sample()
         else:
             self._couple(self._continuous.coupled)
-        rows: list[_RowBlock] = []
+        rows: list[RowBlock] = []
         owners: list[RowsInMemory] = []
         for keeper, each in product(keepers, self._banks):
             if columns := keeper.columns.get(kind := each.kind.lower()):
                 parts = keeper.data[kind], each.memory, np.array(columns, np.intp)
-                rows.append(_RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
+                rows.append(RowBlock(*map(self._address, parts), len(columns), each.memory.itemsize))
                 owners.append(keeper)
-        blocks = self._array(_RowBlock, rows)
+        blocks = self._array(RowBlock, rows)
         self._keepers = [
             (keeper, [block for owner, block in zip(owners, blocks, strict=True) if owner is keeper])
             for keeper in keepers
         ]
         box, watched = exchange.box, exchange.watched
-        self._master = _Master(
+        self._master = Master(
             outputs=self._address(bank.outputs), watched=self._address(watched), n_watched=watched.size,
-            actions=addressof(self._array(_Action, self._actions)), n_actions=len(self._actions),
+            actions=addressof(self._array(Action, self._actions)), n_actions=len(self._actions),
             rows=addressof(blocks), n_rows=len(rows),
             clock=addressof(exchange.clock), size=addressof(exchange.size), time=addressof(box.clock),
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
@@ -166,11 +142,11 @@ class CompiledSteps:
             for block in blocks:
                 block.first = begin
         while answer := self._run(self._pointer, first, end, _SLICE):
-            if answer in (_EVENT, _BY_HAND):
-                self._events(answer == _EVENT)
+            if answer in (EVENT, BY_HAND):
+                self._events(answer == EVENT)
                 first, end = master.n_actions, self.row + 1 if self._exchange.box.ended else end
                 continue
-            if answer == _NOT_FINITE:
+            if answer == NOT_FINITE:
                 self._exchange.refuse_not_finite("doStep", self._grid.time(self.row + 1))
             instance, judge = self._judges[master.action]
             judge(master)
@@ -221,7 +197,7 @@ class CompiledSteps:
             for part, where, last in unit.watched:
                 if where.size:
                     self._add(
-                        unit.instance, lambda master: None, kind=_CHANGED, types=_TYPES.index(part.dtype.name),
+                        unit.instance, lambda master: None, kind=CHANGED, types=_TYPES.index(part.dtype.name),
                         n=where.size, source=self._address(part), from_=self._address(where),
                         values=self._address(last),
                     )  # fmt: skip
@@ -236,12 +212,12 @@ class CompiledSteps:
                 self._whole(instance, before, each.outputs)
                 self._gather(instance.name, each, each.links, each.links)
                 self._whole(instance, coupled.waiting.get(each.kind, coupled.starts)[: each.inputs.size], each.inputs)
-        self._line(instance, _PREDICTED, coupled.outputs, begun, factor=self._address(previous), from_row=1)
+        self._line(instance, PREDICTED, coupled.outputs, begun, factor=self._address(previous), from_row=1)
         for owner, (_, arguments, name), places, rates in coupled.rates:
             self._rates(owner, owner.slopes_name, arguments, name, from_row=1)
             where = self._address(places)
             self._line(
-                owner, _LINE, coupled.outputs, begun, factor=self._address(rates), to=where, from_=where, n=rates.size,
+                owner, LINE, coupled.outputs, begun, factor=self._address(rates), to=where, from_=where, n=rates.size,
                 from_row=1,
             )  # fmt: skip
         self._part(instance, coupled.outputs, begun, np.flatnonzero(coupled.discrete))
@@ -260,7 +236,7 @@ class CompiledSteps:
             self._part(unit.instance, unit.ends, unit.starts, unit.held)
             for part, (hold, calls) in enumerate(unit.parts):
                 self._line(
-                    unit.instance, _RAMP, unit.inputs, unit.starts, factor=self._address(unit.ends),
+                    unit.instance, RAMP, unit.inputs, unit.starts, factor=self._address(unit.ends),
                     offset=self._address(hold), more=self._address(unit.slopes),
                 )  # fmt: skip
                 self._set(unit.instance)
@@ -296,7 +272,7 @@ class CompiledSteps:
         self._kept += [references, orders, values]
         self._add(
             instance, lambda master: instance.judge(master.status, call), name,
-            kind=_RATES + isinstance(instance, Instance3), references=addressof(references), n_references=n,
+            kind=RATES + isinstance(instance, Instance3), references=addressof(references), n_references=n,
             n=len(values), more=addressof(orders), values=addressof(values), **fields,
         )  # fmt: skip
 
@@ -342,7 +318,7 @@ class CompiledSteps:
         types = 16 * _TYPES.index(source.dtype.name) + _TYPES.index(values.dtype.name)
         factor, offset = map(self._address, scales or (None, None))
         self._add(
-            instance, judge, kind=_SCALED if scales else _COPY, types=types, n=to.size, at_end=at_end, factor=factor,
+            instance, judge, kind=SCALED if scales else COPY, types=types, n=to.size, at_end=at_end, factor=factor,
             offset=offset, values=self._address(values), to=self._address(to), source=self._address(source),
             from_=self._address(places),
         )  # fmt: skip
@@ -353,7 +329,7 @@ class CompiledSteps:
         self.lasting = self.lasting and not moved.partial
         self._add(
             instance, lambda master: instance.judge(master.status, moved.name), moved.verb + moved.native,
-            at_end=at_end, kind=_VALUES + isinstance(instance, Instance3),
+            at_end=at_end, kind=VALUES + isinstance(instance, Instance3),
             references=addressof(moved.references), n_references=len(moved.references), n=moved.memory.size,
             values=self._address(moved.memory),
         )  # fmt: skip
@@ -375,7 +351,7 @@ class CompiledSteps:
             if status:
                 instance.judge(status, "doStep")
 
-        self._add(instance, judge, "DoStep", kind=_STEP + bool(answers), at_end=at_end, last=last, **answers, **parts)
+        self._add(instance, judge, "DoStep", kind=STEP + bool(answers), at_end=at_end, last=last, **answers, **parts)
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
         """Add an action, a call of the FMI function if it has a name."""
@@ -385,7 +361,7 @@ class CompiledSteps:
             number = getattr(instance.function(name), "number", 0)
         every = self._exchange.checked.multiples.get(instance.name, 1)
         calls = {"function": function, "number": number, "component": instance.fmu.component}
-        self._actions.append(_Action(every=every, **calls, **fields))
+        self._actions.append(Action(every=every, **calls, **fields))
         self._judges.append((instance, judge))
 
     def _address(self, array: NDArray[Any] | None) -> int | None:

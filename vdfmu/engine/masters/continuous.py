@@ -50,9 +50,14 @@ class ContinuousStepper(Stepper):
     """
 
     def __init__(
-        self, exchange: Exchange, *, solver: Callable[[], Broyden] | None, convergence: float, error: float | None,
+        self,
+        exchange: Exchange,
+        *,
+        solver: Callable[[], Broyden] | None,
+        convergence: float,
+        error: float | None,
         span: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.exchange, self.box, repeat = exchange, exchange.box, solver is not None
         self.repeat, self.convergence, self.error = repeat, convergence, error
         self.steps = self.unit_steps = self.rejected = self.jumps = 0
@@ -84,10 +89,12 @@ class ContinuousStepper(Stepper):
                 end = target if parts <= 1 else time + left / parts
                 if end <= time:
                     raise CosimError(
-                        self.repeated[0].instance.name, "doStep", time,
+                        self.repeated[0].instance.name,
+                        "doStep",
+                        time,
                         f"the next step, of {left / parts:.3g} s, is below the resolution of time at {time:.9g} s; "
                         "begin nearer to zero",
-                    )  # fmt: skip
+                    )
                 if self.pressed():
                     raise KeyboardInterrupt
                 if self._attempt(time, largest_step(time, end), step):
@@ -110,11 +117,15 @@ class ContinuousStepper(Stepper):
     def facts(self) -> dict[str, Any]:
         """Return the summary's entries on the steps."""
         communication = {
-            "steps": self.steps, "convergence": self.convergence if self.repeat else None, "rejected": self.rejected,
-            "jumps": self.jumps, "unit_steps": self.unit_steps,
+            "steps": self.steps,
+            "convergence": self.convergence if self.repeat else None,
+            "rejected": self.rejected,
+            "jumps": self.jumps,
+            "unit_steps": self.unit_steps,
             # rounded, since they are differences of times
-            "shortest_step": round(self.shortest, 12), "longest_step": round(self.longest, 12),
-        }  # fmt: skip
+            "shortest_step": round(self.shortest, 12),
+            "longest_step": round(self.longest, 12),
+        }
         return {"communication": communication}
 
     def notes(self) -> list[str]:
@@ -271,9 +282,12 @@ class ContinuousStepper(Stepper):
             return outputs[torn]
 
         sizes, count = solver.solve(
-            outputs[torn], repeat, lambda residual: np.abs(residual) / self._scale()[torn], self.convergence,
+            outputs[torn],
+            repeat,
+            lambda residual: np.abs(residual) / self._scale()[torn],
+            self.convergence,
             lambda: interface_inverse(block, self.coupled, h),
-        )  # fmt: skip
+        )
         if np.all(sizes <= self.convergence):
             return
         i = int(np.argmax(sizes))

@@ -143,10 +143,16 @@ class Coupled:
             parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
         held = [i for i, k in enumerate(links) if k.discrete and k.end not in schedule.fresh]
         return CoupledUnit(
-            instance, [gather for gather in gathers if gather is not None], parts,
-            self.inputs[window], self.starts[window], self.ends[window], self.slopes[window],
-            runs, np.array(held, np.intp),
-        )  # fmt: skip
+            instance,
+            [gather for gather in gathers if gather is not None],
+            parts,
+            self.inputs[window],
+            self.starts[window],
+            self.ends[window],
+            self.slopes[window],
+            runs,
+            np.array(held, np.intp),
+        )
 
     def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:
         """Return the function that updates a unit's inputs of one type; discrete ones wait, reals in `_sweep`."""

@@ -50,10 +50,7 @@ class Bank:
         for unit, description in checked.sources.items():
             first, start = len(outputs), len(inputs)
             outputs += [(unit, v) for v in description.recordable if v.kind == kind]
-            fed = [
-                v for v in description.named("input")
-                if v.kind == kind and (unit, v.name) in links
-            ]  # fmt: skip
+            fed = [v for v in description.named("input") if v.kind == kind and (unit, v.name) in links]
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
             inputs += [(unit, v) for v in fed]
             self.output_windows[unit], self.input_windows[unit] = slice(first, len(outputs)), slice(start, len(inputs))
@@ -236,11 +233,13 @@ class Exchange:
             worst = int(np.argmax(sizes))
             link = torn[worst]
             raise CosimError(
-                link.start[0], "initialization", time,
+                link.start[0],
+                "initialization",
+                time,
                 f"the values do not agree: {link} {not_solved(sizes[worst], count, convergence)}. Algebraic loop: "
                 f"{initial.loops[initial.torn.index(link)]}. Give start values nearer to the solution, or break it",
                 kind=FailureKind.COUPLING,
-            )  # fmt: skip
+            )
 
     def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
         """Carry values over connections, first over `torn` ones, whole arrays at once."""
@@ -310,10 +309,7 @@ class Exchange:
         columns: dict[str, list[int]] = {}
         for bank in banks:
             kind = bank.kind.lower()
-            chosen = [
-                i for name, i in bank.names.items()
-                if (bank.is_free(i) if record is None else name in wanted)
-            ]  # fmt: skip
+            chosen = [i for name, i in bank.names.items() if (bank.is_free(i) if record is None else name in wanted)]
             try:
                 rec = np.empty((rows, len(chosen)), bank.memory.dtype)
             except (MemoryError, ValueError):
@@ -361,10 +357,12 @@ class Exchange:
         read = any((unit, variable.name) == link.start for link in bank.links)
         way = "" if read else ". No component reads it: leave it out of the record (record, --record) to run on"
         raise CosimError(
-            unit, call, self.box.time,
+            unit,
+            call,
+            self.box.time,
             f"{variable.name} is {bank.outputs[first]} at t = {time:.9g} s, expected a finite number{also}{way}",
             kind=FailureKind.NOT_FINITE,
-        )  # fmt: skip
+        )
 
 
 def _arrays(links: Iterable[Link]) -> list[list[Link]]:

@@ -116,10 +116,15 @@ class Pace(Tap):
         late = np.array(self._late) if self._late else np.zeros(1)
         p50, p99_9 = np.percentile(late, [50.0, 99.9]).tolist()
         return {
-            "speed": self._speed, "rows": len(self._late), "overruns": self._over, "late_p50_s": p50,
-            "late_p99_9_s": p99_9, "late_worst_s": late.max().item(), "worst_row": int(late.argmax()) + 2,
+            "speed": self._speed,
+            "rows": len(self._late),
+            "overruns": self._over,
+            "late_p50_s": p50,
+            "late_p99_9_s": p99_9,
+            "late_worst_s": late.max().item(),
+            "worst_row": int(late.argmax()) + 2,
             "machine": machine_name(),
-        }  # fmt: skip
+        }
 
 
 def machine_name() -> str:

@@ -238,9 +238,16 @@ class Bindings:
                 fault("SSP054", f"{len(values)} value(s) for {show_shape(shape)}")
             unit = typed.get("unit")
             entries[name] = BoundParameter(
-                "", prefix + name, tuple(values) if shape or not values else values[0], kind,
-                units.get(unit, UnitFactor(unit)) if unit else None, (Hop(),), origin, place_of(item), shape,
-            )  # fmt: skip
+                "",
+                prefix + name,
+                tuple(values) if shape or not values else values[0],
+                kind,
+                units.get(unit, UnitFactor(unit)) if unit else None,
+                (Hop(),),
+                origin,
+                place_of(item),
+                shape,
+            )
         return list(entries.values())
 
 

@@ -16,9 +16,8 @@ from vdfmu.base.text import close_to, name_fault
 from vdfmu.engine.fmu.description import Description, inspect_description
 from vdfmu.engine.fmu.variables import FmuVariable, type_of
 from vdfmu.engine.package.archive import Archive
-from vdfmu.engine.package.parse import FOREIGN
+from vdfmu.engine.package.parse import FOREIGN, META, add, add_experiment, root, to_bytes
 from vdfmu.engine.package.system import Connections, UnitFactor, ends_of
-from vdfmu.engine.package.writing import META, add, add_experiment, root, to_bytes
 from vdfmu.engine.plan.check import require_algorithm
 from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
@@ -177,8 +176,13 @@ def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: 
     system = add(top, "ssd:System", name=name)
     elements = add(system, "ssd:Elements")
     for component, description in ports.descriptions.items():
-        element = add(elements, "ssd:Component", name=component, source=quote(f"resources/{component}.fmu"),
-                       type="application/x-fmu-sharedlibrary")  # fmt: skip
+        element = add(
+            elements,
+            "ssd:Component",
+            name=component,
+            source=quote(f"resources/{component}.fmu"),
+            type="application/x-fmu-sharedlibrary",
+        )
         variables = [v for kind in ("input", "output") for v in description.named(kind)]
         used = {id(v): v for pair in pairs for owner, v in pair if owner == component}
         variables += [v for v in used.values() if v.causality not in ("input", "output")]
@@ -200,8 +204,15 @@ def _structure(ports: _Ports, pairs: Any, bound: Starts, name: str, experiment: 
     wires = add(system, "ssd:Connections") if pairs else None
     for (start, source), (end, sink) in pairs:
         plain = source.unit != sink.unit and (_is_plain(source.unit) or _is_plain(sink.unit))
-        add(wires, "ssd:Connection", startElement=start, startConnector=source.name, endElement=end,
-             endConnector=sink.name, suppressUnitConversion="true" if plain else None)  # fmt: skip
+        add(
+            wires,
+            "ssd:Connection",
+            startElement=start,
+            startConnector=source.name,
+            endElement=end,
+            endConnector=sink.name,
+            suppressUnitConversion="true" if plain else None,
+        )
     if units:
         box = add(top, "ssd:Units")
         for unit in units.values():

@@ -1,8 +1,9 @@
-"""Safe reading of XML, and of SSP 1.0 and 2.0 against their schemas."""
+"""XML of packages: parsed with limits, validated against schemas, written."""
 
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -12,6 +13,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml sh
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_1, SSP_FORMATS
+from vdfmu.base.version import __version__
 from vdfmu.engine.rules import Finding, breach, finding
 
 _FILES = {
@@ -31,10 +33,13 @@ for an algorithm."""
 _NAMED = {
     f"{{{NAMESPACES[prefix]}}}{tag}"
     for prefix, tag in (
-        ("ssd", "Connector"), ("ssd", "Component"), ("ssd", "SignalDictionaryReference"), ("ssv", "Parameter"),
+        ("ssd", "Connector"),
+        ("ssd", "Component"),
+        ("ssd", "SignalDictionaryReference"),
+        ("ssv", "Parameter"),
         ("ssb", "DictionaryEntry"),
     )
-}  # fmt: skip
+}
 _MANY = 1000
 """Most breaches of a schema that are reported each, with lines."""
 _SMALL = 2**14
@@ -47,9 +52,14 @@ def parse_xml(data: bytes, where: str) -> Any:
     SspError for text that is not well-formed XML, or has a document type declaration or an XInclude.
     """
     parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
-        remove_comments=True, remove_pis=True,
-    )  # fmt: skip
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
     url = where.encode("utf-8", "backslashreplace").decode()  # lxml takes no bytes that are not UTF-8
     try:
         root = etree.fromstring(data, parser, base_url=url)
@@ -132,3 +142,50 @@ def version_of(root: Any) -> str:
     stated = root.get("version") or ""
     alike = (name for name in SSP_FORMATS if name[0] == stated[:1])
     return stated if stated in SSP_FORMATS else next(alike, SSP_1.name)
+
+
+META = {
+    "generationTool": f"vdfmu {__version__}",
+    "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
+}
+_SPACES = NAMESPACES | FOREIGN
+
+
+def _tag(name: str) -> str:
+    prefix, _, local = name.partition(":")
+    return f"{{{_SPACES[prefix]}}}{local}"
+
+
+def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> Any:
+    """Return a root element ``prefix:name`` with the namespaces of the prefixes."""
+    return etree.Element(_tag(name), dict(attributes), nsmap={p: _SPACES[p] for p in prefixes})
+
+
+def add(parent: Any, name: str, /, **attributes: Any) -> Any:
+    """Append an element ``prefix:name`` with the attributes except None."""
+    texts = {key: _text(value) for key, value in attributes.items() if value is not None}
+    return etree.SubElement(parent, _tag(name), texts)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(float(value))  # the shortest text that reads back as the same number
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def add_experiment(top: Any, stop: float, step: float | None, **ours: Any) -> None:
+    """Append the default experiment, with annotations of vdfmu, with `ours`, and of libcosim."""
+    experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(stop))
+    if step is None and not any(value is not None for value in ours.values()):
+        return
+    annotations = add(experiment, "ssd:Annotations")
+    annotation = add(annotations, "ssc:Annotation", type=EXPERIMENT_TYPE)
+    add(annotation, "vdfmu:Experiment", communicationStepSize=step, **ours)
+    if step is not None:
+        algorithm = add(add(annotations, "ssc:Annotation", type=OSP_TYPE), "osp:Algorithm")
+        add(algorithm, "osp:FixedStepAlgorithm", baseStepSize=float(step))
+
+
+def to_bytes(element: Any) -> bytes:
+    """Return the content of a file."""
+    return etree.tostring(element, xml_declaration=True, encoding="UTF-8", pretty_print=True)

@@ -28,7 +28,7 @@ DEFAULT = "SystemStructure.ssd"
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
-    Nested systems, system connectors, signal dictionaries, inner packages and components that name another SSD are
+    Nested systems, system connectors, inner packages and components that name another SSD are
     resolved to connections from component to component. Parameter bindings of all levels are resolved to a value for
     each variable: a higher level overrides a lower level, a later binding an earlier one of its level.
 
@@ -109,14 +109,25 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
         name=root.get("name"),
         components=tuple(
             Component(
-                wiring.names[node.path], node.source, node.implementation, node.connectors, *bindings.of(node.path),
-                node.step, place_of(node.element),
-            ) for node in top.components()
+                wiring.names[node.path],
+                node.source,
+                node.implementation,
+                node.connectors,
+                *bindings.of(node.path),
+                node.step,
+                place_of(node.element),
+            )
+            for node in top.components()
         ),
-        connections=connections, units=dict(scope.units), experiment=experiment,
-        problems=(*problems_in(read), *wiring.problems), unmatched=tuple(bindings.unmatched), notes=tuple(notes),
-        faults=tuple(_file_faults(scope.files.values())), version=scope.version,
-    )  # fmt: skip
+        connections=connections,
+        units=dict(scope.units),
+        experiment=experiment,
+        problems=(*problems_in(read), *wiring.problems),
+        unmatched=tuple(bindings.unmatched),
+        notes=tuple(notes),
+        faults=tuple(_file_faults(scope.files.values())),
+        version=scope.version,
+    )
     return system, problems_in(read)
 
 
@@ -137,8 +148,7 @@ def _structure(scope: Scope) -> Any:
     return root
 
 
-_INLINE = {"ssv": "ParameterSet", "ssb": "SignalDictionary"}
-_USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
+_USERS = {"ssd": "Connector", "ssv": "Parameter"}
 """Elements with units, by the kind of file."""
 
 
@@ -155,10 +165,9 @@ def _file_faults(documents: Iterable[Document]) -> list[Finding]:
         if kind == "ssd":
             faults += _twice_faults(root, where)
         faults += _unit_faults(kind, root, set(units), where)
-        for inner, tag in _INLINE.items() if kind == "ssd" else ():
-            for part in root.iter(f"{{{NAMESPACES[inner]}}}{tag}"):
-                names = {*units, *read_units(_units_of(part, inner))}
-                faults += _unit_faults(inner, part, names, f"{where}, line {part.sourceline}")
+        for part in root.iter(f"{{{NAMESPACES['ssv']}}}ParameterSet") if kind == "ssd" else ():
+            names = {*units, *read_units(_units_of(part, "ssv"))}
+            faults += _unit_faults("ssv", part, names, f"{where}, line {part.sourceline}")
     return faults
 
 
@@ -187,7 +196,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
 
 def _name(item: Any) -> str:
     """Return the name of an item; for a connector the dotted name without the outermost system."""
-    tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System", "SignalDictionaryReference"))
+    tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System"))
     names = [above.get("name") for above in item.iterancestors(*tags)]
     is_connector = item.tag == f"{{{NAMESPACES['ssd']}}}Connector"
     outer = "".join(f"{name}." for name in reversed(names[:-1]) if name) if is_connector else ""

@@ -60,7 +60,7 @@ class Wiring:
     def __init__(self, top: Node) -> None:
         self.problems: list[Finding] = []
         self.kinds: dict[Key, str] = {}
-        """Kind of the element of each connector: "component", "system" or "dictionary"."""
+        """Kind of the element of each connector: "component" or "system"."""
         self.forward: dict[Key, list[tuple[Key, Hop, Indices]]] = {}
         self._sources: dict[Key, dict[Index, Key]] = {}
         """Sources of a connector, or of a part of it."""
@@ -190,7 +190,7 @@ def _join(first: Indices, then: Indices) -> Indices | None:
 
 
 CONVERT = "Connect signals of one quantity, or put a component between them"
-"""Way out for units of measurement that do not convert."""
+"""Fix for units of measurement that do not convert."""
 
 
 def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Iterator[tuple[str, str]]:

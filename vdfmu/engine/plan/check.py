@@ -132,10 +132,16 @@ def check_system(
         raise error
     notes = *checker.notes, *(feed.notes if feed is not None else ())
     checked = Checked(
-        system, descriptions, tuple(links), algorithm, schedule,
-        {name: list(values.values()) for name, values in starts.items()}, notes, feed,
+        system,
+        descriptions,
+        tuple(links),
+        algorithm,
+        schedule,
+        {name: list(values.values()) for name, values in starts.items()},
+        notes,
+        feed,
         tuple(checker.clock_links),
-    )  # fmt: skip
+    )
     checked = with_parameters(checked, parameters or {})
     if strict:
         require_values(checked)
@@ -267,8 +273,11 @@ def with_steps(checked: Checked, step: float) -> Checked:
                 f"{name}.{checked.descriptions[name].period}={h * max(1, round(period / h)):g})"
             )
         sampled = {k.start for k in checked.links if k.source.variability == "discrete"} | checked.schedule.direct
-        late = {k.start[1] for k in checked.links if k.stepped and k.start[0] == name and k.start in sampled
-                and k.end not in checked.schedule.fresh}  # fmt: skip
+        late = {
+            k.start[1]
+            for k in checked.links
+            if k.stepped and k.start[0] == name and k.start in sampled and k.end not in checked.schedule.fresh
+        }
         if late and not checked.how.continuous:
             groups = ", ".join(dict.fromkeys(output.split("[")[0] for output in late))
             notes.append(f"{name}: samples every {period:g} s; a sample acts on {groups} a step later, after {h:g} s")

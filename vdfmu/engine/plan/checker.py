@@ -257,9 +257,14 @@ class Checker:
             conversion = Conversion()
             try:
                 conversion = compose(
-                    connection.hops, self.port_unit(connection.start, source), self.port_unit(connection.end, sink),
-                    source.type, self.system.units, sink.relative, (source.items, sink.items),
-                )  # fmt: skip
+                    connection.hops,
+                    self.port_unit(connection.start, source),
+                    self.port_unit(connection.end, sink),
+                    source.type,
+                    self.system.units,
+                    sink.relative,
+                    (source.items, sink.items),
+                )
             except MisfitError as error:
                 fault(_OF_CONNECTION[error.kind], f"{error}. {CONVERT}" if error.kind == "unit" else str(error))
             unit, target = self.port_unit(connection.start, source), self.port_unit(connection.end, sink)
@@ -352,9 +357,14 @@ class Checker:
             raise MisfitError("type", str(error)) from None
         unit = self.port_unit((parameter.component, parameter.name), variable)
         conversion = compose(
-            hops, parameter.unit, unit, variable.type, self.system.units, variable.relative,
+            hops,
+            parameter.unit,
+            unit,
+            variable.type,
+            self.system.units,
+            variable.relative,
             (variable.items, variable.items),
-        )  # fmt: skip
+        )
         if conversion.table is not None:
             value = conversion.table.get(int(value), int(value))
         elif isinstance(value, float) and not conversion.trivial:

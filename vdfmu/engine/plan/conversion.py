@@ -120,7 +120,7 @@ def _values_of(
 Port = tuple[str, str]
 """Component and variable."""
 SOURCE = "(inputs)"
-"""Stands for a component for signals from outside."""
+"""Component of the signals that come from outside."""
 
 
 @dataclass(frozen=True)

@@ -276,8 +276,10 @@ def feed_inputs(
             groups.setdefault((sink.kind, held), []).append(i)
         elements = [name for name in variables if table.group and name.startswith(f"{table.group}[")]
         if not {*elements} <= {*table.names}:
-            problems.append(f"{table.where}: expected {len(elements)} columns, a value for each of {elements[0]} to "
-                            f"{elements[-1]}, got {len(table.names)}")  # fmt: skip
+            problems.append(
+                f"{table.where}: expected {len(elements)} columns, a value for each of {elements[0]} to "
+                f"{elements[-1]}, got {len(table.names)}"
+            )
         for (kind, held), columns in groups.items():
             course = Course(table.t, table.values[:, columns], held)
             courses.append(Fed(kind, tuple(table.names[i] for i in columns), course))

@@ -58,8 +58,8 @@ def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> 
     Without rows it leaves nothing. A killed run leaves ``partial_PID``, and the next run removes it. Several runs at
     once, in threads or processes, do not interfere: the last to complete stays.
 
-    UsageError if the folder cannot be written to, or, without `overwrite`, has files of these names that vdfmu has not
-    written.
+    UsageError if the folder cannot be written to, or, without `overwrite`, has files of these names that vdfmu did
+    not write.
     """
     made, owned = not folder.exists(), None
     names = (f"partial_{os.getpid()}" + (f"_{k}" if k > 1 else "") for k in count(1))

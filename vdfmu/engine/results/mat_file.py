@@ -28,9 +28,30 @@ _MOST = 2**31 - 2**10
 _LONGEST = 63
 """Letters of a name in MATLAB."""
 _TAKEN = (
-    "time", "units", "vdfmu", "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for",
-    "function", "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while",
-)  # fmt: skip
+    "time",
+    "units",
+    "vdfmu",
+    "break",
+    "case",
+    "catch",
+    "classdef",
+    "continue",
+    "else",
+    "elseif",
+    "end",
+    "for",
+    "function",
+    "global",
+    "if",
+    "otherwise",
+    "parfor",
+    "persistent",
+    "return",
+    "spmd",
+    "switch",
+    "try",
+    "while",
+)
 
 
 def write_mat(results: Recorded, path: Path) -> None:

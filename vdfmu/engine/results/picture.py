@@ -25,6 +25,9 @@ _CURVES, _CURVES_ALONE = 8, 28
 """Most curves of a panel beside others, and of a panel alone: they differ in colour or dashes."""
 _WORDS = 38
 """Characters of a title, of a label, of a unit."""
+_SYMBOL = re.compile(r"(?<![\w.])(ℓ?[qτκ])(?:_([a-z]))?(?![\w.\[])")
+"""A symbol of the paper in a label, but not in the name of a signal, ``plant.q``."""
+_LETTERS = {"ℓ": r"\ell ", "τ": r"\tau", "κ": r"\kappa"}
 _LEAST, _LARGEST = 1e-290, 1e290
 """Values that matplotlib can draw."""
 _DASHED: dict[str, Any] = {"linestyle": (0, (5, 3)), "linewidth": 0.7}
@@ -48,21 +51,23 @@ def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], 
 
 
 def write_figures(
-    figures: Iterable[Figure], results: Recorded, folder: Path, suffixes: Sequence[str], width: float
+    figures: Iterable[Figure], results: Recorded, folder: Path, suffixes: Sequence[str], width: float, serif: bool
 ) -> None:
     """Write a file for each figure and kind of file; `width` in inches."""
     for figure in figures:
-        picture = draw([figure], {"": results}, width)
+        picture = draw([figure], {"": results}, width, serif=serif)
         for suffix in suffixes:
             style.save(picture, folder / figure_file(figure.key, suffix))
 
 
-def write_signals(results: Recorded, folder: Path, suffixes: Sequence[str], width: float) -> list[str]:
+def write_signals(
+    results: Recorded, folder: Path, suffixes: Sequence[str], width: float, serif: bool = False
+) -> list[str]:
     """Write ``signals.png`` and so on, unless nothing is recorded; return the titles of the figures left out."""
     figures = list(signal_figures(results))
     shown = chosen(figures)
     if shown:
-        picture = draw(shown, {"": results}, width)
+        picture = draw(shown, {"": results}, width, serif=serif)
         for suffix in suffixes:
             style.save(picture, folder / f"signals.{suffix}")
     return [figure.title for figure in figures if figure not in shown]
@@ -70,9 +75,14 @@ def write_signals(results: Recorded, folder: Path, suffixes: Sequence[str], widt
 
 @style.paper
 def draw(
-    figures: Sequence[Figure], runs: Mapping[str, Recorded], width: float = style.WIDTH, columns: int | None = None
+    figures: Sequence[Figure],
+    runs: Mapping[str, Recorded],
+    width: float = style.WIDTH,
+    columns: int | None = None,
+    *,
+    serif: bool = False,
 ) -> Picture:
-    """Draw a panel for each figure. Of several `runs`, by name, the later ones are dashed.
+    """Draw a panel for each figure. Of several `runs`, by name, the later ones are dashed. `serif`: see `style.paper`.
 
     Panels have their legends inside, above the curves. Titles tell several panels apart.
     """
@@ -141,7 +151,8 @@ def _legend(axes: Axes, handles: Sequence[Line2D], room: tuple[float, float]) ->
     """Put a legend into a panel of this width and height [in], and make room for it above the curves."""
     if not handles:
         return
-    entry = 0.36 + 0.065 * max(len(str(handle.get_label())) for handle in handles)  # in, of text of 8 pt
+    shown = (re.sub(r"\\(\w)\w*|[${}_ ]", r"\1", str(handle.get_label())) for handle in handles)
+    entry = 0.36 + 0.065 * max(map(len, shown))  # in, of text of 8 pt
     columns = min(max(int((room[0] - 0.75) / entry), 1), len(handles))
     rows = -(-len(handles) // columns)
     share = min((0.1 + 0.15 * rows) / room[1], 0.7)
@@ -159,7 +170,13 @@ def _plain(text: str, length: int = _WORDS) -> str:
     """Return a text that matplotlib does not take for a formula, shortened in its middle."""
     if len(text) > length:
         text = f"{text[: length // 2 - 1]}…{text[-(length - length // 2) :]}"
-    return text.replace("$", r"\$")
+    return _SYMBOL.sub(_formula, text.replace("$", r"\$"))
+
+
+def _formula(match: re.Match[str]) -> str:
+    """Return a symbol of the paper as mathematics: ``ℓτ_m`` as ℓτ with the index m."""
+    letters = "".join(_LETTERS.get(letter, letter) for letter in match[1])
+    return f"${letters}_{{{match[2]}}}$" if match[2] else f"${letters}$"
 
 
 def chosen(figures: Sequence[Figure]) -> list[Figure]:

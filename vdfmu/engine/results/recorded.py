@@ -42,9 +42,13 @@ class Recorded:
     """Recorded signals on the communication points, without files and pictures; see :class:`vdfmu.Results`."""
 
     def __init__(
-        self, time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArray[Any]],
-        summary: dict[str, Any] | None = None, messages: Sequence[Any] = (),
-    ) -> None:  # fmt: skip
+        self,
+        time: Floats,
+        signals: Sequence[Signal],
+        data: Mapping[str, NDArray[Any]],
+        summary: dict[str, Any] | None = None,
+        messages: Sequence[Any] = (),
+    ) -> None:
         self.time = time
         self._summary: dict[str, Any] = {} if summary is None else summary
         self._judge: Callable[[Any], object] | None = None
@@ -157,6 +161,13 @@ class Recorded:
         """Return the same results with other names of the signals."""
         signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
         return type(self)(self.time, signals, self.data, self.summary, self.messages)
+
+    def first(self, rows: int) -> Self:
+        """Return the first rows; the same results if there are no more."""
+        if rows >= len(self):
+            return self
+        data = {kind: array[:rows] for kind, array in self.data.items()}
+        return type(self)(self.time[:rows], list(self._signals.values()), data, self.summary, self.messages)
 
     def thinned(self, most: int) -> Self:
         """Return at most `most` rows at equal distances, with the first; the same results if they are few enough."""

@@ -108,10 +108,15 @@ class Recorder(RowsInMemory):
     """
 
     def __init__(
-        self, paths: Sequence[Path], signals: Sequence[Signal], data: Mapping[str, NDArray[Any]],
-        columns: Mapping[str, Sequence[int]], put: Callable[[int], None], times: Callable[[int, int], Floats],
+        self,
+        paths: Sequence[Path],
+        signals: Sequence[Signal],
+        data: Mapping[str, NDArray[Any]],
+        columns: Mapping[str, Sequence[int]],
+        put: Callable[[int], None],
+        times: Callable[[int, int], Floats],
         longest: float = SECONDS,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(data, columns, put)
         streams = [(path, stream) for path in paths if (stream := format_of(path).streams)]
         self._path = streams[0][0] if streams else paths[0]

@@ -79,9 +79,11 @@ def verdict_of(checks: Sequence[Check], results: Sequence[str] = ()) -> dict[str
     else:
         headline = next((check.sentence for check in judged if check.state == state), "no check applies to this run")
     return {
-        "state": state, "headline": _short(f"{state.capitalize()}: {headline}"), "results": "; ".join(phrases),
+        "state": state,
+        "headline": _short(f"{state.capitalize()}: {headline}"),
+        "results": "; ".join(phrases),
         "checks": [check.to_dict() for check in checks],
-    }  # fmt: skip
+    }
 
 
 def unjudged_phrase(checks: Iterable[Check]) -> list[str]:

@@ -9,6 +9,14 @@ from vdfmu.engine.run.session import Interrupted
 from vdfmu.engine.run.simulator import Simulator, check_coupling, simulate
 
 __all__ = [
-    "ALGORITHMS", "Interrupted", "LogMessage", "LostProcessError", "Results", "Signal", "Simulator",
-    "check_coupling", "check_system", "simulate",
-]  # fmt: skip
+    "ALGORITHMS",
+    "Interrupted",
+    "LogMessage",
+    "LostProcessError",
+    "Results",
+    "Signal",
+    "Simulator",
+    "check_coupling",
+    "check_system",
+    "simulate",
+]

@@ -27,8 +27,8 @@ from vdfmu.base.files import storing
 from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
-from vdfmu.engine.masters.compiled import lacking
 from vdfmu.engine.masters.exchange import Exchange, words_of
+from vdfmu.engine.masters.loop import lacking
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.options import Limits
 from vdfmu.engine.package.system import Value
@@ -39,10 +39,8 @@ from vdfmu.engine.results.recorder import RowsInMemory
 STEP = struct.Struct("<ddd")
 """Time, step and stop of `advance`, after a length of 0: 1.1 us on both sides; a pickled message takes 6.7 us."""
 _STEPS = SIZE.pack(0)
-ROWS = "rows"
-"""File next to the memory: the last rows of steps in C, see `windows`."""
 _WORDS = 2**17
-"""Most words of it, if a row has fewer."""
+"""Most words of memory for the rows of steps in C, see `windows`, if a row has fewer."""
 CALLS = "calls"
 """File next to the memory: a line for each function of a component, written before its first call. The word `running`
 of the exchange is the number of the line, from 1, during a call, and its negative afterwards."""
@@ -79,14 +77,19 @@ class Isolated(Stepper):
         self.exchange = Exchange(checked, {}, box, mapped(self._memory))
         self._content = pickle.dumps((checked, dict(folders)))
         self._child: Child | None = None
+        self._plans = 0
         self._pressed_at, self._cut_off, self._late, self._stepping = math.inf, False, False, False
 
     def load(self) -> None:
         """Start the process, load the libraries and create the instances."""
         self._child = Child(
-            "vdfmu.engine.run.isolated_server", str(self._memory), str(self.limits.memory),
-            limit=self.limits.time, show=True, stop=self._stop,
-        )  # fmt: skip
+            "vdfmu.engine.run.isolated_server",
+            str(self._memory),
+            str(self.limits.memory),
+            limit=self.limits.time,
+            show=True,
+            stop=self._stop,
+        )
         self._child.since += _START
         self._take()
         self._ask("load", self._content)
@@ -113,11 +116,11 @@ class Isolated(Stepper):
         columns = [dict(keeper.columns) for keeper in keepers]
         width = sum(len(places) for each in columns for places in each.values())
         size = min(grid.n, max(1, _WORDS // max(width, 1)))
-        rows = self._memory.with_name(ROWS)
+        self._plans += 1
+        rows = self._memory.with_name(f"rows_{self._plans}")  # both processes may still have that of an earlier run
         with storing(rows):
-            rows.unlink(missing_ok=True)  # an earlier run may have mapped it
             rows.write_bytes(bytes(8 * max(size * width, 1)))
-        why = lacking() or self._ask("compile", tuple(grid), columns, size)
+        why = lacking() or self._ask("compile", tuple(grid), columns, size, rows)
         return why or IsolatedSteps(self, grid, keepers, windows(mapped(rows), columns, size))
 
     def do_steps(self, end: int) -> None:

@@ -21,7 +21,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run.isolated import CALLS, ROWS, STEP, mapped, windows
+from vdfmu.engine.run.isolated import CALLS, STEP, mapped, windows
 
 
 class Server:
@@ -30,7 +30,7 @@ class Server:
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
-        self._words, self._rows = mapped(Path(memory)), Path(memory).with_name(ROWS)
+        self._words = mapped(Path(memory))
         self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 
     def load(self, start: bytes) -> None:
@@ -62,8 +62,9 @@ class Server:
     def reset(self, starts: Mapping[str, Sequence[tuple[str, Value]]], multiples: Mapping[str, int]) -> None:
         """See `Components.reset`; for the values see `Checked`."""
         checked, tables = self._components.checked, self._components.checked.descriptions
-        mine = {name: [(tables[name].variables[each], value) for each, value in values]
-                for name, values in starts.items()}  # fmt: skip
+        mine = {
+            name: [(tables[name].variables[each], value) for each, value in values] for name, values in starts.items()
+        }
         self._box.ended.clear()
         self._derivatives = None
         self._components.reset(replace(checked, starts=mine, multiples=multiples))
@@ -88,9 +89,9 @@ class Server:
         with suppress(UsageError):  # the master reports it
             exchange.recorders(1, record)
 
-    def compile(self, grid: tuple[float, float, float, int], columns: Any, size: int) -> str:
-        """Plan steps in C with rows in `windows`; return why not, or an empty text."""
-        steps = self._components.compiled(Grid(*grid), windows(mapped(self._rows), columns, size))
+    def compile(self, grid: tuple[float, float, float, int], columns: Any, size: int, rows: Path) -> str:
+        """Plan steps in C with rows in the `windows` of a file; return why not, or an empty text."""
+        steps = self._components.compiled(Grid(*grid), windows(mapped(rows), columns, size))
         if isinstance(steps, str):
             return steps
         self._steps = steps

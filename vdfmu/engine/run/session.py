@@ -41,9 +41,14 @@ class Session:
     components: Components | Isolated
 
     def __init__(
-        self, checked: Checked, log: Callable[[LogMessage], None] | None, isolate: bool | None, limits: Limits,
-        coupling: tuple[float | None, float | None] = (None, None), stepper: str = AUTO,
-    ) -> None:  # fmt: skip
+        self,
+        checked: Checked,
+        log: Callable[[LogMessage], None] | None,
+        isolate: bool | None,
+        limits: Limits,
+        coupling: tuple[float | None, float | None] = (None, None),
+        stepper: str = AUTO,
+    ) -> None:
         self.checked, self.box, self._limits, self._coupling = checked, MessageBox(log), limits, coupling
         self.resting = False
         """Whether no run uses the components."""
@@ -121,9 +126,13 @@ class Session:
         self.box.flush()
 
     def planned(
-        self, grid: Grid, record: Sequence[str] | None, files: Sequence[Path] = (), taps: Sequence[Tap] = (),
+        self,
+        grid: Grid,
+        record: Sequence[str] | None,
+        files: Sequence[Path] = (),
+        taps: Sequence[Tap] = (),
         paced: bool = False,
-    ) -> RunPlan:  # fmt: skip
+    ) -> RunPlan:
         """Return the plan of a run."""
         wanted, plan = (grid, None if record is None else tuple(record)), self.plan
         if plan is not None and plan.wanted == wanted and not (files or taps):
@@ -141,9 +150,14 @@ class RunPlan:
     """Stepper, rows and steps of runs at the same times; `wanted` are their grid and the names of their signals."""
 
     def __init__(
-        self, session: Session, wanted: tuple[Grid, Sequence[str] | None],
-        coupling: tuple[float | None, float | None], files: Sequence[Path], taps: Sequence[Tap], paced: bool,
-    ) -> None:  # fmt: skip
+        self,
+        session: Session,
+        wanted: tuple[Grid, Sequence[str] | None],
+        coupling: tuple[float | None, float | None],
+        files: Sequence[Path],
+        taps: Sequence[Tap],
+        paced: bool,
+    ) -> None:
         self.wanted, exchange = wanted, session.exchange
         grid, record = wanted
         self.stepper = session.components.couple(*coupling, grid.end - grid.begin, record)
@@ -233,9 +247,14 @@ class Run:
     """
 
     def __init__(
-        self, session: Session, grid: Grid, summary: dict[str, Any], options: Mapping[str, Any],
-        files: Sequence[Path] = (), taps: Sequence[Tap] = (),
-    ) -> None:  # fmt: skip
+        self,
+        session: Session,
+        grid: Grid,
+        summary: dict[str, Any],
+        options: Mapping[str, Any],
+        files: Sequence[Path] = (),
+        taps: Sequence[Tap] = (),
+    ) -> None:
         self._session, self._grid, self.summary, self._files = session, grid, summary, files
         self._observer, speed = options["observer"], options["pace"]
         self._done = -1

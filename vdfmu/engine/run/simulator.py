@@ -122,10 +122,13 @@ class Simulator:
         options = self._options
         self._tables = read_inputs(options["inputs"], bool(options["input_hold"]))
         self._checked = check_system(
-            self._system, options["parameters"], inputs=self._tables, algorithm=options["algorithm"],
+            self._system,
+            options["parameters"],
+            inputs=self._tables,
+            algorithm=options["algorithm"],
             repeats=options["adaptive"] is not None,
             ignore_unmatched=options["ignore_unmatched"],
-        )  # fmt: skip
+        )
         self.sizes = {
             f"{name}.{v.name}"
             for name, each in self._checked.descriptions.items()
@@ -170,11 +173,18 @@ class Simulator:
             self._initialize(session, grid)
             summary = {
                 **(options["about"] or {}),
-                "system": self._system.name, "algorithm": checked.algorithm, "adaptive": self._options["adaptive"],
-                "order": list(checked.schedule.units), "start": grid.begin, "stop": grid.end, "step": grid.step,
-                "steps": grid.n, "isolated": session.isolated, "held": checked.held,
+                "system": self._system.name,
+                "algorithm": checked.algorithm,
+                "adaptive": self._options["adaptive"],
+                "order": list(checked.schedule.units),
+                "start": grid.begin,
+                "stop": grid.end,
+                "step": grid.step,
+                "steps": grid.n,
+                "isolated": session.isolated,
+                "held": checked.held,
                 "notes": [*checked.notes, *reach],
-            }  # fmt: skip
+            }
             with shown_steps(options["progress"], "co-simulation") as progress:
                 run = Run(session, grid, summary, options, files, taps)
                 session.results = run.steps(progress)
@@ -190,9 +200,13 @@ class Simulator:
 
     @checks_types
     def reset(
-        self, *, start: float | None = None, stop: float | None = None, step: float | None = None,
+        self,
+        *,
+        start: float | None = None,
+        stop: float | None = None,
+        step: float | None = None,
         parameters: Mapping[str, Value] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin a run by hand, with steps by :meth:`step`; for arguments see :meth:`run`.
 
         With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
@@ -308,9 +322,13 @@ class Simulator:
             return self._session
         options = self._options
         self._session = Session(
-            checked, options["log"], options["isolate"], self._limits, (options["adaptive"], options["convergence"]),
+            checked,
+            options["log"],
+            options["isolate"],
+            self._limits,
+            (options["adaptive"], options["convergence"]),
             options["stepper"],
-        ).__enter__()  # fmt: skip
+        ).__enter__()
         return self._session
 
     def _initialize(self, session: Session, grid: Grid) -> None:

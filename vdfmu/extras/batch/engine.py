@@ -101,9 +101,19 @@ class Engine:
         rows = np.empty((self.lanes, n + 1, len(self._signals)))
         good = np.zeros(self.lanes, dtype=np.bool_)
         arguments = (
-            memory, program.points, program.sizes, n, program.fed, len(program.fed), program.course, self._shown,
-            self._recorded, len(self._recorded), rows, good,
-        )  # fmt: skip
+            memory,
+            program.points,
+            program.sizes,
+            n,
+            program.fed,
+            len(program.fed),
+            program.course,
+            self._shown,
+            self._recorded,
+            len(self._recorded),
+            rows,
+            good,
+        )
         self._library.run(*(each if isinstance(each, int) else each.ctypes.data for each in arguments))
         facts = {"start": 0.0, "stop": program.time[-1].item(), "steps": n}
         return [

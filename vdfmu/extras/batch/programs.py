@@ -98,8 +98,10 @@ class _LaneCode(Code):
             if function is not None:
                 taken, parts[kind] = self.take(function), f"{kind}_{i}"
                 places = map(moving.place, taken.name_in())
-                listed = ("h" if name == "h" else "still" if place is None else f"m + {place}"
-                          for name, place in zip(taken.name_in(), places, strict=True))  # fmt: skip
+                listed = (
+                    "h" if name == "h" else "still" if place is None else f"m + {place}"
+                    for name, place in zip(taken.name_in(), places, strict=True)
+                )
                 call = f"{taken.name()}({', '.join([*listed, *taken.name_out()])});"
                 yield f"static void {kind}_{i}(double *m, {arguments})\n{{\n    {call}\n}}\n"
         if moving.update:
@@ -176,6 +178,14 @@ def make_program(description: SystemDescription, varied: Iterable[str]) -> Batch
     points = grid.times(0, grid.n)
     sizes = np.append(np.full(grid.n - 1, grid.step), grid.last)
     return BatchProgram(
-        tuple(libraries), program.system.memory.copy(), program.limits(), program.signals(), optional, fed,
-        program.courses(), points, sizes, np.append(points, grid.end),
-    )  # fmt: skip
+        tuple(libraries),
+        program.system.memory.copy(),
+        program.limits(),
+        program.signals(),
+        optional,
+        fed,
+        program.courses(),
+        points,
+        sizes,
+        np.append(points, grid.end),
+    )

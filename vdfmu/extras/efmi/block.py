@@ -76,7 +76,7 @@ class SampledBlock:
         self.variables = tuple(self._variables())
         if len({(v.name, v.before) for v in self.variables}) < len(self.variables):
             names = ", ".join(_RESERVED)
-            raise UsageError(f"{interface.name}: blocks of eFMI reserve the variables {names}. Rename.")
+            raise UsageError(f"{interface.name}: blocks of eFMI reserve the variables {names}. Rename them.")
 
     @property
     def description(self) -> str:
@@ -149,10 +149,16 @@ class SampledBlock:
         text = general_description(first.description) if first.index else first.description
         text += f", {shape[0]} rows one after the other" if len(shape) > 1 else ""
         return BlockVariable(
-            self.named(name), causality, start, len(members) if first.index else 0,
-            units.pop() if len(units) == 1 else None, text + " before the sample" * before,
-            minimum=first.minimum, maximum=first.maximum, before=before,
-        )  # fmt: skip
+            self.named(name),
+            causality,
+            start,
+            len(members) if first.index else 0,
+            units.pop() if len(units) == 1 else None,
+            text + " before the sample" * before,
+            minimum=first.minimum,
+            maximum=first.maximum,
+            before=before,
+        )
 
     @cached_property
     def sizes(self) -> dict[str, int]:

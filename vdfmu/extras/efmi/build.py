@@ -138,8 +138,16 @@ def _add_files(root: Element, files: Mapping[str, tuple[bytes, str]]) -> None:
     """Add the files of a container: name to content and role."""
     listed = _add(root, "Files")
     for name, (content, role) in files.items():
-        _add(listed, "File", id=f"file.{name}", name=name, path="./", needsChecksum="true",
-             checksum=_checksum(content), role=role)  # fmt: skip
+        _add(
+            listed,
+            "File",
+            id=f"file.{name}",
+            name=name,
+            path="./",
+            needsChecksum="true",
+            checksum=_checksum(content),
+            role=role,
+        )
 
 
 def _identifier(v: BlockVariable) -> str:
@@ -180,9 +188,14 @@ def _add_variable(parent: Element, v: BlockVariable) -> None:
     values = v.start if len(set(v.start)) > 1 else v.start[:1]
     text = number if v.type == "Real" else partial(galec_value, v)
     element = _add(
-        parent, f"{v.type}Variable", id=_identifier(v), name=galec_name(v), description=v.description,
-        blockCausality=v.causality, start=" ".join(map(text, values)),
-    )  # fmt: skip
+        parent,
+        f"{v.type}Variable",
+        id=_identifier(v),
+        name=galec_name(v),
+        description=v.description,
+        blockCausality=v.causality,
+        start=" ".join(map(text, values)),
+    )
     if v.unit:
         element.set("unitRefId", _unit_id(v.unit))
     _add_size(element, v, "1")
@@ -237,8 +250,9 @@ def _add_header(files: Element, block: SampledBlock, types: Iterable[str]) -> No
         _add(definition, "Alias", targetTypeRefId=f"target.{name}")
     structure = _add(_add(definitions, "Typedef", id=_STRUCTURE, name=block.name), "Components")
     for v in members(block):
-        component = _add(structure, "Component", id=f"component.{c_name(v)}", name=c_name(v),
-                         typeDefRefId=f"type.{c_type(v, block)}")  # fmt: skip
+        component = _add(
+            structure, "Component", id=f"component.{c_name(v)}", name=c_name(v), typeDefRefId=f"type.{c_type(v, block)}"
+        )
         _add_size(component, v, "0")
     _add(structure, "Component", id="component.errorSignals", name="errorSignals", typeDefRefId="type.uint32_t")
 
@@ -256,8 +270,15 @@ def _add_source(files: Element, block: SampledBlock) -> None:
     for method in METHODS:
         function = _add(functions, "Function", id=f"function.{method}", name=f"{block.name}_{method}")
         _add(function, "ReturnParameter", id=f"return.{method}", typeDefRefId="type.void")
-        _add(_add(function, "FormalParameters"), "FormalParameter", id=f"self.{method}", name="self", number="0",
-             typeDefRefId=_STRUCTURE, pointer="true")  # fmt: skip
+        _add(
+            _add(function, "FormalParameters"),
+            "FormalParameter",
+            id=f"self.{method}",
+            name="self",
+            number="0",
+            typeDefRefId=_STRUCTURE,
+            pointer="true",
+        )
 
 
 def _add_size(parent: Element, v: BlockVariable, first: str) -> None:
@@ -292,6 +313,13 @@ def _content(block: SampledBlock, origin: _Origin, manifests: Mapping[str, bytes
     root = origin.root("Content", "Content", block, "0.11.0", "schemas/efmiContainerManifest.xsd")
     root.set("activeFmu", PRODUCTION)
     for kind, text in manifests.items():
-        _add(root, "ModelRepresentation", name=kind, kind=kind, manifest=_MANIFEST, checksum=_checksum(text),
-             manifestRefId=origin.identifier(kind))  # fmt: skip
+        _add(
+            root,
+            "ModelRepresentation",
+            name=kind,
+            kind=kind,
+            manifest=_MANIFEST,
+            checksum=_checksum(text),
+            manifestRefId=origin.identifier(kind),
+        )
     return root

@@ -14,9 +14,21 @@ if TYPE_CHECKING:
     from vdfmu.extras.identify.stiffness_design import stiffness_experiment
 
 __all__ = [
-    "Identified", "Log", "SensorNoise", "Stiffness", "design", "fastest", "identified_robot", "identify",
-    "identify_stiffness", "multisine", "read_log", "score", "stiffness_experiment", "sweep",
-]  # fmt: skip
+    "Identified",
+    "Log",
+    "SensorNoise",
+    "Stiffness",
+    "design",
+    "fastest",
+    "identified_robot",
+    "identify",
+    "identify_stiffness",
+    "multisine",
+    "read_log",
+    "score",
+    "stiffness_experiment",
+    "sweep",
+]
 _NAMES = {
     "excitation": ("multisine", "sweep"),
     "fit": ("Identified", "identified_robot", "identify", "score"),

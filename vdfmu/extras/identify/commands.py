@@ -150,7 +150,7 @@ def identify(
         from vdfmu.base.style import save
         from vdfmu.extras.identify.drawings import draw_residuals
 
-        title = f"What {arm.name}, identified from {log.name}, leaves of {(other or log).name}"
+        title = f"Residuals of {arm.name}, identified from {log.name}, on {(other or log).name}"
         save(draw_residuals(title, scored, arm), targets[residuals])
         written.append(residuals)
     failed = state_of(judged) == FAILED

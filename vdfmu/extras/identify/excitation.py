@@ -20,10 +20,17 @@ _KNOTS = 24
 
 @of_numbers
 def multisine(
-    start: npt.ArrayLike, amplitude: npt.ArrayLike, lines: Sequence[int], period: float, *, periods: int = 1, phases:
-    Literal["schroeder", "random"] = "schroeder", seed: int = 0, velocity: npt.ArrayLike | None = None, acceleration:
-    npt.ArrayLike | None = None,
-) -> Motion:  # fmt: skip
+    start: npt.ArrayLike,
+    amplitude: npt.ArrayLike,
+    lines: Sequence[int],
+    period: float,
+    *,
+    periods: int = 1,
+    phases: Literal["schroeder", "random"] = "schroeder",
+    seed: int = 0,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+) -> Motion:
     """Return a sum of sines about a pose, for whole periods between a period of growth and a period of decay.
 
     Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period. UsageError if an
@@ -77,10 +84,15 @@ def multisine(
 
 @of_numbers
 def sweep(
-    start: npt.ArrayLike, amplitude: npt.ArrayLike, frequencies: tuple[float, float], duration: float, *, law:
-    Literal["linear", "logarithmic"] = "logarithmic", velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike
-    | None = None,
-) -> Motion:  # fmt: skip
+    start: npt.ArrayLike,
+    amplitude: npt.ArrayLike,
+    frequencies: tuple[float, float],
+    duration: float,
+    *,
+    law: Literal["linear", "logarithmic"] = "logarithmic",
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+) -> Motion:
     """Return a sine about a pose with a changing frequency, growing and fading at the ends.
 
     Other arguments and errors: see :func:`multisine`.
@@ -131,9 +143,16 @@ def _check_length(most_periods: float, q: Floats) -> None:
 
 
 def _about(
-    q: Floats, amplitude: npt.ArrayLike, wave: Callable[[Floats], Floats], peak: Floats, duration: float, ramp: float,
-    highest: float, velocity: npt.ArrayLike | None, acceleration: npt.ArrayLike | None,
-) -> Motion:  # fmt: skip
+    q: Floats,
+    amplitude: npt.ArrayLike,
+    wave: Callable[[Floats], Floats],
+    peak: Floats,
+    duration: float,
+    ramp: float,
+    highest: float,
+    velocity: npt.ArrayLike | None,
+    acceleration: npt.ArrayLike | None,
+) -> Motion:
     """Return a wave (m, n) with a peak (n,) about a pose, with ramps; `highest` is its highest frequency [Hz]."""
     try:
         most = np.broadcast_to(np.asarray(amplitude, dtype=float), q.shape)

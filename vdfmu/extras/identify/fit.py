@@ -162,12 +162,28 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
     errors, deviation = problem.errors(x), np.sqrt(np.diag(estimate.covariance))
     level, stiffness, slopes = problem.stiffness(x)
     return Identified(
-        tuple(problem.names[k] for k in shown), tuple(problem.units[k] for k in shown), x[shown], deviation[shown],
-        problem.start[shown], estimate.held, estimate.weak, level, stiffness,
-        np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)), x, held, lag, band, t, problem.tau,
-        errors[0], errors[1] if len(errors) > 1 else None, problem.seen, problem.base,
+        tuple(problem.names[k] for k in shown),
+        tuple(problem.units[k] for k in shown),
+        x[shown],
+        deviation[shown],
+        problem.start[shown],
+        estimate.held,
+        estimate.weak,
+        level,
+        stiffness,
+        np.sqrt(np.einsum("ij,jk,ik->i", slopes, estimate.covariance, slopes)),
+        x,
+        held,
+        lag,
+        band,
+        t,
+        problem.tau,
+        errors[0],
+        errors[1] if len(errors) > 1 else None,
+        problem.seen,
+        problem.base,
         prior,
-    )  # fmt: skip
+    )
 
 
 def check_settings(robot: Robot, band: float | None, prior: float) -> None:
@@ -285,10 +301,12 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
     left, tau = errors[0], rows.problem.tau
     before = rows if fitted is log else rows_of(fitted, robot, fit.band, fit.lag, _FEWEST)
     terms, fitted_terms = _terms(rows, robot), _terms(before, robot)
-    rigid = np.array([
-        _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(fitted_terms[i], before.problem.tau[:, i], rcond=None)[0])
-        for i in range(robot.n)
-    ])  # fmt: skip
+    rigid = np.array(
+        [
+            _rms(tau[:, i] - terms[i] @ np.linalg.lstsq(fitted_terms[i], before.problem.tau[:, i], rcond=None)[0])
+            for i in range(robot.n)
+        ]
+    )
     bent, error, stiff = np.full((3, *tau.shape), np.nan)
     if rows.problem.stretch is not None:
         seen = rows.problem.seen
@@ -298,10 +316,21 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
             stiff[:, i] = _about(rows.problem.stretch[:, i], rows.problem.speed[:, i], before.problem, int(i))
     bent, error = bent - bent.mean(axis=0), error - error.mean(axis=0)
     return LogScore(
-        _rms(tau), _rms(left), np.abs(left).max(axis=0), _rms(held), rigid,
-        _rms(bent), _rms(error), np.abs(error).max(axis=0), rows, left, error, held, stiff,
+        _rms(tau),
+        _rms(left),
+        np.abs(left).max(axis=0),
+        _rms(held),
+        rigid,
+        _rms(bent),
+        _rms(error),
+        np.abs(error).max(axis=0),
+        rows,
+        left,
+        error,
+        held,
+        stiff,
         rows.problem.spring_torques(fit.x),
-    )  # fmt: skip
+    )
 
 
 def _about(stretch: Floats, speed: Floats, fitted: IdentificationProblem, i: int) -> Floats:

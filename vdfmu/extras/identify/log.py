@@ -249,7 +249,9 @@ def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str]
     motors = np.rad2deg(np.atleast_2d(variables.get("ref_dyn.phi_r_m_all", np.deg2rad(_START) * ratios))[0] / ratios)
     if np.abs(motors - _START).max() > _GIVES_WAY:
         there = ", ".join(f"{x:.3g}" for x in motors)
-        problems.append(f"ref_dyn.phi_r_m_all: expected a start at {start} deg over the ratios, got {there} deg")
+        problems.append(
+            f"ref_dyn.phi_r_m_all: expected a start at {start} deg divided by the gear ratios, got {there} deg"
+        )
     for name in ("kappa", "q"):
         arrays[name] += np.deg2rad(_START)
     notes.append(f"KUKA KR300: a record counts positions from its start, at {start} deg, which are added")

@@ -44,9 +44,14 @@ Load = Callable[[Floats, Floats, Floats], Floats]
 
 @of_numbers
 def fastest(
-    points: npt.ArrayLike, velocity: npt.ArrayLike | None = None, acceleration: npt.ArrayLike | None = None, *, robot:
-    Robot | None = None, torque: npt.ArrayLike | None = None, smoothing: float | None = None,
-) -> Motion:  # fmt: skip
+    points: npt.ArrayLike,
+    velocity: npt.ArrayLike | None = None,
+    acceleration: npt.ArrayLike | None = None,
+    *,
+    robot: Robot | None = None,
+    torque: npt.ArrayLike | None = None,
+    smoothing: float | None = None,
+) -> Motion:
     """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
 
     The path of two points is straight, the path of more points a natural spline of degree 5 over the distance. Along it
@@ -162,10 +167,13 @@ def _shortest(
     if acceleration is not None:
         asked.append(toppra.constraint.JointAccelerationConstraint(np.outer(acceleration * T**2, [-1.0, 1.0])))
     if torque is not None:
-        asked.append(toppra.constraint.JointTorqueConstraint(
-            lambda q, q_dot, q_ddot: load(q, q_dot / T, q_ddot / T**2), np.outer(torque, [-1.0, 1.0]),
-            np.zeros(len(torque)),
-        ))  # fmt: skip
+        asked.append(
+            toppra.constraint.JointTorqueConstraint(
+                lambda q, q_dot, q_ddot: load(q, q_dot / T, q_ddot / T**2),
+                np.outer(torque, [-1.0, 1.0]),
+                np.zeros(len(torque)),
+            )
+        )
     logger = logging.getLogger("toppra")
     level = logger.level
     logger.setLevel(logging.CRITICAL)  # points without a solution are an error below

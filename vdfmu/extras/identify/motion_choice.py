@@ -174,8 +174,8 @@ def design(
         candidates += _fitted(robot, each, amplitude, step)
     if not candidates:
         raise UsageError(
-            f"{robot.name}: the motors do not have the torques of any motion about this pose. Choose another, or look "
-            "at [joints.limits] of the robot file."
+            f"{robot.name}: the motors are too weak for any motion about this pose. Choose another pose, or check "
+            "[joints.limits] of the robot file."
         )
     level = sensors.noise * np.max([np.abs(each.log.tau).max(axis=0) for each in candidates], axis=0)
     deviations = [
@@ -191,7 +191,7 @@ def design(
             "and 5 rad/s2 or 2 m/s2: give [joints.limits]"
         )
     if left := len(tried) - len(candidates):
-        notes.append(f"{left} of {len(tried)} motions are left out, since the motors do not have their torques")
+        notes.append(f"{left} of {len(tried)} motions are left out because they need more torque than the motors have")
     notes.append("collisions are not checked: look at the motion before it is played")
     return Design(best.motion, best.table, expected, tuple(notes))
 

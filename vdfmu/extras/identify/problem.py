@@ -306,9 +306,11 @@ class IdentificationProblem:
         torque = -by_spring
         torque[:, each, at["I_m"].start + each] -= robot.ell * self.acceleration
         for name, slope in (
-            ("f_c", (1.0 - share) * sign), ("f_s", share * sign), ("f_v", v),
+            ("f_c", (1.0 - share) * sign),
+            ("f_s", share * sign),
+            ("f_v", v),
             ("v_s", step * share * sign * 2.0 * v**2 / x[at["v_s"]] ** 3),
-        ):  # fmt: skip
+        ):
             torque[:, each, at[name].start + each] = -self.narrow(slope)
         torque[:, :, at["delay_tau"].start] = self.tau_dot
         torque[:, each, at["tau_0"].start + each] = -robot.ell

@@ -95,11 +95,23 @@ def rows_of(
     step = _step_sizes(measured)
     torques = TorqueParts(parts.links[:, :, base.columns], parts.rotors, counterbalance_hold(robot, q))
     problem = IdentificationProblem(
-        robot, base, h, torques, TorqueParts(*map(filtered, torques)), filtered(kappa_ddot + parts.carried),
-        filtered(tau), slope(sosfiltfilt(narrow, tau, axis=0), h)[rows], stretch,
-        lambda: [filtered(error) for error in _steps(step, q)], step, seen, filtered(q), speed,
-        kappa_dot, filtered,
-    )  # fmt: skip
+        robot,
+        base,
+        h,
+        torques,
+        TorqueParts(*map(filtered, torques)),
+        filtered(kappa_ddot + parts.carried),
+        filtered(tau),
+        slope(sosfiltfilt(narrow, tau, axis=0), h)[rows],
+        stretch,
+        lambda: [filtered(error) for error in _steps(step, q)],
+        step,
+        seen,
+        filtered(q),
+        speed,
+        kappa_dot,
+        filtered,
+    )
     return Rows(problem, log.t[rows], band, lag)
 
 

@@ -42,9 +42,13 @@ def gain(error: Floats, null: Floats) -> tuple[float, float]:
 def verdict(fit: Identified, log_checks: tuple[Check, ...], robot: Robot, score: LogScore) -> dict[str, Any]:
     """Return the entry ``verdict`` of an identification, scored on its own log or on another."""
     checks = [
-        *log_checks, *_scale(fit, robot, score), *_bodies(fit, robot), *_residual(robot, score),
-        *_links(robot, score), *_springs(robot, score),
-    ]  # fmt: skip
+        *log_checks,
+        *_scale(fit, robot, score),
+        *_bodies(fit, robot),
+        *_residual(robot, score),
+        *_links(robot, score),
+        *_springs(robot, score),
+    ]
     shares = 100.0 * score.torque_left / score.torque
     results = [f"residual torque {shares.min():.3g} to {shares.max():.3g} %"]
     if fit.weak:

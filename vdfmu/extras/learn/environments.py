@@ -118,9 +118,16 @@ class Environment(gymnasium.Env[Floats, Floats]):
                 raise UsageError(f"{taken[0]!r}: action must be a free input, but a connection feeds it. Leave it out.")
             grid = simulator.grid(None, stop, step)
             task = Task(
-                tables, actions, seen, reward, hold=hold, lost=lost, ended=ended, vary=vary,
+                tables,
+                actions,
+                seen,
+                reward,
+                hold=hold,
+                lost=lost,
+                ended=ended,
+                vary=vary,
                 length=episode(grid.end - grid.begin, grid.step, hold),
-            )  # fmt: skip
+            )
             self._begin(task, simulator, {"start": grid.begin, "stop": grid.end, "step": grid.step}, stack)
 
     @staticmethod

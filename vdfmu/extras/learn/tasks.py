@@ -43,10 +43,18 @@ class Task:
     """
 
     def __init__(
-        self, tables: Tables, actions: Mapping[str, Any], observations: Mapping[str, Any],
-        reward: Callable[[dict[str, Floats], dict[str, Floats]], Any], *, length: int, hold: int, lost: float = 0.0,
-        ended: Callable[[dict[str, Floats]], Any] | None = None, vary: Mapping[str, tuple[float, float]] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        tables: Tables,
+        actions: Mapping[str, Any],
+        observations: Mapping[str, Any],
+        reward: Callable[[dict[str, Floats], dict[str, Floats]], Any],
+        *,
+        length: int,
+        hold: int,
+        lost: float = 0.0,
+        ended: Callable[[dict[str, Floats]], Any] | None = None,
+        vary: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
         self.length, self.hold, self.vary = length, hold, dict(vary or {})
         self._reward, self._ended = reward, ended
         self._lost = _numbers(lost, (), "lost: expected a finite number")
@@ -168,9 +176,15 @@ class TrackingTask(Task):
             )
 
         super().__init__(
-            tables, {action: limit}, {name: (limits or {}).get(name) for name in seen}, reward,
-            length=episode(loaded.stop, loaded.step, hold), hold=hold, lost=-(1.0 + effort), vary=vary,
-        )  # fmt: skip
+            tables,
+            {action: limit},
+            {name: (limits or {}).get(name) for name in seen},
+            reward,
+            length=episode(loaded.stop, loaded.step, hold),
+            hold=hold,
+            lost=-(1.0 + effort),
+            vary=vary,
+        )
         for name, bounds in self.vary.items():
             for value in bounds:
                 override(self.scenario, {name: float(value)})
@@ -195,9 +209,10 @@ def _groups(
     for name, bounds in groups.items():
         component, _, wanted = name.partition(".")
         variables = [
-            v for v in tables.get(component, ())
+            v
+            for v in tables.get(component, ())
             if wanted in (v.name, v.name.partition("[")[0]) and v.causality == causality
-        ]  # fmt: skip
+        ]
         if not variables:
             raise UsageError(f"{name!r}: expected a group of {causality}s of one of {', '.join(tables)}.")
         elements = [f"{component}.{v.name}" for v in variables]

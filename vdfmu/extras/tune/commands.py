@@ -16,14 +16,26 @@ from vdfmu.extras.tune.options import TuneOptions
 def tune(
     scenario: ScenarioArgument = "tracking",
     *,
-    vary: Annotated[list[str], Option("Parameter to search: 'controller.K_p'. Repeatable.", metavar="TARGET[=FORM]",
-        more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
-        "one.")],
-    cost: Annotated[str, Option("Cost: 'worst(rms(trajectory.q_d - plant.q))'.", metavar="EXPR",
-        more="Of several elements the mean of their ratios to the start, each at most 1.")],
+    vary: Annotated[
+        list[str],
+        Option(
+            "Parameter to search: 'controller.K_p'. Repeatable.",
+            metavar="TARGET[=FORM]",
+            more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
+            "one.",
+        ),
+    ],
+    cost: Annotated[
+        str,
+        Option(
+            "Cost: 'worst(rms(trajectory.q_d - plant.q))'.",
+            metavar="EXPR",
+            more="Of several elements the mean of their ratios to the start, each at most 1.",
+        ),
+    ],
     **options: Unpack[TuneOptions],
-) -> None:  # fmt: skip
-    """Search parameters for the least cost. The same command resumes after Ctrl-C."""
+) -> None:
+    """Search for the parameter values of lowest cost. The same command resumes after Ctrl-C."""
     from vdfmu.extras.tune.search import tune as run_tune
     from vdfmu.study.sweeps.sweep import Sweep
 

@@ -38,8 +38,9 @@ def draw_tuning(history: Sequence[float], table: Sequence[tuple[str, float, floa
         "Tuning",
         "Cost: relative to the start; dots: values within all limits, line: the best so far. Errors and torques: of "
         "the worst robot. Margin: with one sample of delay.",
-        height=5.6 if shown else 2.8, legend=handles if shown else (),
-    )  # fmt: skip
+        height=5.6 if shown else 2.8,
+        legend=handles if shown else (),
+    )
     grid = figure.add_gridspec(2 if shown else 1, max(len(shown), 1))
     _draw_history(figure.add_subplot(grid[0, :]), np.array(history))
     for column, (key, pairs) in enumerate(shown.items()):

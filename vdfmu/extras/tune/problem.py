@@ -134,9 +134,15 @@ def make_problem(
     over_all = {axis.target: str(axis).partition("=")[2] for axis in (*axes, *spread_axes)}
     n = options["spread_points"] if spread_axes else 1
     plan = make_plan(
-        scenario, over_all, sample="lhs", points=n, seed=options["seed"], measure=measures, engine=options["engine"],
+        scenario,
+        over_all,
+        sample="lhs",
+        points=n,
+        seed=options["seed"],
+        measure=measures,
+        engine=options["engine"],
         **changes,
-    )  # fmt: skip
+    )
     facts = {**plan.facts, "tune": {"limits": list(limit), "over": over, "start": start}}
     poses, required, rate = None, np.zeros(0), 0.0
     if margin is not None:

@@ -20,6 +20,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import doing, report, with_progress
 from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
+from vdfmu.engine.results.parquet import needed
 from vdfmu.extras.tune.options import METHODS, ProblemOptions, TuneOptions
 from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.study.analysis.loops import Judged
@@ -217,6 +218,7 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
     check_workers(options)
+    needed()  # before work begins
     import scipy
 
     problem = make_problem(scenario, vary, cost, **pick(ProblemOptions, options))

@@ -120,7 +120,7 @@ def linearize(
         raise UsageError(f"linearize: at: expected positions of the joints, or a time in s, got {at!r:.60}.") from None
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
-            raise UsageError("linearize: dry: this is for an arm; a system has the friction of its parameters.")
+            raise UsageError("linearize: dry: applies to an arm only; in a system set its friction parameters instead.")
         linear = linearized(system, float(place), **options)
         return linear.sampled(opened) if sampled else linear.continuous(opened)
     if sampled or opened or options:

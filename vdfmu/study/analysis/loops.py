@@ -61,9 +61,11 @@ class Judged(NamedTuple):
             return figures | half_step(loops)
         if (slow := grown(loops)).notable:
             figures["growth"] = {
-                "value": math.expm1(slow.exponent), "place": place_of(slow.state, loops), "at_s": slow.begin,
+                "value": math.expm1(slow.exponent),
+                "place": place_of(slow.state, loops),
+                "at_s": slow.begin,
                 "until_s": slow.end,
-            }  # fmt: skip
+            }
         if (nearest := loops.nearest()) is not None:
             place = place_of(nearest.name, loops)
             figures["margin"] = {"value": nearest.modulus, "place": place, "at_s": nearest.time}
@@ -221,10 +223,14 @@ def margins_along(
     chosen = [min(every, key=lambda pose: abs(pose.time - t)) for t in at] or every
     first = verdict.loops.system
     return SystemMargins(
-        tuple(first.parts.inputs[i] for i in first.places(verdict.loops.opened)), [pose.time for pose in chosen],
-        [pose.loop.margins() for pose in chosen if pose.loop is not None], verdict, first.algorithm, grid.step,
+        tuple(first.parts.inputs[i] for i in first.places(verdict.loops.opened)),
+        [pose.time for pose in chosen],
+        [pose.loop.margins() for pose in chosen if pose.loop is not None],
+        verdict,
+        first.algorithm,
+        grid.step,
         (*poses.notes, *filter(None, [failed])),
-    )  # fmt: skip
+    )
 
 
 def closed(system: SystemDescription) -> bool:

@@ -121,9 +121,13 @@ def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
     shapes = shapes / np.take_along_axis(shapes, largest, axis=1)
     energy = np.abs(x[:, springs]) ** 2 / stiffness
     return Modes(
-        np.abs(pole) / (2.0 * np.pi), -pole.real / np.abs(pole), shapes[:, :n], shapes[:, n:],
-        energy / energy.sum(axis=1, keepdims=True), np.sort(s[~turning].real),
-    )  # fmt: skip
+        np.abs(pole) / (2.0 * np.pi),
+        -pole.real / np.abs(pole),
+        shapes[:, :n],
+        shapes[:, n:],
+        energy / energy.sum(axis=1, keepdims=True),
+        np.sort(s[~turning].real),
+    )
 
 
 def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> tuple[Floats, dict[str, list[Modes]]]:

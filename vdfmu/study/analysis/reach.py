@@ -120,10 +120,14 @@ def _plant(J: Floats, M: Floats, K: Floats, fall: float, decay: float, step: flo
     """
     n, none, unit = len(J), np.zeros((len(J), len(J))), np.eye(len(J))
     of_links, of_rotors = np.linalg.solve(M, np.diag(K)), np.diag(K / J)
-    A = np.block([
-        [none, none, unit, none], [none, none, none, unit], [-of_links, of_links, none, none],
-        [of_rotors, -of_rotors, none, np.diag(fall / J)],
-    ]) - decay * np.eye(4 * n)  # fmt: skip
+    A = np.block(
+        [
+            [none, none, unit, none],
+            [none, none, none, unit],
+            [-of_links, of_links, none, none],
+            [of_rotors, -of_rotors, none, np.diag(fall / J)],
+        ]
+    ) - decay * np.eye(4 * n)
     return held(Linear(A, np.vstack([none, none, none, np.diag(1.0 / J)])), step)
 
 
@@ -134,9 +138,9 @@ def whole_arm(robot: Robot, q: Floats, gains: Gains, step: float) -> tuple[float
     """
     J, K = _rotors(robot)
     feedback = -np.hstack([np.diag(gains.K_p), np.zeros((robot.n, 2 * robot.n)), np.diag(gains.K_v)])
-    _, modulus, delay = margins_of([
-        Loop(_plant(J, M, K, 0.0, decay, step), feedback, step) for M in mass_matrix(robot, q) for decay in _LIGHT
-    ])  # fmt: skip
+    _, modulus, delay = margins_of(
+        [Loop(_plant(J, M, K, 0.0, decay, step), feedback, step) for M in mass_matrix(robot, q) for decay in _LIGHT]
+    )
     return float(modulus.min()), float(delay.min() / step)
 
 
@@ -203,12 +207,22 @@ def write_scenario(arm: Robot, name: str, written: str, path: Path) -> tuple[Gai
     start, end, T, notes = _motion(arm)
     step, gains = _gains(arm, np.linspace(start, end, _POINTS))
     text = _TEXT.format(
-        robot=name, name=toml_value(path.stem), written=toml_value(written), stop=T + 0.5, step=step, T=T,
-        tolerance=1e-8 if step == _STEPS[0] else 1e-9, steps=", ".join(f"{1e3 * s:g}" for s in _STEPS) + " ms",
-        start=_list(start), end=_list(end), K_p=_list(gains.K_p), K_v=_list(gains.K_v),
+        robot=name,
+        name=toml_value(path.stem),
+        written=toml_value(written),
+        stop=T + 0.5,
+        step=step,
+        T=T,
+        tolerance=1e-8 if step == _STEPS[0] else 1e-9,
+        steps=", ".join(f"{1e3 * s:g}" for s in _STEPS) + " ms",
+        start=_list(start),
+        end=_list(end),
+        K_p=_list(gains.K_p),
+        K_v=_list(gains.K_v),
         motors="; ".join(notes).capitalize() + "." if notes else _STRONG,
-        margins=", ".join(f"{m:.2f}" for m in gains.modulus), description=toml_value(f"A first motion of {name}"),
-    )  # fmt: skip
+        margins=", ".join(f"{m:.2f}" for m in gains.modulus),
+        description=toml_value(f"A first motion of {name}"),
+    )
     write_whole(path, [text.encode()])
     return gains, notes
 

@@ -44,9 +44,10 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> s
     wins: dict[str, list[str]] = {}
     for key, (words, sign) in _BETTER.items():
         figures_by_run = {
-            name: figures[key] for name, s in zip(names, summaries, strict=True)
+            name: figures[key]
+            for name, s in zip(names, summaries, strict=True)
             if key in (figures := s.get("key_figures") or {}) and state_of(s) != FAILED
-        }  # fmt: skip
+        }
         if not sign or len(figures_by_run) < 2 or len({figure.get("unit") for figure in figures_by_run.values()}) > 1:
             continue
         *_, second, best = sorted(figures_by_run, key=lambda name: sign * figures_by_run[name]["value"])
@@ -90,9 +91,18 @@ def figure_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> Sheet | 
 
 
 _MEASURED = (
-    "Package", "Steps", "Wall time", "Real-time factor", "Pace", "Machine", "Communication", "Energy residual",
-    "Chaotic loop", "No reference", "Parameters",
-)  # fmt: skip
+    "Package",
+    "Steps",
+    "Wall time",
+    "Real-time factor",
+    "Pace",
+    "Machine",
+    "Communication",
+    "Energy residual",
+    "Chaotic loop",
+    "No reference",
+    "Parameters",
+)
 """Facts that are results, or that are compared value by value."""
 _SHOWN = 6
 """Most elements of an array that are listed."""
@@ -136,8 +146,11 @@ def joint_sheets(names: Sequence[str], summaries: Sequence[Summary]) -> list[She
     """Return a table for each error that several runs have, joint by joint; of two runs with the change."""
     made: list[Sheet] = []
     for heading, key, unit_key in TRACKING:
-        runs = [(name, summary[key], units_of(summary, unit_key, len(summary[key])))
-                for name, summary in zip(names, summaries, strict=True) if summary.get(key)]  # fmt: skip
+        runs = [
+            (name, summary[key], units_of(summary, unit_key, len(summary[key])))
+            for name, summary in zip(names, summaries, strict=True)
+            if summary.get(key)
+        ]
         if len(runs) < 2:
             continue
         two = len(runs) == 2

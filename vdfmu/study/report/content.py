@@ -369,7 +369,9 @@ def tool_error(robot: Robot, results: Results) -> Recorded:
     return Recorded(results.time, signals, {"real": desired - results["plant.p_O"]})
 
 
-def write_pictures(results: Results, robot: Robot | None, folder: Path, kinds: Sequence[str], width: float) -> None:
+def write_pictures(
+    results: Results, robot: Robot | None, folder: Path, kinds: Sequence[str], width: float, serif: bool = False
+) -> None:
     """Write the figures of a run, ``figure_tracking.pdf``, or its signals without any. `width` in inches."""
     if not kinds:
         return
@@ -377,8 +379,8 @@ def write_pictures(results: Results, robot: Robot | None, folder: Path, kinds: S
 
     shown = results.thinned(DRAWN)
     figures = list(run_figures(shown, results.summary))
-    write_figures(figures, shown, folder, kinds, width)
+    write_figures(figures, shown, folder, kinds, width, serif)
     if robot is not None and {"trajectory.q_d[1]", "plant.p_O[1]"} <= {*results.names}:
-        write_figures([TOOL], tool_error(robot, shown), folder, kinds, width)
+        write_figures([TOOL], tool_error(robot, shown), folder, kinds, width, serif)
     elif not figures:
-        write_signals(shown, folder, kinds, width)
+        write_signals(shown, folder, kinds, width, serif)

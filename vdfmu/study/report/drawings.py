@@ -81,9 +81,13 @@ def draw_modes(
 
 @style.styled
 def draw_bode(
-    title: str, frequency: Floats, curves: Mapping[str, npt.NDArray[np.complex128]], unit: str, resonance: Floats,
+    title: str,
+    frequency: Floats,
+    curves: Mapping[str, npt.NDArray[np.complex128]],
+    unit: str,
+    resonance: Floats,
     antiresonance: Floats,
-) -> Picture:  # fmt: skip
+) -> Picture:
     """Draw responses to one input over `frequency`, (m,) [Hz]: amplitudes in `unit`, above, and phases.
 
     `curves` has the response (m,) of each output by its name. Vertical lines mark `resonance` and `antiresonance`
@@ -105,8 +109,9 @@ def draw_bode(
         for place in places:
             for axes in (above, below):
                 axes.axvline(place, color="0.5", linewidth=0.8, zorder=0, linestyle=line)
-            above.annotate(f"{place:.3g}", (place, height), xycoords=("data", "axes fraction"), fontsize=7.5,
-                           ha="center", va=side)  # fmt: skip
+            above.annotate(
+                f"{place:.3g}", (place, height), xycoords=("data", "axes fraction"), fontsize=7.5, ha="center", va=side
+            )
     style.dress(above, "Amplitude", "", unit)
     style.dress(below, "Phase", "", "deg", frequency)
     low, high = below.get_ylim()

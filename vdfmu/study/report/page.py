@@ -70,20 +70,27 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
 def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: bool = False) -> Path:
     """Write the page of runs, by default of the newest in ``results``, or of a folder of runs; for ``.tex`` tables.
 
-    UsageError without results, or for a file that others made. Returns the path.
+    `out` without a suffix is a folder for the page.
+
+    UsageError without results, or for a file not written by vdfmu. Returns the path.
     """
     gallery = len(folders) == 1 and is_gallery(folders[0])
     folders = folders or [newest_run(Path("results"))]
     runs = [] if gallery else [read_run(folder) for folder in folders]
+    name = "index.html" if gallery else NAME if len(runs) == 1 else "comparison.html"
     if out is None:
         place = folders[0] if len(folders) == 1 else folders[0].parent
-        name = "index.html" if gallery else "comparison.html"
-        out = inside(place, run_folder(place) / NAME if len(runs) == 1 else place / name)
+        out = inside(place, (run_folder(place) if len(runs) == 1 else place) / name)
+    elif not out.suffix or out.is_dir():  # a folder, as for runs
+        out.mkdir(parents=True, exist_ok=True)
+        out = inside(out, out / name)
     require_ours(out)
     if gallery:
         return write_gallery(folders[0], out)
     if out.suffix == LATEX:
-        return write_tables((sheet for run in runs for sheet in sheets(run.summary)), out)
+        names = _names(runs)
+        tables = [(name, sheet) for name, run in zip(names, runs, strict=True) for sheet in sheets(run.summary)]
+        return write_tables([*([("", difference_sheet(names, runs))] if len(runs) > 1 else []), *tables], out)
     return write_report(runs, out, simulate=simulate)
 
 
@@ -188,12 +195,13 @@ def _wired(run: ShownRun) -> dict[str, Any]:
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
-    """Return robots or systems, number of runs, version, and the date of a single run."""
+    """Return what a single run is for; robots or systems, number of runs, version, and the date of a single run."""
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
     count, version = "one run" if len(summaries) == 1 else f"{len(summaries)} runs", summaries[0].get("vdfmu", "")
+    purpose = f"{summaries[0].get('description', '').rstrip('.')}. " if len(summaries) == 1 else ""
     made = f" on {summaries[0]['date'][:10]}" if len(summaries) == 1 and "date" in summaries[0] else ""
-    return f"{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
+    return f"{purpose.removeprefix('. ')}{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
 
 
 def _names(runs: Sequence[ShownRun]) -> list[str]:

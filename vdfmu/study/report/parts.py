@@ -142,8 +142,11 @@ def marks(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the marks of the time line, with their words."""
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     words = {"tool_error": "largest tool error", "contact": "first contact", "unstable": "unstable from here"}
-    return [{"time": figures[key]["at_s"], "words": text, "bad": key == "unstable"} for key, text in words.items()
-            if key in figures]  # fmt: skip
+    return [
+        {"time": figures[key]["at_s"], "words": text, "bad": key == "unstable"}
+        for key, text in words.items()
+        if key in figures
+    ]
 
 
 def tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:

@@ -24,9 +24,12 @@ from vdfmu.study.run.scene import arm_of
 
 
 def write_robot_page(
-    robot: Robot, path: str | os.PathLike[str], *, pose: npt.ArrayLike | None = None,
+    robot: Robot,
+    path: str | os.PathLike[str],
+    *,
+    pose: npt.ArrayLike | None = None,
     folder: str | os.PathLike[str] | None = None,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Write the page of a robot: one HTML file that works without a network.
 
     Sliders move each joint between its limits. The page shows the pose of the end effector and, if wanted, frames,

@@ -65,7 +65,7 @@ def libraries() -> str:
 def data_element(content: Mapping[str, Any]) -> str:
     """Return the elements of a page that have its content, for ``web/data.js``.
 
-    It is escaped, so it cannot close the tag.
+    The content is escaped, so it cannot close the tag.
 
     Arrays are in an element of their own, one after another, compressed: of the integers that have their bits, the
     changes from number to number, byte by byte of all.

@@ -67,9 +67,14 @@ def factor(slider: Mapping[str, Any], place: float) -> float:
 
 
 def tracks(
-    package: Path, algorithm: str, sliders: Sequence[Mapping[str, Any]], parameters: Names,
-    span: tuple[float, float, float], dry: bool = True, poses: Poses | None = None,
-) -> list[Track | None]:  # fmt: skip
+    package: Path,
+    algorithm: str,
+    sliders: Sequence[Mapping[str, Any]],
+    parameters: Names,
+    span: tuple[float, float, float],
+    dry: bool = True,
+    poses: Poses | None = None,
+) -> list[Track | None]:
     """Return the track of each slider; None without.
 
     A track has ``places``; ``figures``, the numbers by which a verdict judges the loops at each; and in ``limits`` the

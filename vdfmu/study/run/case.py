@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from vdfmu.base.errors import UsageError
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
@@ -59,6 +61,9 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
         For values, limits or options that do not fit the system.
     """
     check_wanted(options["judge"], options["sampled"], scenario.adaptive)
+    until = options["reference_stop"]
+    if until is not None and not scenario.step <= until < math.inf:
+        raise UsageError(f"reference_stop must be at least one step, {scenario.step:g} s, got {until:g}.")
     expected = read_expected(options["expect"], options["within"])
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])

@@ -32,9 +32,13 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
     if case.options["judge"] is not None:
         coupling: SimulatorOptions = {**scenario.coupling, "inputs": scenario.inputs}
         judgement = judge(
-            package, case.options["judge"], stop=scenario.stop, step=scenario.step, sampled=case.options["sampled"],
+            package,
+            case.options["judge"],
+            stop=scenario.stop,
+            step=scenario.step,
+            sampled=case.options["sampled"],
             **coupling,
-        )  # fmt: skip
+        )
         summary["judgement"] = judgement.to_dict()
     entries = loops.entries(results)
     figures: dict[str, Any] = summary.get("key_figures", {})

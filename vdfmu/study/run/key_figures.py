@@ -26,9 +26,13 @@ _SMALL = 0.1
 
 
 def key_figures(
-    results: Results, robot: Robot, limits: Iterable[ArmLimits], plant: Robot, touch: str = "",
+    results: Results,
+    robot: Robot,
+    limits: Iterable[ArmLimits],
+    plant: Robot,
+    touch: str = "",
     objects: Iterable[Mapping[str, Any]] = (),
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm.
 
     With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
@@ -150,9 +154,13 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
     place, unit = ("tool", "m") if i == robot.n else (f"joint {i + 1}", JOINT_TYPES[kinds[i]].shown.unit)
     resting = not np.append(sizes, tool if math.isfinite(tool) else 0.0).any()
     return {
-        "value": float(peaks.most[i]), "size": float(size[i]), "unit": unit, "place": place, "at_s": float(peaks.at[i]),
+        "value": float(peaks.most[i]),
+        "size": float(size[i]),
+        "unit": unit,
+        "place": place,
+        "at_s": float(peaks.at[i]),
         **({"rest": True} if resting else {}),
-    }  # fmt: skip
+    }
 
 
 def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def prepare(
     if isinstance(robot, (str, os.PathLike)):
         robot = load_robot(robot)
     if robot is not None and isinstance(scenario, Scenario):
-        raise UsageError("robot: give it with the name or path of a scenario, not with a loaded one.")
+        raise UsageError("robot: can only be given with the name or path of a scenario, not with a loaded one.")
     scenario = scenario_of(scenario, robot, [*names, *(options["parameters"] or ())])
     if options["units"] or options["connections"]:
         scenario = with_units(scenario, options["units"] or {}, options["connections"] or ())

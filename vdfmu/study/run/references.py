@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,34 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.progress import doing, report
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.results.results import Results
-from vdfmu.study.run.case import RunCase
+from vdfmu.study.run.case import RunCase, note
 from vdfmu.study.run.simulate import simulate
 from vdfmu.study.run.summary import compare, compared, has_signals
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
+_SLOW, _LONG = 3.0, 10.0
+"""Time of a reference over the run's, and in s, from which both are named."""
+
+
+class _Progress:
+    """Reports the progress of a reference, and once that it takes much longer than the steps of the run, `wall_s`."""
+
+    def __init__(self, case: RunCase, stage: str, wall_s: float) -> None:
+        self._case, self._stage, self._wall_s = case, stage, wall_s
+        self._began, self._is_said = time.perf_counter(), False
+
+    def __call__(self, done: int, total: int) -> None:
+        report(self._stage, done, total)
+        whole = (time.perf_counter() - self._began) * total / max(done, 1)
+        if whole > max(_SLOW * self._wall_s, _LONG) and not self._is_said:
+            self._is_said = True
+            note(
+                self._case.options,
+                f"the {self._stage} takes some {whole:.2g} s, {whole / max(self._wall_s, 1e-3):.2g} times the run: "
+                "--reference-stop 10 compares the first 10 s only, --no-reference nothing",
+            )
 
 
 def compare_with_references(case: RunCase, package: Path, results: Results) -> dict[str, Any]:
@@ -40,6 +61,11 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
             float(np.abs(part["trajectory.q_d"] - part["plant.q"]).max()) for part in results.blocks(BLOCK)
         )
     how = ALGORITHMS[scenario.algorithm]
+    stop = case.options["reference_stop"]
+    rows = len(results) if stop is None else 1 + round(min(stop, scenario.stop) / scenario.step)
+    if rows < len(results):
+        entries["reference_stop"] = (rows - 1) * scenario.step
+        results = results.first(rows)
     # without a feedforward torque in the controller there is no compensation error: all outputs are compared
     robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
     wanted = {"sampled": how.reference} if how.reference else {}
@@ -47,9 +73,9 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
         stage = f"{name} reference"
         report(stage, 0, 1)
         solution = reference_blocks(
-            name, case.system, step=scenario.step, stop=scenario.stop,
+            name, case.system, step=scenario.step, stop=(rows - 1) * scenario.step,
             substeps=how.substeps if key == "sampled" else 1, groups=compared(results, robot), overlap=1,
-            progress=partial(report, stage),
+            progress=_Progress(case, stage, results.summary.get("wall_s", 0.0)),
         )  # fmt: skip
         try:
             differences[key], statistics = compare(results, solution, robot, how.substeps)
@@ -75,5 +101,5 @@ def _separation(case: RunCase, package: Path, results: Results) -> float:
         if name.startswith("I_m[")
     }
     nudged = simulate(case, package, parameters, record=["plant.q[*]"])
-    pairs = zip(nudged.blocks(BLOCK), results.blocks(BLOCK), strict=True)
+    pairs = zip(nudged.first(len(results)).blocks(BLOCK), results.blocks(BLOCK), strict=True)
     return max(float(np.abs(changed["plant.q"] - base["plant.q"]).max()) for changed, base in pairs)

@@ -52,14 +52,19 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
             constants = {
                 f"{name}.{v.name}": value
                 for v in system.tables[name]
-                if v.causality == "input" and v.group in ("F_e", "p_S", "R_S")
+                if v.causality == "input"
+                and v.group in ("F_e", "p_S", "R_S")
                 and (value := float(system.values[name].get(v.name, v.start) or 0.0))
-            }  # fmt: skip
-            arms.append({
-                **arm_of(arm, system.values[name]), "component": name,
-                "mounted": carrier if carrier in resolved.plants else "", "signals": _signals(system, name),
-                "constants": constants,
-            })  # fmt: skip
+            }
+            arms.append(
+                {
+                    **arm_of(arm, system.values[name]),
+                    "component": name,
+                    "mounted": carrier if carrier in resolved.plants else "",
+                    "signals": _signals(system, name),
+                    "constants": constants,
+                }
+            )
     return {
         "arms": carriers_first(arms),
         "objects": [each for name in resolved.units for each in _object(system, name)],
@@ -110,13 +115,21 @@ def _object(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]:
             length = float(np.linalg.norm(along)) or 1.0
             outputs = [v for v in table if v.causality == "output" and not v.index and v.unit in ("N", "N.m", "m")]
             yield {
-                "component": name, "kind": look, "direction": (along / length).tolist(),
+                "component": name,
+                "kind": look,
+                "direction": (along / length).tolist(),
                 **{key: float(group_of(table, values, key)) for key in ("distance", *more)},
                 **({"turn": f"{name}.turn"} if look == "screw" else {}),
-                "tool": next((c for c in system.resolved.plants if f"{c}.p_O" in system.connections
-                              and f"{name}.p_O" in system.connections[f"{c}.p_O"]), ""),
+                "tool": next(
+                    (
+                        c
+                        for c in system.resolved.plants
+                        if f"{c}.p_O" in system.connections and f"{name}.p_O" in system.connections[f"{c}.p_O"]
+                    ),
+                    "",
+                ),
                 "forces": {f"{name}.{v.name}": general_description(v.description) for v in outputs},
-            }  # fmt: skip
+            }
             return
 
 
@@ -143,9 +156,12 @@ def _estimates(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]
         true = next((each for _, each in outputs(plant) if [v.unit for v in each] == units), None)
         if group in estimates and true and {*units} <= {"N.m", "N"}:
             yield {
-                "component": name, "group": group, "words": general_description(estimated[0].description),
-                "signals": [f"{name}.{v.name}" for v in estimated], "true": [f"{plant}.{v.name}" for v in true],
-            }  # fmt: skip
+                "component": name,
+                "group": group,
+                "words": general_description(estimated[0].description),
+                "signals": [f"{name}.{v.name}" for v in estimated],
+                "true": [f"{plant}.{v.name}" for v in true],
+            }
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -28,9 +28,13 @@ def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None 
     """
     scenario = case.scenario
     settings: SimulatorOptions = {
-        **scenario.coupling, "inputs": scenario.inputs, "parameters": {**case.parameters, **(parameters or {})},
-        "log": options.pop("log", None), "stepper": case.options["stepper"], **pick(IsolationOptions, case.options),
-    }  # fmt: skip
+        **scenario.coupling,
+        "inputs": scenario.inputs,
+        "parameters": {**case.parameters, **(parameters or {})},
+        "log": options.pop("log", None),
+        "stepper": case.options["stepper"],
+        **pick(IsolationOptions, case.options),
+    }
     with Simulator(package, **settings) as simulator:
         return simulator.run(start=0.0, stop=scenario.stop, step=scenario.step, **options)
 
@@ -44,12 +48,17 @@ def co_simulate(case: RunCase, package: Path, poses: Poses | None, taps: Sequenc
     options, folder = case.options, package.parent
     try:
         return simulate(
-            case, package,
-            progress=partial(report, "co-simulation"), log=options["log"],
-            about=case.facts, observer=options["observer"],
-            taps=taps, pace=options["pace"], record=_recorded(case),
+            case,
+            package,
+            progress=partial(report, "co-simulation"),
+            log=options["log"],
+            about=case.facts,
+            observer=options["observer"],
+            taps=taps,
+            pace=options["pace"],
+            record=_recorded(case),
             stream=[folder / f"results.{form}" for form in options["formats"]] if case.written else [],
-        )  # fmt: skip
+        )
     except (CosimError, Interrupted) as error:
         figures = explain(error, poses)
         if isinstance(error, CosimError) and error.results:

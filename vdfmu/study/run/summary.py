@@ -20,7 +20,7 @@ from vdfmu.base.version import FORMAT, __version__
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Recorded, Results
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.reference import BLOCK, Reference
+from vdfmu.system.reference.reference import BLOCK, Reference, Repeated
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.replace import leaders
 
@@ -40,6 +40,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         **({"scenario_file": scenario.file} if scenario.file else {}),
+        **({"description": scenario.description} if scenario.description else {}),
         **({} if robot is None else {"robot": robot.name, "friction": robot.friction, "joints": robot.n}),
         **({"robot_file": robot.file} if robot is not None and robot.file else {}),
         "vdfmu": __version__,
@@ -134,15 +135,19 @@ def compare(
     """
     if robot is None or compared(results, robot) is None:
         largest: dict[str, float] = {}
-        groups, name = {signal.partition("[")[0] for signal in results.names}, ""
+        groups, name, repeated = {signal.partition("[")[0] for signal in results.names}, "", Repeated()
         for part, solution in zip(results.blocks(BLOCK, overlap=1), reference, strict=True):
             name = solution.name
+            repeated = solution.repeated
             for signal in filter(groups.__contains__, solution.signals):
                 rows = solution.signals[signal]
-                apart = float(np.abs(part[signal].reshape(rows.shape) - rows).max())
+                differences = np.abs(part[signal].reshape(rows.shape) - rows).max(axis=1)
+                apart = float(differences.max())
+                if apart > largest.get(signal, 0.0):
+                    solution.repeat(int(differences.argmax()))
                 largest[signal] = max(largest.get(signal, 0.0), apart)
-        return {"name": name, "max_difference": largest}, {}
-    name, at, position, torque = "", 0.0, -1.0, 0.0
+        return {"name": name, "max_difference": largest, **repeated.entries}, {}
+    name, at, position, torque, repeated = "", 0.0, -1.0, 0.0, Repeated()
     squares = np.zeros((4, robot.n))  # errors of position and torque, ours and theirs
     for k, (part, solution) in enumerate(zip(results.blocks(BLOCK, overlap=1), reference, strict=True)):
         new = slice(min(k, 1), None)
@@ -152,13 +157,15 @@ def compare(
         q_r, tau_r = solution["plant.q"], solution["controller.tau"]
         if name == "continuous":
             tau_r = _earlier(tau_r, substeps)
-        difference = np.abs(q - q_r).max(axis=1)
+        difference, repeated = np.abs(q - q_r).max(axis=1), solution.repeated
+        solution.repeat(int(difference.argmax()))
         if difference.max() > position:
             at, position = float(part.time[difference.argmax()]), float(difference.max())
         torque = max(torque, float(np.abs(robot.ell * (tau - tau_r)[new]).max()))
         errors = [q_d - q, q_d - q_r, tau - tau_m, tau_r - tau_m_r]
         squares += np.sum(np.square(errors)[:, new], axis=1)
     facts = {"name": name, "max_position_difference_rad": position, "max_torque_difference_nm": torque, "at_s": at}
+    facts |= repeated.entries
     rms = np.sqrt(squares / len(results))
     separate = (np.abs(rms[::2] - rms[1::2]) / np.maximum(rms[1::2], np.finfo(float).tiny)).max(axis=1)
     return facts, {"rms_position_difference": float(separate[0]), "rms_torque_difference": float(separate[1])}

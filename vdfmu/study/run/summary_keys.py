@@ -68,6 +68,7 @@ _SEPARATION = Record({"change": NUMBER, "max_position_difference_rad": NUMBER})
 _REFERENCE = {
     "name": TEXT, "max_difference": Keyed(NUMBER), "max_position_difference_rad": NUMBER, "at_s": NUMBER,
     "max_torque_difference_nm": NUMBER, "rms_position_difference": NUMBER, "rms_torque_difference": NUMBER,
+    "solved_by_scipy": NUMBER, "max_solver_difference": NUMBER,
 }  # fmt: skip
 
 
@@ -126,6 +127,7 @@ _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {
     "scenario": TEXT,  # name of the scenario
     "scenario_file": TEXT,  # file of a scenario that is not a shipped one
+    "description": TEXT,  # what the scenario is for
     "robot": TEXT,  # name of the robot
     "robot_file": TEXT,  # robot instead of the scenario's: its file, or its name unless shipped
     "friction": TEXT,  # place of the joints' friction
@@ -182,13 +184,14 @@ KEYS: Mapping[str, Any] = {
     "limits": Keyed(_SHARES),  # shares of the time at limits, by plant
     "paper": _PAPER,  # values of the paper
     "reference": Keyed(_REFERENCE),  # largest differences to each reference
+    "reference_stop": NUMBER,  # end of the comparison with the references, if it is before that of the run [s]
     "no_reference": TEXT,  # reason of a missing reference
     "separation": _SEPARATION,  # distance of the run from itself with an invisible change
     # largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest share of
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
-    "judgement": _JUDGEMENT,  # error by communication, as shares of the signals' swings
+    "judgement": _JUDGEMENT,  # coupling error, as shares of the signals' swings
     "expected": _EXPECTED,  # recorded results that the run must equal, and the largest differences from them
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
     "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant

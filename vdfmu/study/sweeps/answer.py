@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
@@ -17,7 +17,7 @@ from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.candidates import MOST, JudgedPoint, best_of, candidates, judge_point, neighbours
 from vdfmu.study.sweeps.failures import failure_words, place_of
 from vdfmu.study.sweeps.indices import indices
-from vdfmu.study.sweeps.table import SearchPoints, Side, StudyTable, View, groups, view
+from vdfmu.study.sweeps.table import SearchPoints, StudyTable, View, groups, parts_of, view
 
 _TIE = 0.01
 """Share by which the values of points that tie differ at most, and which a search must gain to be lines."""
@@ -317,12 +317,11 @@ def _chance(shown: View) -> float:
     Ranks, since a few large values would hide the order of the rest.
     """
     good, rng = np.isfinite(shown.value.values), np.random.default_rng(0)
-    over = [replace(side, values=side.values[good]) for side in shown.sides]
+    over = [parts_of(side.values[good], bool(side.words)) for side in shown.sides]
     ranks = np.unique(shown.value.values[good], return_inverse=True)[1].astype(float)
 
-    def spread(y: Floats, sides: Sequence[Side]) -> float:
-        value = replace(shown.value, values=y)
-        return max(float(np.ptp([mean for _, mean in groups(side, value)])) for side in sides)
+    def spread(y: Floats, sides: Sequence[Sequence[NDArray[np.intp]]]) -> float:
+        return max(float(np.ptp([np.mean(y[part]) for part in parts])) for parts in sides)
 
     least = (1.0 - 1e-12) * spread(ranks, over[:1])  # a shuffle sums equal values in another order
     return (1 + sum(spread(rng.permutation(ranks), over) >= least for _ in range(_SHUFFLES))) / (1 + _SHUFFLES)

@@ -26,6 +26,8 @@ _FORMS = {
     "lognormal": "lognormal(MEDIAN, DEVIATION of the logarithm)",
 }
 _EXPECTED = f"{'; '.join(_FORMS.values())}; or values, 1, 2, 5. A star before it, *lin(0.9, 1.1), makes them factors"
+_RANGE = re.compile(r"([-+.\de]+):([-+.\de]+)(?::([-+.\de]+))?")
+"""A range as other tools write it, 500:4000:8."""
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 MOST_POINTS = 10_000_000
@@ -116,6 +118,9 @@ def _axis(target: str, form: Any) -> Axis:
         values = tuple(v.item() if isinstance(v, np.generic) else v for v in array)
         return Axis(target, "values", values=_checked(values))
     factor, text = form.startswith("*"), form.lstrip("*").strip()
+    if (ends := _RANGE.fullmatch(text)) is not None:
+        star = "*" * factor
+        raise ValueError(f"expected {_EXPECTED}; got {form}. Write {star}lin({ends[1]}, {ends[2]}, {ends[3] or 'N'}).")
     call = _CALL.fullmatch(text)
     if call is None:
         values = tuple(_value(word.strip()) for word in text.strip("[]").split(","))

@@ -81,9 +81,11 @@ def sobol_indices(values: ArrayLike, axes: Sequence[str]) -> Indices:
     analysis: Any = sobol.analyze(unit_problem(len(axes), axes), np.asarray(values, dtype=float), **_BOOTSTRAP)
     names = {"first": "S1", "total": "ST", "second": "S2"}
     return Indices(
-        "sobol", tuple(axes), {name: np.asarray(analysis[key]) for name, key in names.items()},
+        "sobol",
+        tuple(axes),
+        {name: np.asarray(analysis[key]) for name, key in names.items()},
         {name: np.asarray(analysis[f"{key}_conf"]) for name, key in names.items()},
-    )  # fmt: skip
+    )
 
 
 def morris_indices(values: ArrayLike, points: Floats, axes: Sequence[str]) -> Indices:
@@ -94,6 +96,8 @@ def morris_indices(values: ArrayLike, points: Floats, axes: Sequence[str]) -> In
         unit_problem(len(axes), axes), points, np.asarray(values, dtype=float), num_levels=LEVELS, **_BOOTSTRAP
     )
     return Indices(
-        "morris", tuple(axes), {name: np.asarray(analysis[name], dtype=float) for name in ("mu_star", "mu", "sigma")},
+        "morris",
+        tuple(axes),
+        {name: np.asarray(analysis[name], dtype=float) for name in ("mu_star", "mu", "sigma")},
         {"mu_star": np.asarray(analysis["mu_star_conf"], dtype=float)},
-    )  # fmt: skip
+    )

@@ -205,10 +205,13 @@ class Bench:
             with ExitStack() as stack:
                 simulator = stack.enter_context(
                     Simulator(
-                        path, inputs=list(system.inputs), input_hold=system.input_hold, log=lambda message: None,
+                        path,
+                        inputs=list(system.inputs),
+                        input_hold=system.input_hold,
+                        log=lambda message: None,
                         **system.options,
                     )
-                )  # fmt: skip
+                )
                 self._alive[number] = simulator, stack.pop_all()
         self._alive.move_to_end(number)
         return self._alive[number][0]

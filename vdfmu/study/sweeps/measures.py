@@ -84,10 +84,18 @@ _FUNCTIONS = REDUCTIONS | {
 _TAKEN = ("point", "failed", "failed_at", "failed_in", "kind", "wall_s", "time", *OPTIONS)
 """Columns of a study that are not measures."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Lt: operator.lt, ast.Gt: operator.gt,
-    ast.LtE: operator.le, ast.GtE: operator.ge,
-}  # fmt: skip
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Lt: operator.lt,
+    ast.Gt: operator.gt,
+    ast.LtE: operator.le,
+    ast.GtE: operator.ge,
+}
 _KEEPING = (ast.Add, ast.Sub, ast.USub, ast.UAdd)
 """Operators whose value has the unit of their operands."""
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vdfmu.base.arrays import distinct
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import inside, temporary_folder, write_whole
 from vdfmu.base.measure import quantity
@@ -49,11 +50,12 @@ def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool, trust
     run = None
     try:
         study.values()
-        points = study_content(study, answer)
+        shown = shown_rows(study, answer)
+        points = study_content(study, answer, shown)
         changes, reason = None, ""
         if simulate:
             try:
-                run, changes = base_run(study, folder, trust)
+                run, changes = base_run(study, shown, folder, trust)
             except VdfmuError as error:
                 reason = f"The page does not simulate this point: {str(error).splitlines()[0]}"
                 study.notes.append(reason)
@@ -66,6 +68,8 @@ def _part(study: StudyTable, answer: Answer, folder: Path, simulate: bool, trust
     tuning, n = "tune" in facts, len(study)
     count = f"{n} runs of a search" if tuning else f"{n} of {facts['n']} points"
     about = f"{count} over {axes}; {len(failed)} failed"
+    if content and n > MOST_SHOWN:
+        about += f"; pictures show {len(content['points'])}, a random selection with all extremes"
     sections = [
         lab,
         _card("Measures", _measures(study)),
@@ -114,9 +118,11 @@ def _measures(study: StudyTable) -> str:
         unit = study.facts["units"].get(column.partition("[")[0], "")
         ends = [
             f'<button type="button" data-point="{point}">'
-            f"{escape(_short(place_of(study, columns[places[int(point)]])))}</button>" if point else ""
+            f"{escape(_short(place_of(study, columns[places[int(point)]])))}</button>"
+            if point
+            else ""
             for point in (least, most)
-        ]  # fmt: skip
+        ]
         numbers = [quantity(float(text), unit) for text in (low, middle, high)] if least else [low, "", ""]
         rows.append([escape(column), *map(escape, numbers), *ends])
     return _html_table(("measure", "smallest", "median", "largest", "smallest at", "largest at"), rows)
@@ -125,12 +131,14 @@ def _measures(study: StudyTable) -> str:
 def _failures(study: StudyTable) -> str:
     rows = [
         [
-            escape(group.cause), str(len(group.points)), escape(_short(group.where)),
+            escape(group.cause),
+            str(len(group.points)),
+            escape(_short(group.where)),
             f'<button type="button" data-point="{group.points[0]}">point {group.points[0]}</button>',
             f"<details><summary>message</summary>{escape(_short(group.message, 400))}</details>",
         ]
         for group in failed_groups(study)
-    ]  # fmt: skip
+    ]
     return _html_table(("cause", "points", "where", "first", ""), rows)
 
 
@@ -172,19 +180,31 @@ def _short(text: str, most: int = 160) -> str:
     return text if len(text) <= most else f"{text[: most - 2]} …"
 
 
+MOST_SHOWN = 15_000
+"""Points in a page, 3 MB with five columns. Of more points it has a random selection, and all that its texts name."""
 MOST_VALUES = 200_000
 """Parameters of all points that a page holds, 2 MB, and values of kept curves."""
 _ROWS = 200
 """Most rows of a kept curve."""
 
 
-def columns_of(study: StudyTable) -> list[dict[str, Any]]:
-    """Return the axes that vary, the most influential first, and the measures, each a column with its scale.
+def shown_rows(study: StudyTable, answer: Answer) -> NDArray[np.intp]:
+    """Return the rows of the points in a page: all, or some with extremes, first failures and points with roles."""
+    n, points = len(study), study["point"]
+    if n <= MOST_SHOWN:
+        return np.arange(n)
+    named = [int(point) for row in study.ranges() for point in row[-2:] if point]
+    named += [group.points[0] for group in failed_groups(study)]
+    some = np.random.default_rng(0).choice(n, MOST_SHOWN, replace=False)
+    return distinct(some, np.flatnonzero(np.isin(points, named)), *_roles(study, answer).values()).astype(np.intp)
+
+
+def columns_of(study: StudyTable, shown: NDArray[np.intp]) -> list[dict[str, Any]]:
+    """Return the axes that vary, the most influential first, and the measures, each a column of `shown` rows.
 
     Of a measure of several elements the largest comes before them. Values have six digits; None for a failed run.
     """
-    shown = view(study)
-    sides = [(side, True) for side in shown.sides]
+    sides = [(side, True) for side in view(study).sides]
     for name in study.facts["measures"]:
         elements = study.elements(name) if any(c.partition("[")[0] == name for c in study.measures) else []
         for column in dict.fromkeys([name, *elements] if elements else []):
@@ -192,27 +212,27 @@ def columns_of(study: StudyTable) -> list[dict[str, Any]]:
                 sides.append((view(study, column).value, False))
             except UsageError:
                 continue  # all failed
-    return [_column(side, axis) for side, axis in sides]
+    return [_column(side, axis, shown) for side, axis in sides]
 
 
-def _column(side: Side, axis: bool) -> dict[str, Any]:
-    values = [float(f"{v:.6g}") if np.isfinite(v) else None for v in side.values]
+def _column(side: Side, axis: bool, shown: NDArray[np.intp]) -> dict[str, Any]:
+    values = [float(f"{v:.6g}") if np.isfinite(v) else None for v in side.values[shown]]
     return {
         "name": side.name, "unit": side.unit, "log": side.log, "words": side.words, "axis": axis, "values": values,
     }  # fmt: skip
 
 
-def study_content(study: StudyTable, answer: Answer) -> dict[str, Any]:
-    """Return the data of the points in the page, without ``changes``, see `base_run`, and their ``reason``."""
+def study_content(study: StudyTable, answer: Answer, shown: NDArray[np.intp]) -> dict[str, Any]:
+    """Return the data of the `shown` rows in the page, without ``changes``, see `base_run`, and their ``reason``."""
     package = str(study.facts["source"]).endswith(".ssp")
-    failed, points = study.failed, study["point"].tolist()
+    failed, points = study.failed, study["point"][shown].tolist()
     return {
         "points": points,
-        "columns": columns_of(study),
+        "columns": columns_of(study, shown),
         "failed": [failed.get(point) for point in points],
         "command": "" if package else f"vdfmu run --from {shlex.quote(str(study.path))} --row",
-        "kept": _kept(study),
-        "roles": _roles(study, answer),
+        "kept": _kept(study, shown),
+        "roles": {role: np.searchsorted(shown, rows).tolist() for role, rows in _roles(study, answer).items()},
     }
 
 
@@ -224,11 +244,13 @@ def _roles(study: StudyTable, answer: Answer) -> dict[str, list[int]]:
     return {
         role: np.flatnonzero(np.isin(points, [*getattr(study.search, role)])).tolist()
         for role in ("start", "chosen", "infeasible")
-    }  # fmt: skip
+    }
 
 
-def base_run(study: StudyTable, folder: Path, trust: bool = False) -> tuple[ShownRun, dict[str, Any]]:
-    """Run the scenario of a study without its axes in a folder; return the run and the parameters of each point.
+def base_run(
+    study: StudyTable, shown: NDArray[np.intp], folder: Path, trust: bool = False
+) -> tuple[ShownRun, dict[str, Any]]:
+    """Run the scenario of a study without its axes in a folder; return the run and the parameters of `shown` points.
 
     Options that vary have the values of the best point; points with other values have no changes. ``names`` are
     ``component.variable``, ``rows`` the places of points, ``values`` little-endian numbers, point by point.
@@ -240,7 +262,7 @@ def base_run(study: StudyTable, folder: Path, trust: bool = False) -> tuple[Show
     if source.endswith(".ssp"):
         raise UsageError("Only scenarios are simulated in a page.")
     system, options = study.system(best)
-    table, switched = study.table(study.axes).to_pylist(), list(filter(is_option, study.axes))
+    table, switched = study.table(study.axes).take(shown).to_pylist(), list(filter(is_option, study.axes))
     rows = [k for k, row in enumerate(table) if all(row[axis] == best[axis] for axis in switched)]
     changes = [system.parameters({target: table[k][target] for target in system.bindings}) for k in rows]
     names = list(changes[0]) if changes else []
@@ -251,11 +273,12 @@ def base_run(study: StudyTable, folder: Path, trust: bool = False) -> tuple[Show
     return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
 
 
-def _kept(study: StudyTable) -> dict[str, Any] | None:
-    """Return the signals that were kept of each point, every k-th row; None without them, or with too many."""
+def _kept(study: StudyTable, shown: NDArray[np.intp]) -> dict[str, Any] | None:
+    """Return the signals that were kept of each `shown` point, every k-th row; None without them, or with too many."""
     if "time" not in study.columns:
         return None
     table = study.table([*dict.fromkeys(c for c in study.columns if c not in (*study.axes, *study.measures))])
+    table = table.take(shown)
     names = [field.name for field in table.schema if str(field.type).startswith("list") and field.name != "time"]
     longest = max((len(row) for row in table["time"].to_pylist() if row), default=0)
     stride = max(1, -(-longest // _ROWS))
@@ -269,9 +292,12 @@ def _kept(study: StudyTable) -> dict[str, Any] | None:
     values = np.stack([columns[name] for name in names], axis=1)
     units = study.facts["units"]
     return {
-        "names": names, "units": [units.get(name, "") for name in names], "count": count,
-        "time": packed(columns["time"], "<f4"), "values": packed(values, "<f4"),
-    }  # fmt: skip
+        "names": names,
+        "units": [units.get(name, "") for name in names],
+        "count": count,
+        "time": packed(columns["time"], "<f4"),
+        "values": packed(values, "<f4"),
+    }
 
 
 def _padded(row: Sequence[float] | None, stride: int, count: int) -> NDArray[Any]:

@@ -36,7 +36,7 @@ TRACKING = {
     "peak_torque": "peak(controller.tau)",
 }
 """Measures of a tracking loop, if none are given."""
-_COUPLED = ("algorithm", "parameters", *CouplingOptions.__annotations__)
+_COUPLED = ("algorithm", "parameters", "tolerance", *CouplingOptions.__annotations__)
 """Options of the simulator of a package."""
 
 
@@ -56,7 +56,7 @@ def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], di
     run = {name: getattr(read.experiment, name) for name in ("start", "stop", "step")} | dict(system.run)
     missing = [name for name in ("stop", "step") if run[name] is None]
     if missing:
-        raise UsageError(f"{' and '.join(missing)}: the package says none; give one.")
+        raise UsageError(f"{' and '.join(missing)}: the package does not state it, so give it as an option.")
     outputs = [
         f"{name}.{v.name}" for name, each in checked.descriptions.items() for v in each.variables.values()
         if v.causality == "output"
@@ -279,7 +279,7 @@ def _of_package(
     wrong = [target for target in switched if target not in ("algorithm", "step", "stop")]
     wrong += [name for name in ("robot", "units", "connections", "unfed") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
-    wrong += [name for name in ("backend", "tolerance") if options.get(name) is not None]
+    wrong += [name for name in ("backend",) if options.get(name) is not None]
     if wrong:
         raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
     chosen: dict[str, Any] = {name: value for name, value in {**options, **switched}.items() if value is not None}

@@ -121,9 +121,11 @@ class Study:
             self._workers.close()
 
     def ask(
-        self, points: Sequence[int] | NDArray[np.intp], task: Callable[[int], Task],
+        self,
+        points: Sequence[int] | NDArray[np.intp],
+        task: Callable[[int], Task],
         advance: Callable[[int], None] = lambda points: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Run points, in ascending order, and keep their rows. VdfmuError if any are missing. `advance`: see `run`."""
         chunks = Chunks(np.array(points, dtype=int), task, self._chunk, self._together)
         self._missing = len(points)

@@ -255,8 +255,10 @@ class StudyTable:
         self.require_own(trust)
         row, source, was = self.row(which, by), self.facts["source"], self.facts["systems"]
         if source.endswith(".ssp"):
+            kept = self.folder / Path(source).name
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
-            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {source}' runs it, with {values}.")
+            package = kept if kept.exists() else source
+            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {package}' runs it, with {values}.")
         system, options = self.system(row)
         if digest(system.content) not in [each["package"] for each in was]:
             self._note(f"{source}: its values, units or robot have changed since the study.")
@@ -351,9 +353,12 @@ def groups(side: Side, value: Side) -> list[tuple[float, float]]:
     """Return means of a side and of the measure, at each value of a side with few, else in fifths of its points."""
     good = np.isfinite(value.values)
     x, y = side.values[good], value.values[good]
+    return [(float(np.mean(x[part])), float(np.mean(y[part]))) for part in parts_of(x, bool(side.words))]
+
+
+def parts_of(x: Floats, words: bool) -> list[NDArray[np.intp]]:
+    """Return the places of each value of a side with few, or with `words`, else of each fifth of its points."""
     distinct = np.unique(x)
-    if len(distinct) <= _FIFTHS or side.words:
-        parts: Sequence[NDArray[np.intp]] = [np.flatnonzero(x == level) for level in distinct]
-    else:
-        parts = [part for part in np.array_split(np.argsort(x, kind="stable"), _FIFTHS) if len(part)]
-    return [(float(np.mean(x[part])), float(np.mean(y[part]))) for part in parts]
+    if len(distinct) <= _FIFTHS or words:
+        return [np.flatnonzero(x == level) for level in distinct]
+    return [part for part in np.array_split(np.argsort(x, kind="stable"), _FIFTHS) if len(part)]

@@ -29,9 +29,13 @@ KILLED = "the process was killed (SIGKILL)"
 """Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
 _HEAD = {
-    "point": int, "failed": (str, type(None)), "failed_at": (float, int, type(None)), "wall_s": (float, int),
-    "failed_in": (str, type(None)), "kind": (str, type(None)),
-}  # fmt: skip
+    "point": int,
+    "failed": (str, type(None)),
+    "failed_at": (float, int, type(None)),
+    "wall_s": (float, int),
+    "failed_in": (str, type(None)),
+    "kind": (str, type(None)),
+}
 """Keys that each row has, and their types; the others are measures."""
 
 

@@ -85,9 +85,11 @@ def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -
     order = list(by_name) if ordered else _order(list(by_name), nets)
     for name in order:
         before = [
-            net.start[0] for net in nets for end, _ in net.ends
+            net.start[0]
+            for net in nets
+            for end, _ in net.ends
             if end == name and order.index(net.start[0]) < order.index(name)
-        ]  # fmt: skip
+        ]
         by_name[name].column = 1 + max((by_name[source].column for source in before), default=-1)
     columns: list[list[Card]] = [[] for _ in range(1 + max((card.column for card in cards), default=0))]
     for name in order:

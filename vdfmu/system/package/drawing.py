@@ -36,9 +36,27 @@ svg.system { font: 13px system-ui, "DejaVu Sans", Arial, sans-serif; color: #242
 .system .wire circle { fill: currentColor; } .system .wire .held { fill: var(--back); stroke: currentColor; }
 """
 _GREEK = dict(
-    alpha="α", beta="β", gamma="γ", delta="δ", epsilon="ε", zeta="ζ", eta="η", theta="θ", kappa="κ", mu="μ", nu="ν",
-    xi="ξ", rho="ρ", sigma="σ", tau="τ", phi="φ", chi="χ", psi="ψ", omega="ω", ell="ℓ",
-)  # fmt: skip
+    alpha="α",
+    beta="β",
+    gamma="γ",
+    delta="δ",
+    epsilon="ε",
+    zeta="ζ",
+    eta="η",
+    theta="θ",
+    kappa="κ",
+    mu="μ",
+    nu="ν",
+    xi="ξ",
+    rho="ρ",
+    sigma="σ",
+    tau="τ",
+    phi="φ",
+    chi="χ",
+    psi="ψ",
+    omega="ω",
+    ell="ℓ",
+)
 _MARKS = {"dot": "\u0307", "ddot": "\u0308", "hat": "\u0302"}
 _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
@@ -164,8 +182,11 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
     kinds = {name: {kind: [s.name for s in each] for kind, each in ends.items()} for name, ends in signals.items()}
     sizes = {
         (name, s.name): " × ".join(map(str, s.shape))
-        for name, ends in signals.items() for each in ends.values() for s in each if s.shape
-    }  # fmt: skip
+        for name, ends in signals.items()
+        for each in ends.values()
+        for s in each
+        if s.shape
+    }
     words = {name: PurePosixPath(description.fmu_name(name)).stem for name in signals}
     links = [((x.start[0], x.start[1].name), (x.end[0], x.end[1].name)) for x in description.links]
     places = {name: (x, -y, icon_source(name)) for name, (x, _, _, y) in description.corners.items()}
@@ -178,10 +199,14 @@ def _in_order(kinds: Kinds, places: Mapping[str, tuple[float, float, str]]) -> l
 
 
 def _draw(
-    kinds: Mapping[str, Mapping[str, Sequence[str]]], words: Mapping[str, str], links: Iterable[tuple[Port, Port]],
-    sizes: Mapping[Port, str], places: Mapping[str, tuple[float, float, str]], icons: Mapping[str, bytes | None],
+    kinds: Mapping[str, Mapping[str, Sequence[str]]],
+    words: Mapping[str, str],
+    links: Iterable[tuple[Port, Port]],
+    sizes: Mapping[Port, str],
+    places: Mapping[str, tuple[float, float, str]],
+    icons: Mapping[str, bytes | None],
     held: Container[str] = (),
-) -> str:  # fmt: skip
+) -> str:
     """Draw components with connectors by kind, and their links. Places of all give the order from left to right."""
     if not kinds:
         return ""

@@ -9,8 +9,7 @@ from typing import Any
 from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
-from vdfmu.engine.package.parse import FOREIGN
-from vdfmu.engine.package.writing import META, add, add_experiment, root
+from vdfmu.engine.package.parse import FOREIGN, META, add, add_experiment, root
 from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
 from vdfmu.system.package.drawing import draw_system
 
@@ -54,24 +53,31 @@ def structure_file(description: SystemDescription) -> Any:
     for link in description.links:
         (start_unit, start), (end_unit, end) = link.start, link.end
         add(
-            connections, "ssd:Connection",
-            startElement=start_unit, startConnector=start.name,
+            connections,
+            "ssd:Connection",
+            startElement=start_unit,
+            startConnector=start.name,
             startIndices=" ".join(map(str, link.start_index)) or None,
-            endElement=end_unit, endConnector=end.name, endIndices=" ".join(map(str, link.end_index)) or None,
-        )  # fmt: skip
+            endElement=end_unit,
+            endConnector=end.name,
+            endIndices=" ".join(map(str, link.end_index)) or None,
+        )
     left, low, right, high = zip(*description.corners.values(), strict=True)
     x1, y1, x2, y2 = min(left) - _MARGIN, min(low) - _MARGIN, max(right) + _MARGIN, max(high) + 2 * _MARGIN
     add(system, "ssd:SystemGeometry", x1=x1, y1=y1, x2=x2, y2=y2)
     note = f"{description.description}.\n{scenario.description}."
     add(
-        add(system, "ssd:GraphicalElements"),
-        "ssd:Note", x1=x1 + 4.0, y1=y2 - 20.0, x2=x2 - 4.0, y2=y2 - 2.0, text=note,
-    )  # fmt: skip
+        add(system, "ssd:GraphicalElements"), "ssd:Note", x1=x1 + 4.0, y1=y2 - 20.0, x2=x2 - 4.0, y2=y2 - 2.0, text=note
+    )
     add_units(top, "ssd:Units", description.measures)
     add_experiment(
-        top, scenario.stop, float(scenario.step), algorithm=scenario.algorithm, solverTolerance=description.tolerance,
+        top,
+        scenario.stop,
+        float(scenario.step),
+        algorithm=scenario.algorithm,
+        solverTolerance=description.tolerance,
         adaptive=scenario.adaptive,
-    )  # fmt: skip
+    )
     return top
 
 
@@ -79,10 +85,14 @@ def _add_component(elements: Any, description: SystemDescription, component: str
     x1, y1, x2, y2 = description.corners[component]
     table = description.tables[component]
     element = add(
-        elements, "ssd:Component", name=component, description=table.description,
-        type="application/x-fmu-sharedlibrary", source=f"resources/{description.fmu_name(component)}",
+        elements,
+        "ssd:Component",
+        name=component,
+        description=table.description,
+        type="application/x-fmu-sharedlibrary",
+        source=f"resources/{description.fmu_name(component)}",
         implementation=table.implementation,
-    )  # fmt: skip
+    )
     connectors = add(element, "ssd:Connectors")
     for kind, x in _SIDES.items():
         signals = description.signals(component, kind)
@@ -93,9 +103,15 @@ def _add_component(elements: Any, description: SystemDescription, component: str
                 add(connector, "ssc:Dimension", size=size)
             add(connector, "ssd:ConnectorGeometry", x=x, y=y)
     add(
-        element, "ssd:ElementGeometry", x1=x1, y1=y1, x2=x2, y2=y2, iconSource=icon_source(component),
+        element,
+        "ssd:ElementGeometry",
+        x1=x1,
+        y1=y1,
+        x2=x2,
+        y2=y2,
+        iconSource=icon_source(component),
         iconFixedAspectRatio="true",
-    )  # fmt: skip
+    )
     bindings = add(element, "ssd:ParameterBindings") if description.bindings[component] else None
     for bound in description.bindings[component]:
         binding = add(bindings, "ssd:ParameterBinding", source=f"resources/{bound.file}")

@@ -20,8 +20,7 @@ from vdfmu.base.platforms import native_available, this_platform
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, PYTHON_FMI, SSP_1, SSP_FORMATS, SspFormat
 from vdfmu.compiler.fmu.build import FMI, Content, choose_backend, form_of, targets, unit_name
 from vdfmu.compiler.unit import Unit
-from vdfmu.engine.package.parse import validate
-from vdfmu.engine.package.writing import to_bytes
+from vdfmu.engine.package.parse import to_bytes, validate
 from vdfmu.system.package import structure_file as files
 from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.scenario.scenario import Scenario
@@ -72,9 +71,14 @@ def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[s
 
 @checks_types
 def write_ssp(
-    scenario: Scenario, fmus: Mapping[str, str | os.PathLike[str]], path: str | os.PathLike[str],
-    values: Mapping[str, Mapping[str, Any]] | None = None, *, version: str = SSP_1.name, mixed: bool = False,
-) -> Path:  # fmt: skip
+    scenario: Scenario,
+    fmus: Mapping[str, str | os.PathLike[str]],
+    path: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+    *,
+    version: str = SSP_1.name,
+    mixed: bool = False,
+) -> Path:
     """Write the system of a scenario as a package with its FMUs.
 
     It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings where names
@@ -163,9 +167,13 @@ def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
 
 
 def build_parts(
-    scenario: Scenario, folder: str | os.PathLike[str], values: Mapping[str, Mapping[str, Any]] | None = None, *,
-    target: str = FMI, **options: Any,
-) -> dict[str, Path]:  # fmt: skip
+    scenario: Scenario,
+    folder: str | os.PathLike[str],
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+    *,
+    target: str = FMI,
+    **options: Any,
+) -> dict[str, Path]:
     """Build the FMUs of the scenario's system, or take its foreign FMUs. Return component to FMU.
 
     `values` are start values by component. `target` and `options`: see :func:`vdfmu.arm.fmus.build_fmus`. Components
@@ -183,9 +191,15 @@ def build_parts(
         here = {name: unit for name, unit in units.items() if (placed[name], robots[name]) == (place, robot)}
         parameters = {unit_name(unit): dict(starts.get(name, {})) for name, unit in here.items()}
         built = build_fmus(
-            robot, place, units=list(dict.fromkeys(here.values())), parameters=parameters, target=target,
-            step=scenario.step, folded=True, **options,  # as far as the robot says: the caller has chosen
-        )  # fmt: skip
+            robot,
+            place,
+            units=list(dict.fromkeys(here.values())),
+            parameters=parameters,
+            target=target,
+            step=scenario.step,
+            folded=True,
+            **options,  # as far as the robot says: the caller has chosen
+        )
         fmus |= {name: built[unit_name(unit)] for name, unit in here.items()}
     return {name: fmus[name] for name in scenario.system.parts if name in fmus}
 
@@ -202,9 +216,11 @@ def left_out(scenario: Scenario, target: str) -> list[str]:
 
 
 def _placed(
-    units: Mapping[str, type[Unit]], robots: Mapping[str, Robot | None],
-    values: Mapping[str, Mapping[str, Any]], folder: Path,
-) -> dict[str, Path]:  # fmt: skip
+    units: Mapping[str, type[Unit]],
+    robots: Mapping[str, Robot | None],
+    values: Mapping[str, Mapping[str, Any]],
+    folder: Path,
+) -> dict[str, Path]:
     """Return the folder of each component's FMU: a subfolder if another unit, robot, or start values have its name."""
     placed: dict[str, Path] = {}
     taken: dict[str, tuple[type[Unit], Robot | None, dict[str, Any]]] = {}

@@ -17,7 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from ctypes import PyDLL, c_double, c_void_p
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from hashlib import sha256
 from itertools import islice
 from typing import Any
@@ -38,10 +39,13 @@ from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
+from vdfmu.system.reference.dop853 import source_key
+from vdfmu.system.reference.solution import SHORT, ContinuousReference, Repeated, SampledReference
 from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits
 from vdfmu.system.scenario.scenario import Variables
 
+REPEATED = 100
+"""Least number of intervals of a solution in compiled code that scipy solves too."""
 BLOCK = 1024
 """Rows of a block: the part of a long run in memory."""
 RESOLUTION: float = SHORT["atol"]
@@ -60,6 +64,10 @@ class Reference:
     name: str
     t: Floats
     signals: dict[str, Floats]
+    repeated: Repeated = field(default_factory=Repeated)
+    """Intervals so far that both the compiled solver and scipy's solved."""
+    repeat: Callable[[int], None] = lambda row: None
+    """Solves the interval that ends at a row again with scipy, if it was solved in compiled code."""
 
     def __getitem__(self, name: str) -> Floats:
         """Return the values (m, size) of ``unit.group``."""
@@ -73,6 +81,10 @@ def reference_blocks(
     """Compute a reference in blocks of `BLOCK` communication points. The last may be shorter.
 
     Each begins with the last `overlap` points before it, as in :meth:`vdfmu.engine.results.recorded.Recorded.blocks`.
+
+    More than 10 s of a sampled reference are solved in compiled code, if there is a compiler. At least `REPEATED`
+    intervals, evenly spaced, are solved by scipy too, and the row of each block that :attr:`Reference.repeat` is called
+    with. VdfmuError if they differ by more than the tolerance.
 
     A sampled reference holds outputs over `substeps` equal parts of a `step` [s]. `groups` are the outputs,
     ``unit.group``, by default all. `progress` is called with the number of finished steps and their total.
@@ -93,26 +105,45 @@ def reference_blocks(
     if t.size * sum(map(len, shown.values())) * t.itemsize <= _KEPT and (key := _key(description)):
         facts = (name, substeps, step, m, [*shown], key)
         path = cache_folder() / "references" / sha256(repr(facts).encode()).hexdigest()
-        kept = load(path, lambda content: np.frombuffer(content).reshape(t.size, sum(map(len, shown.values()))))
+        kept = load(path, lambda content: np.frombuffer(content).reshape(t.size + 2, sum(map(len, shown.values()))))
+    repeated, repeat = Repeated(), None
     if kept is None:
-        rows = islice(_solved(name, description, step / substeps, m * substeps, shown), 0, None, substeps)
+        rows, solution = _solved(name, description, step / substeps, m * substeps, substeps, shown)
+        if isinstance(solution, SampledReference):
+            repeated, repeat = solution.repeated, solution.repeat
     else:
-        rows = iter(kept)
+        repeated = Repeated(int(kept[0, 0]), float(kept[1, 0]))
+        rows = iter(kept[2:])
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
     before: Sequence[Floats] | Floats = ()
+    apart = max(1, m // REPEATED)
     for first in range(0, m + 1, BLOCK):
         block = np.array([*before, *islice(rows, BLOCK)])
+        begin, end = first - len(before), min(first + BLOCK, m + 1)
         if path is not None and kept is None:
             blocks.append(block[len(before) :])
         signals = {group: block[:, columns] for group, columns in where.items()}
-        yield Reference(name, t[first - len(before) : first + BLOCK], signals)
+        solved = Reference(name, t[begin:end], signals, repeated)
+        if repeat is not None:
+            for row in range(-(-max(first, 1) // apart) * apart, end, apart):
+                repeat(end - 1 - row)
+            solved = replace(solved, repeat=partial(_repeat, repeat, len(before), len(block)))
+        yield solved
         before = block[max(0, len(block) - overlap) :]
         if progress is not None:
             progress(min(first + BLOCK, m), m)
     if path is not None and blocks:
-        store(path, np.concatenate(blocks).tobytes())
+        facts = np.zeros((2, blocks[0].shape[1]))
+        facts[:, 0] = repeated.intervals, repeated.difference
+        store(path, np.concatenate([facts, *blocks]).tobytes())
+
+
+def _repeat(repeat: Callable[[int], None], overlap: int, rows: int, row: int) -> None:
+    """Solve the interval before a row of a block again, unless it belongs to the block before or to the start."""
+    if row >= max(overlap, 1):
+        repeat(rows - 1 - row)
 
 
 def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
@@ -124,7 +155,8 @@ def reference(name: str, description: SystemDescription, *, step: float, stop: f
 
 def _key(description: SystemDescription) -> str:
     """Return a text of all that decides a solution: code, wiring, values and versions. Empty for units in Python."""
-    facts: list[Any] = [scipy.__version__, source_digest("system.reference"), description.connections]
+    facts: list[Any] = [scipy.__version__, source_digest("system.reference"), source_key(), native_available()]
+    facts.append(description.connections)
     facts += [table.digest for table in read_inputs(description.scenario.inputs, description.scenario.input_hold)]
     for name, table in description.tables.items():
         if not isinstance(table, Interface) or table.unit.backend == "python":
@@ -135,9 +167,9 @@ def _key(description: SystemDescription) -> str:
 
 
 def _solved(
-    name: str, description: SystemDescription, step: float, n: int, shown: Mapping[str, Sequence[Node]]
-) -> Iterator[Floats]:
-    """Yield the shown outputs at each of n + 1 times."""
+    name: str, description: SystemDescription, step: float, n: int, every: int, shown: Mapping[str, Sequence[Node]]
+) -> tuple[Iterator[Floats], SampledReference | ContinuousReference]:
+    """Return the shown outputs at each `every`-th of n + 1 times, and what solves them."""
     system = WiredUnits(description)
     solution = (
         ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
@@ -145,8 +177,12 @@ def _solved(
     places = system.places(node for nodes in shown.values() for node in nodes)
     system.start()
     times: Floats = step * np.arange(n + 1, dtype=np.float64)
-    for _ in solution.solve(times, runs(system, solution.lists, sources(system, solution.lists))):
-        yield system.memory[places]
+    run = runs(system, solution.lists, sources(system, solution.lists))
+    if isinstance(solution, SampledReference):
+        solved = solution.solve(times, run, BLOCK, every)
+    else:
+        solved = islice(solution.solve(times, run), 0, None, every)
+    return (system.memory[places] for _ in solved), solution
 
 
 def runs(

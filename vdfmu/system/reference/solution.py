@@ -21,12 +21,15 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.unit.events import PARTS, Motion, UnitEvents, parts_of, steps_of
 from vdfmu.compiler.unit.solver import Slopes, samples, switchings
+from vdfmu.system.reference.dop853 import CompiledDop853, KeptIntervals, Repeated, compiles
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances between communication points: 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
 """Tolerances over the whole time, as errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+SCIPY_ALONE = 10.0
+"""Longest run [s] whose sampled reference is solved by scipy alone."""
 _CLOSE = 1e-9
 """Part of a period below which two times are equal."""
 _STRETCH = 1000
@@ -61,10 +64,16 @@ class _RightHandSide:
 
 
 class _Mover:
-    """Moves the states of a unit between communication points, with held inputs."""
+    """Moves the states of a unit between communication points, with held inputs.
 
-    def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
+    With `is_compiled` it uses the compiled solver, otherwise scipy's.
+    """
+
+    def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None, is_compiled: bool) -> None:
         self._unit, self._name, self._update = system.units[name], name, update
+        self.is_compiled = is_compiled and run is not None
+        if self.is_compiled:
+            self._compiled = CompiledDop853(run, self._unit.x, self._unit.x_dot, **SHORT)
         self._events = UnitEvents([self._unit], self._place, lambda: self._unit.x.copy())
         self._events.begin()
         if run is not None:
@@ -75,7 +84,7 @@ class _Mover:
             ode.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
             self._solver = ode._integrator
             self._solver.reset(self._unit.x.size, False)
-        self._steps = 1
+        self.steps = 1
         """Steps of the last interval. The next begins with a step of this part of it."""
 
     def move(self, begin: float, end: float) -> None:
@@ -104,8 +113,15 @@ class _Mover:
                 self._advance(first, last)
 
     def _advance(self, t: float, to: float) -> None:
+        first = (to - t) / max(self.steps, 1)
+        steps = self._compiled.advance(t, to, first) if self.is_compiled else self._by_scipy(t, to, first)
+        if steps < 0 or not math.isfinite(self._unit.x @ self._unit.x):
+            raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
+        self.steps = steps
+
+    def _by_scipy(self, t: float, to: float, first: float) -> int:
         x, solver = self._unit.x, self._solver
-        solver.work[6] = (to - t) / max(self._steps, 1)  # first step
+        solver.work[6] = first
         # `ode.integrate` takes longer than a short interval; this solver would turn an exception of a signal in the
         # right-hand side into a number or a ValueError
         with InterruptGuard():
@@ -115,9 +131,7 @@ class _Mover:
                 raise self._rate.error or error from None
         if self._rate.error is not None:
             raise self._rate.error
-        if state < 0 or not math.isfinite(x @ x):
-            raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
-        self._steps = int(solver.iwork[18])
+        return -1 if state < 0 else int(solver.iwork[18])
 
 
 class SampledReference:
@@ -145,25 +159,48 @@ class SampledReference:
                 self.moving.append(name)
                 self.lists[f"part_{i + 1}"] = part = []
             part += [TimeSetter(system.clock(name)), Evaluate(name, "outputs")]
+        self._kept: KeptIntervals | None = None
+        self.repeated = Repeated()
 
-    def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
-        """Yield as soon as the memory has the outputs of each of the times `t` (m,) [s], from the start on.
+    def solve(self, t: Floats, run: Mapping[str, Run], block: int, every: int) -> Iterator[None]:
+        """Yield as soon as the memory has the outputs of each `every`-th of the times `t` (m,) [s], from the start on.
 
-        `run` has a function for each of `lists`.
+        `run` has a function for each of `lists`. A long run without events is solved in compiled code, if its functions
+        are, and :meth:`repeat` compares intervals before the last `block` of these times with scipy.
         """
-        moves = [
-            _Mover(self._system, name, run.get(f"rate_{i}"), run.get(f"update_{i}")).move
-            for i, name in enumerate(self.moving)
+        rates = [run.get(f"rate_{i}") for i in range(len(self.moving))]
+        compiled = float(t[-1]) > SCIPY_ALONE and all(compiles(rate) for rate in rates if rate is not None)
+        compiled = compiled and not any(unit.at_events for unit in self._system.units.values())
+        movers = [
+            _Mover(self._system, name, rates[i], run.get(f"update_{i}"), compiled) for i, name in enumerate(self.moving)
         ]
-        first, *rest = (run[f"part_{i}"] for i in range(len(moves) + 1))
+        self._parts = [run[f"part_{i}"] for i in range(len(movers) + 1)]
+        self._moves = [mover.move for mover in movers]
+        kept = self._kept = KeptIntervals(self._system, movers, block, SHORT) if compiled else None
         yield
-        for begin, end in pairwise(t.tolist()):
-            self._system.feed(begin, held=True)
-            first(end)
-            for move, outputs in zip(moves, rest, strict=True):
-                move(begin, end)
-                outputs(end)
-            yield
+        for k, (begin, end) in enumerate(pairwise(t.tolist()), 1):
+            is_row = k % every == 0
+            if kept is not None and is_row:
+                kept.begin(begin, end)
+            self._step(begin, end)
+            if kept is not None and is_row:
+                kept.end()
+            if is_row:
+                yield
+
+    def _step(self, begin: float, end: float) -> None:
+        first, *rest = self._parts
+        self._system.feed(begin, held=True)
+        first(end)
+        for move, outputs in zip(self._moves, rest, strict=True):
+            move(begin, end)
+            outputs(end)
+
+    def repeat(self, back: int) -> None:
+        """Let scipy solve the interval before the row `back` rows ago too, if it was solved in compiled code."""
+        if self._kept is not None:
+            self.repeated.difference = max(self.repeated.difference, self._kept.difference(back, self._step))
+            self.repeated.intervals += 1
 
 
 class ContinuousReference:

@@ -152,7 +152,7 @@ class WiredUnits:
             if variable.causality == "input" and (name, i) not in self._source
         }
         if wrong := [name for name in table.names if table.chosen and name not in free]:
-            raise UsageError(f"{table.where}: {', '.join(wrong)}: expected inputs that nothing is connected to.")
+            raise UsageError(f"{table.where}: {', '.join(wrong)}: expected unconnected inputs.")
         fed = {free[name]: values for name, values in zip(table.names, table.values.T, strict=True) if name in free}
         for (name, i), values in fed.items():
             variable = self.units[name].interface.variables[i]

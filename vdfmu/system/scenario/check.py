@@ -14,7 +14,7 @@ from vdfmu.compiler.unit import Input, Unit
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.scenario.scenario import Scenario
 from vdfmu.system.scenario.scenario_file import KEYS
-from vdfmu.system.scenario.values import group_of, override, robot_with, section_values
+from vdfmu.system.scenario.values import group_of, multiplied, override, robot_with, section_values, system_values
 
 
 def model_notes(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> list[str]:
@@ -44,7 +44,8 @@ def model_notes(scenario: Scenario, parameters: Mapping[str, Any] | None = None)
 def implausible(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> list[str]:
     """Return notes on likely mistakes of units or signs in the robots and motions of a scenario with parameters."""
     written = section_values(scenario.resolved, scenario.sections)
-    for component, changed in override(scenario, parameters or {}).items():
+    products = multiplied(scenario.resolved, system_values(scenario), parameters or {})
+    for component, changed in override(scenario, products).items():
         written[component] = written.get(component, {}) | changed
     return list(dict.fromkeys([*_of_robots(scenario, written), *_of_motions(scenario, written)]))
 

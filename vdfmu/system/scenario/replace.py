@@ -34,9 +34,10 @@ def unfolded(scenario: Scenario) -> Scenario:
     parts = {**scenario.system.parts}
     parts |= {name: dataclasses.replace(parts[name], robot=robot) for name, robot in robots.items()}
     return dataclasses.replace(
-        scenario, robot=scenario.robot and scenario.robot.unfolded(),
+        scenario,
+        robot=scenario.robot and scenario.robot.unfolded(),
         system=dataclasses.replace(scenario.system, parts=parts),
-    )  # fmt: skip
+    )
 
 
 def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
@@ -103,12 +104,15 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
     outputs = (f"{name}.{v.group}" for name in units for v in resolved.tables[name] if v.causality == "output")
     sources = dict.fromkeys((*(source for source, _ in dropped), *outputs))
     system = dataclasses.replace(
-        system, dropped=tuple(map(" -> ".join, dropped)), joined=tuple(map(" -> ".join, joined)),
+        system,
+        dropped=tuple(map(" -> ".join, dropped)),
+        joined=tuple(map(" -> ".join, joined)),
         unfed={
             end: [source for source in sources if resolved.fits(source, end)]
-            for end in dict.fromkeys([*new, *lost]) if not resolved.is_fed(end, system.fed)
+            for end in dict.fromkeys([*new, *lost])
+            if not resolved.is_fed(end, system.fed)
         },
-    )  # fmt: skip
+    )
     return dataclasses.replace(scenario, system=system, sections=sections)
 
 

@@ -82,9 +82,17 @@ def _variables(v: Any) -> Iterator[Variable]:
     for name, start in zip(element_names(v.name, v.shape), start_values(v), strict=True):
         group, index = group_of(name)
         yield Variable(
-            group, tuple(i - 1 for i in index), type_of(v.type), v.causality, v.variability or "continuous", unit,
-            start if settable else None, v.description or "", minimum=low, maximum=high,
-        )  # fmt: skip
+            group,
+            tuple(i - 1 for i in index),
+            type_of(v.type),
+            v.causality,
+            v.variability or "continuous",
+            unit,
+            start if settable else None,
+            v.description or "",
+            minimum=low,
+            maximum=high,
+        )
 
 
 Variables = Interface | ForeignInterface

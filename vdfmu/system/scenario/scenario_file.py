@@ -229,10 +229,23 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
     if system is None or problems.lines:
         return None
     return Scenario(
-        name=name, description=description, system=system, robot=robot, stop=stop, step=step, algorithm=algorithm,
-        adaptive=adaptive, tolerance=tolerance, plant_factors=factors, sections=sections, paper=paper, inputs=inputs,
-        input_hold=input_hold, payload_known=payload_known, limits=limits,
-    )  # fmt: skip
+        name=name,
+        description=description,
+        system=system,
+        robot=robot,
+        stop=stop,
+        step=step,
+        algorithm=algorithm,
+        adaptive=adaptive,
+        tolerance=tolerance,
+        plant_factors=factors,
+        sections=sections,
+        paper=paper,
+        inputs=inputs,
+        input_hold=input_hold,
+        payload_known=payload_known,
+        limits=limits,
+    )
 
 
 def _moved(

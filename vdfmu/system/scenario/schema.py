@@ -94,10 +94,11 @@ def system_schema() -> Schema:
         "components": {"type": "object", "additionalProperties": {"anyOf": [_TEXT, box, _table(part, [])]}},
         "shared": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": _TEXT}},
         "connections": {
-            "type": "object", "propertyNames": _SIGNAL,
+            "type": "object",
+            "propertyNames": _SIGNAL,
             "additionalProperties": {"anyOf": [_SIGNAL, _list(_SIGNAL)]},
         },
-    }  # fmt: skip
+    }
     return _file("System of vdfmu", keys, [])
 
 
@@ -107,9 +108,7 @@ def _file(title: str, properties: Mapping[str, Any], required: Sequence[str]) ->
 
 
 def _table(properties: Mapping[str, Any], required: Sequence[str]) -> Schema:
-    return {
-        "type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False,
-    }  # fmt: skip
+    return {"type": "object", "properties": dict(properties), "required": list(required), "additionalProperties": False}
 
 
 def _motion() -> Schema:

@@ -107,9 +107,11 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
             component = end.partition(".")[0]
             if "." not in end or component not in parts:
                 problems.add(
-                    f"connections.{source}", "component.signal of [components]", value_text(end),
+                    f"connections.{source}",
+                    "component.signal of [components]",
+                    value_text(end),
                     nearest(component, list(parts)),
-                )  # fmt: skip
+                )
         connected[source] = ends
     connections = rewired(base.connections if base is not None else {}, connected)
     shared = dict(base.shared) if base is not None else {}

@@ -32,15 +32,15 @@ def system_values(scenario: Scenario, parameters: Mapping[str, Any] | None = Non
     solvers = [n for n, u in resolved.units.items() if any(isinstance(d, Derivative) for d in u.declared.values())]
     tolerances = _set_all(resolved, {f"{name}.tolerance": scenario.tolerance for name in solvers})
     written = _set_all(resolved, _sections(resolved, scenario.sections))
-    changed = _set_all(resolved, parameters or {})
     values = {
         name: {v.name: v.start for v in table if isinstance(table, Interface) and is_free(resolved.system, name, v)}
         | tolerances.get(name, {})
         | robot_parameters(name, table, scenario)
         | written.get(name, {})
-        | changed.get(name, {})
         for name, table in resolved.tables.items()
     }
+    changed = _set_all(resolved, multiplied(resolved, values, parameters or {}))
+    values = {name: each | changed.get(name, {}) for name, each in values.items()}
     _check(resolved.tables, values)
     return values
 
@@ -66,6 +66,34 @@ def override(scenario: Scenario, parameters: Mapping[str, Any]) -> dict[str, Val
     that cannot be set, a wrong value or number of values.
     """
     return _set_all(scenario.resolved, parameters)
+
+
+def multiplied(
+    resolved: ResolvedSystem, values: Mapping[str, Mapping[str, Any]], parameters: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return parameters with each factor, ``controller.K_v=*0.8``, replaced by the products with values of the system.
+
+    `values`: component to variable to value, before the parameters. UsageError for a factor that is not a number, and
+    for one of something that has no number to multiply.
+    """
+    products: dict[str, Any] = {}
+    for key, value in parameters.items():
+        if not isinstance(value, str) or not value.startswith("*"):
+            products[key] = value
+            continue
+        try:
+            factor = float(value[1:])
+        except ValueError:
+            raise UsageError(f"{key}: expected a number behind the star, such as *0.8, got {value}.") from None
+        for component, each in _set_all(resolved, {key: factor}).items():
+            for v in resolved.tables[component]:
+                if v.name not in each:
+                    continue
+                present = values[component].get(v.name, v.start)
+                if not isinstance(present, float):
+                    raise UsageError(f"{key}: expected a number to multiply, got {present}. Set a value instead.")
+                products[f"{component}.{v.name}"] = factor * present
+    return products
 
 
 def present_values(

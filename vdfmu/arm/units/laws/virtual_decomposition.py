@@ -65,9 +65,15 @@ def body_regressor(V_B: np.ndarray, V_B_r: np.ndarray, V_B_r_dot: np.ndarray, g_
 
 
 def adaptive_torques(
-    robot: Any, phi: np.ndarray, K_V: Any, q: np.ndarray, q_dot: np.ndarray, q_dot_r: Any, q_ddot_r: Any,
+    robot: Any,
+    phi: np.ndarray,
+    K_V: Any,
+    q: np.ndarray,
+    q_dot: np.ndarray,
+    q_dot_r: Any,
+    q_ddot_r: Any,
     base: Base = AT_REST,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Return axis components of the required forces (50)-(53) for estimated bodies `phi`, (n, 10), and their drift.
 
     As the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, without a wrench of the tool

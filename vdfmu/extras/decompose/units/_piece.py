@@ -32,13 +32,16 @@ def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "
     """Return the parameters of one joint in sections of the table of robots, or those with `names`."""
     return {
         row.name: Parameter(
-            row.unit(joint_type), row.shape, row.description[0].upper() + row.description[1:],
+            row.unit(joint_type),
+            row.shape,
+            row.description[0].upper() + row.description[1:],
             start=next((start for start in (row.start, row.default) if start is not None), 0.0),
-            minimum=row.smallest, maximum=row.largest,
+            minimum=row.smallest,
+            maximum=row.largest,
         )
         for row in PARAMETERS.values()
         if row.section in sections and (not names or row.name in names)
-    }  # fmt: skip
+    }
 
 
 def rates(measure: tuple[tuple[str, ...], int], linear: str, angular: str, order: int) -> tuple[Any, Any, list[str]]:

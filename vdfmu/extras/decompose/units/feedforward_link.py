@@ -24,8 +24,9 @@ class FeedforwardLink(Piece):
     """
 
     vars().update(desired_ports("B", Input, Output) | desired_ports("C", Output, Input) | desired_forces("D", Input))
-    K_V = Parameter("1", text="Gain K_B in SI units, times the unit matrix, Eq. (50)", start=0.01, minimum=0.0,
-                    tunable=True)  # fmt: skip
+    K_V = Parameter(
+        "1", text="Gain K_B in SI units, times the unit matrix, Eq. (50)", start=0.01, minimum=0.0, tunable=True
+    )
     vars().update(numbers("link"))
     terminals = (
         Terminal("base_side", "left", tuple(desired_ports("B", Input, Output)), "Cutting point {B}"),

@@ -119,10 +119,18 @@ class PlantJoint(Piece):
         F_D = rotor_reaction(robot, 0, driven_rotor_forces(robot, motion, [self.kappa_dot], tau_k)[0])  # (4), (10)-(11)
         F_A = U_AB @ F_B + F_D
         return {
-            "V_B": V_B, "V_B_dot": V_B_dot, "g_B": placement[0].T @ self.g_A, "M_A": M_A, "p_A": p_A + F_D, "F_A": F_A,
-            "F_B": F_B, "P_A": self.V_A @ F_A, "P_B": V_B @ F_B, "der_q_dot": q_ddot,
+            "V_B": V_B,
+            "V_B_dot": V_B_dot,
+            "g_B": placement[0].T @ self.g_A,
+            "M_A": M_A,
+            "p_A": p_A + F_D,
+            "F_A": F_A,
+            "F_B": F_B,
+            "P_A": self.V_A @ F_A,
+            "P_B": V_B @ F_B,
+            "der_q_dot": q_ddot,
             "der_kappa_dot": rotor_acceleration(robot, tau_k, motion)[0],
-        }  # fmt: skip
+        }
 
     def outputs(self) -> None:
         """Velocities, apparent mass and bias force, accelerations, forces."""

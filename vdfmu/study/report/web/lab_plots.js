@@ -7,7 +7,7 @@ import { levelPaths } from "./lab_field.js";
 const MARGIN = { left: 58, right: 14, top: 24, bottom: 42 };
 const LEVELS = 8, // lines of a contour; two colours between them
   LABEL = 48, // px of a tick
-  NARROW = 560, // px, from which labels of columns stand in two rows
+  NARROW = 560, // px, from which labels of columns are in two rows
   REACH = 16; // px between a click and a point
 
 /** Looks of a point by its role. */

@@ -77,9 +77,14 @@ class KalmanFilter(Unit):
 
     @staticmethod
     def design(
-        robot: Any, q: Any = 0.0, *, period: float = 1e-3, sigma_tau: Any = 0.01, sigma_q: Any = 1.0,
+        robot: Any,
+        q: Any = 0.0,
+        *,
+        period: float = 1e-3,
+        sigma_tau: Any = 0.01,
+        sigma_q: Any = 1.0,
         sigma_kappa: Any = 1e-5,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> dict[str, Any]:
         """Return ``period`` [s], ``design_period``, ``rest``, ``joint`` and ``L`` of the stationary filter at a pose.
 
         Parameters
@@ -122,5 +127,8 @@ class KalmanFilter(Unit):
         x = [self.q_hat - q_0, self.q_dot_hat, self.kappa_hat - kappa_0, self.kappa_dot_hat, torque]
         x = np.sum(self.joint * np.stack(x, axis=1)[:, None, :], axis=2) + self.L * error[:, None]
         self.q_hat, self.q_dot_hat, self.kappa_hat, self.kappa_dot_hat = (
-            x[:, 0] + q_0, x[:, 1], x[:, 2] + kappa_0, x[:, 3]
-        )  # fmt: skip
+            x[:, 0] + q_0,
+            x[:, 1],
+            x[:, 2] + kappa_0,
+            x[:, 3],
+        )
