@@ -82,7 +82,7 @@ def excitation(rms: Floats, highest: float, step: float, *, period: float = PERI
             wave = np.fft.irfft(spectrum, rows, axis=0)
             parts += [level / wave.std(axis=0) * wave] * (SETTLING + USED)
     torque = np.concatenate(parts)
-    t: Floats = np.arange(len(torque)) * step
+    t: Any = np.arange(len(torque)) * step
     return PeriodicTorques(t, torque, len(rms))
 
 
