@@ -8,7 +8,7 @@ is the noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.signal import correlate
@@ -82,7 +82,8 @@ def excitation(rms: Floats, highest: float, step: float, *, period: float = PERI
             wave = np.fft.irfft(spectrum, rows, axis=0)
             parts += [level / wave.std(axis=0) * wave] * (SETTLING + USED)
     torque = np.concatenate(parts)
-    return PeriodicTorques(np.arange(len(torque)) * step, torque, len(rms))
+    t: Any = np.arange(len(torque)) * step
+    return PeriodicTorques(t, torque, len(rms))
 
 
 class Periods(NamedTuple):
@@ -163,7 +164,7 @@ def _resolution(kappa: Floats) -> Floats:
     """Return the steps (n,) of encoders, or the smallest changes of positions."""
     smallest = np.zeros(kappa.shape[1])
     for i, column in enumerate(kappa.T):
-        apart = np.diff(np.unique(column))
+        apart: Any = np.diff(np.unique(column))
         if len(apart):
             smallest[i] = np.quantile(apart, 0.1)
     return smallest
@@ -177,7 +178,8 @@ def _friction(kappa: Floats, step: float, resolution: Floats, fall: Floats) -> l
     """
     reach = np.array(_STOPS)[:, None] * np.maximum(_PRESLIDING, resolution)
     change = np.diff(kappa, axis=0, prepend=kappa[:1])
-    states, z = np.zeros((len(kappa), *reach.shape)), np.zeros_like(reach)
+    states: Any = np.zeros((len(kappa), *reach.shape))
+    z = np.zeros_like(reach)
     for state, dx in zip(states, change, strict=True):
         z = np.clip(z + dx, -reach, reach)
         state[:] = z

@@ -263,7 +263,7 @@ class _Fit:
         n, (r, f, _) = self.n, state.errors.shape
         slopes, errors = _weighted(state)
         precision = np.diag(1.0 / self.prior**2)
-        C = np.linalg.inv(slopes.T @ slopes + precision)
+        C: Any = np.linalg.inv(slopes.T @ slopes + precision)
         scores = (slopes * errors[:, None]).reshape(2, r, f, n, -1).sum(axis=(0, 3))
         blocks = [scores[:, block].sum(axis=1) for block in np.array_split(np.arange(f), _BLOCKS)]
         summed = np.concatenate(blocks)

@@ -21,7 +21,7 @@ from vdfmu.extras.identify.log import read_columns, read_log
 from vdfmu.extras.identify.margins import UNKNOWN, MarginInterval, spring_margins
 from vdfmu.extras.identify.periodic import LEVELS, PeriodicTorques
 from vdfmu.extras.identify.stiffness import Stiffness, identify_stiffness
-from vdfmu.extras.identify.stiffness_design import StiffnessExperiment, stiffness_experiment
+from vdfmu.extras.identify.stiffness_design import STEP, StiffnessExperiment, stiffness_experiment
 from vdfmu.extras.identify.stiffness_report import (
     DESIGN_HEADS,
     HEADS,
@@ -46,7 +46,7 @@ def design_stiffness(
     """Choose the torques, print what they reach and what the log must reach, and write them."""
     arm = load_robot(robot)
     target = None if out is None else target_file(out, "", overwrite)
-    plan = stiffness_experiment(arm, pose=pose, **({} if step is None else {"step": step}))
+    plan = stiffness_experiment(arm, pose=pose, step=STEP if step is None else step)
     _print_design(arm, plan)
     if target is not None:
         write_whole(target, [excitation_text(plan.excitation).encode()])

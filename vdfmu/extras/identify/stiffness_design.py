@@ -14,6 +14,8 @@ from vdfmu.base.errors import UsageError
 from vdfmu.extras.identify.motor_side import MotorSide
 from vdfmu.extras.identify.periodic import LEVELS, NYQUIST, PERIOD, PeriodicTorques, excitation
 
+STEP = 1e-3
+"""Time from row to row of a log [s]."""
 BEYOND = 1.5
 """Highest line over the highest antiresonance."""
 LEAST = 2.0
@@ -73,7 +75,7 @@ def missing(antiresonance: Floats, highest: float, torque: Floats, breakaway: Fl
 
 
 def stiffness_experiment(
-    robot: Robot, *, pose: npt.ArrayLike | None = None, step: float = 1e-3, period: float = PERIOD, seed: int = 0
+    robot: Robot, *, pose: npt.ArrayLike | None = None, step: float = STEP, period: float = PERIOD, seed: int = 0
 ) -> StiffnessExperiment:
     """Choose the torques for a robot, at a pose (n,) or near the middle of its joints' ranges.
 
