@@ -271,7 +271,6 @@ def pack(tmp_path, fmus):
         connectors: str = "",
         bindings: str = "",
         units: str = "",
-        dictionaries: str = "",
         extra: Mapping[str, str | bytes] | None = None,
         experiment: str = '<ssd:DefaultExperiment startTime="0" stopTime="1"/>',
         name: str = "test.ssp",
@@ -280,7 +279,7 @@ def pack(tmp_path, fmus):
         parts = "".join(e if e.startswith("<") else component(*e.split(maxsplit=2)) for e in elements)
         text = texts.ssd(
             f"{connector_list(connectors)}{bindings}<ssd:Elements>{parts}</ssd:Elements>"
-            + (f"<ssd:Connections>{items}</ssd:Connections>" if items else "") + dictionaries,
+            + (f"<ssd:Connections>{items}</ssd:Connections>" if items else ""),
             (f"<ssd:Units>{units}</ssd:Units>" if units else "") + experiment, name="test",
         )  # fmt: skip
         path = tmp_path / name

@@ -155,7 +155,7 @@ def test_states_that_become_infinite(system):
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_unit_with_events_bounces_as_the_reference_fmu(pack, xml, built, tmp_path, version):
-    """For model exchange, integrated by this master, and for co-simulation, by its own solver; until both rest."""
+    """By the integrator of this master for model exchange, and by its own solver for co-simulation, until all rest."""
     (unit,) = build_fmus(None, tmp_path / "fmus", units=[Resting], fmi_version=version).values()
     extra = {"resources/Own.fmu": unit.read_bytes(), f"resources/Ball_{version[0]}.fmu": built(BALL, version)}
     ports, kind = "h:output v:output", 'implementation="{}"'.format

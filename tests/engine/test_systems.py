@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from tests.engine.files import edited
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -23,29 +22,6 @@ MM = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
 
 def bind(*bindings: str) -> str:
     return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
-
-
-def signal_dictionary(entries: str, version: str = "1.0") -> str:
-    return (
-        f'<ssb:SignalDictionary version="{version}" '
-        'xmlns:ssb="http://ssp-standard.org/SSP1/SystemStructureSignalDictionary" '
-        f'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">{entries}</ssb:SignalDictionary>'
-    )
-
-
-def dictionaries(inner: str, attributes: str = "") -> str:
-    inside = f'<ssd:SignalDictionary name="D"{attributes}>{inner}</ssd:SignalDictionary>'
-    return f"<ssd:SignalDictionaries>{inside}</ssd:SignalDictionaries>"
-
-
-def reference(name: str, *connectors: str) -> str:
-    """Return a reference to the dictionary; a connector is the inside of its element after the name."""
-    inside = "".join(f'<ssd:Connector name="{each}</ssd:Connector>' for each in connectors or ('bus" kind="inout">',))
-    head = f'<ssd:SignalDictionaryReference name="{name}" dictionary="D"><ssd:Connectors>'
-    return f"{head}{inside}</ssd:Connectors></ssd:SignalDictionaryReference>"
-
-
-BUS = '<ssb:DictionaryEntry name="bus"><ssc:Real/></ssb:DictionaryEntry>'
 
 
 def test_units_are_converted_before_a_transformation_unless_that_is_suppressed(pack, xml):
@@ -216,52 +192,6 @@ def test_a_unit_of_a_system_connector_is_converted_on_the_way(pack, xml):
     path = pack([inner, "w Radians y:output"], [xml.connection("w.y -> sub.in", offset)], units=MM)
     # 1 m -> 1000 mm + 500 mm -> 1.5 m; two roundings of the factors 1000 and 0.001.
     np.testing.assert_allclose(simulate(path, stop=1.0, step=1.0, record=["*"])["sub.r.m"], 1.5, rtol=4e-16)
-
-
-def test_a_signal_dictionary_joins_what_refers_to_it(pack):
-    elements = [reference("d1"), reference("d2"), "r Ramp y:output", "g Gain u:input"]
-    path = pack(elements, ["r.y -> d1.bus", "d2.bus -> g.u"], dictionaries=dictionaries(signal_dictionary(BUS)))
-    system = load_ssp(path)
-    assert [str(c) for c in system.connections] == ["r.y -> g.u"]
-    assert simulate(path, stop=2.0, step=1.0, record=["g.u"])["g.u"].tolist() == [0.0, 0.0, 1.0]
-
-
-@pytest.mark.parametrize("version", ["1.0", "2.0"])
-def test_a_dictionary_in_a_file_has_units_of_its_own(pack, xml, version):
-    """The entry is in its own mm, the SSD's are others; conversion is done on both sides of it."""
-    entry = BUS.replace("<ssc:Real/>", '<ssc:Real unit="mm"/>')
-    inner = f'<ssd:System name="s"><ssd:Elements>{reference("d")}{xml.component("g", "Radians", "m:input:Real:m")}' + (
-        '</ssd:Elements><ssd:Connections><ssd:Connection startElement="d" startConnector="bus" endElement="g" '
-        'endConnector="m"/></ssd:Connections></ssd:System>'
-    )
-    path = pack(
-        ["r Radians y:output:Real:m", reference("d"), inner], ["r.y -> d.bus"],
-        dictionaries=dictionaries("", ' source="bus.ssb"'),
-        extra={"bus.ssb": signal_dictionary(f"{entry}<ssb:Units>{MM}</ssb:Units>", version)},
-        units='<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="2"/></ssc:Unit>'
-        '<ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>',
-    )  # fmt: skip
-    if version == "2.0":
-        old, new = (f'version="{v}" name="test"'.encode() for v in ("1.0", "2.0"))
-        path.write_bytes(edited(path, [(old, new)], "SystemStructure.ssd"))
-    system = load_ssp(path)
-    assert (system.version, [str(c) for c in system.connections]) == (version, ["r.y -> s.g.m"])
-    [connection] = system.connections
-    assert system.units[connection.hops[0].unit].factor == 1e-3
-    assert not system.faults
-    assert simulate(path, stop=1.0, step=1.0, record=["*"])["s.g.m"].tolist() == pytest.approx([1.0, 1.0], rel=4e-16)
-
-
-def test_entries_of_a_dictionary_are_there_once_and_as_their_references_say(pack):
-    other = reference("d", 'bus" kind="inout"><ssc:Integer/>', 'no" kind="inout">')
-    with pytest.raises(SspError) as info:
-        load_ssp(pack([other, "r Ramp y:output"], dictionaries=dictionaries(signal_dictionary(2 * BUS))))
-    assert info.value.problems == [
-        "test.ssp: signal dictionary 'D': two entries are named 'bus'",
-        "test.ssp: signal dictionary of 'd' has an entry 'bus' of another type or size than the connector",
-        "test.ssp: signal dictionary of 'd' has no entry 'no'",
-    ]
-    assert {problem.rule.number for problem in info.value.problems} == {"SSP020"}
 
 
 def test_connectors_of_the_outermost_system_fit_what_they_join(pack):

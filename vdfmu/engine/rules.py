@@ -157,7 +157,7 @@ SSP016 | A system keeps the limits of size and depth | split or join systems
 SSP017 | Elements of a system have different names | rename one
 SSP018 | Connectors of an element have different names | rename one
 SSP019 | A component and its system have the same connectors | correct either
-SSP020 | Signal dictionaries exist and have the entries that are named, once and of one type | correct either
+SSP020 | No element refers to a signal dictionary, which is not read | connect the components
 SSP021 note | Dotted names of components and variables are unique | rename a component
 SSP022 | Units are defined in the file that names them, by finite numbers | define the unit in `Units`
 SSP023 | The system has components | add one

@@ -90,5 +90,5 @@ def _judge(summary: dict[str, Any]) -> None:
         return
     from vdfmu.study.verdict import calculated_checks  # takes long to import
 
-    checks = [*calculated_checks(summary)]
+    checks = [check for check in calculated_checks(summary) if check.key != "reference"]  # FMUs have none
     summary["verdict"] = verdict_of(checks, [check.sentence for check in checks if check.state == GOOD])

@@ -137,9 +137,9 @@ def test_tables_are_latex_of_the_same_rows(tmp_path):
     parts = re.findall(r"midrule\n(.*?)\n\\bottomrule", sheet_latex(tables[0]), re.DOTALL)
     lines = zip(*(part.splitlines() for part in parts), strict=True)  # each part begins with the joints
     for line, row in zip(lines, tables[0].rows, strict=True):
-        first, *others = (part.removesuffix(r" \\").split(" & ") for part in line)
-        assert all(other[0] == first[0] for other in others)
-        cells = [*first, *(cell for other in others for cell in other[1:])]
+        first, *more = (part.removesuffix(r" \\").split(" & ") for part in line)
+        assert all(other[0] == first[0] for other in more)
+        cells = [*first, *(cell for other in more for cell in other[1:])]
         numbers = [cell.strip("$").replace(r"\cdot 10^{", "e").rstrip("}") for cell in cells]
         assert len(cells) == len(row)
         for shown, number in zip(numbers, row, strict=True):

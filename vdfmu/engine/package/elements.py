@@ -80,13 +80,13 @@ class Scope:
                 raise
         return self.files[key].root
 
-    def define(self, root: Any, kind: str = "ssd") -> None:
-        """Add the unit definitions of an SSD, or of a signal dictionary, to the tree's, once."""
+    def define(self, root: Any) -> None:
+        """Add the unit definitions of an SSD to the tree's, once."""
         if root in self.defined:
             self.aliases.update(self.defined[root])
             return
         self.defined[root] = self.aliases
-        for name, unit in read_units(root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES)).items():
+        for name, unit in read_units(root.iterfind("ssd:Units/ssc:Unit", NAMESPACES)).items():
             if self.units.setdefault(name, unit) != unit:
                 self.aliases[name] = alias = f"{name} of {self.prefix}{self.document}"
                 self.units[alias] = replace(unit, name=alias)
@@ -98,7 +98,7 @@ class Scope:
 
 @dataclass
 class Node:
-    """A system, component or signal dictionary reference of the tree. The root has an empty path.
+    """A system or component of the tree. The root has an empty path.
 
     A component that refers to a system is a system here: `element` is the system, `scope` its SSD, and `outer` the
     component with its scope.
@@ -113,7 +113,6 @@ class Node:
     source: str = ""
     implementation: str = "any"
     step: float | None = None
-    dictionaries: dict[str, tuple[tuple[str, ...], dict[str, Connector]]] = field(default_factory=dict)
     outer: tuple[Any, Scope] | None = None
 
     @property
@@ -141,13 +140,13 @@ class Node:
             yield from child.components()
 
 
-def read_connector(item: Any, kind: str, scope: Scope) -> Connector:
-    """Read a connector, or an entry of a signal dictionary."""
+def _connector(item: Any, scope: Scope) -> Connector:
+    """Read a connector."""
     typed = next((c for c in item if c.tag.startswith(_SSC) and c.tag not in _NO_TYPES), None)
     unit: Any = None if typed is None else typed.get("unit")
     return Connector(
         name=item.get("name"),
-        kind=kind,
+        kind=item.get("kind"),
         type=None if typed is None else typed.tag[len(_SSC) :],
         unit=scope.aliases.get(unit, unit),
         dimensions=(*read_shape(item), *(() if typed is None else read_shape(typed))),
@@ -161,7 +160,7 @@ _NO_TYPES = {_SSC + name for name in ("Dimension", "Annotations", "MetaData", "S
 def read_connectors(element: Any, scope: Scope) -> dict[str, Connector]:
     """Read the connectors of an element, by name."""
     items = element.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES)
-    return {item.get("name"): read_connector(item, item.get("kind"), scope) for item in items}
+    return {item.get("name"): _connector(item, scope) for item in items}
 
 
 def read_shape(item: Any) -> Shape:

@@ -28,7 +28,7 @@ DEFAULT = "SystemStructure.ssd"
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
-    Nested systems, system connectors, signal dictionaries, inner packages and components that name another SSD are
+    Nested systems, system connectors, inner packages and components that name another SSD are
     resolved to connections from component to component. Parameter bindings of all levels are resolved to a value for
     each variable: a higher level overrides a lower level, a later binding an earlier one of its level.
 
@@ -148,8 +148,7 @@ def _structure(scope: Scope) -> Any:
     return root
 
 
-_INLINE = {"ssv": "ParameterSet", "ssb": "SignalDictionary"}
-_USERS = {"ssd": "Connector", "ssv": "Parameter", "ssb": "DictionaryEntry"}
+_USERS = {"ssd": "Connector", "ssv": "Parameter"}
 """Elements with units, by the kind of file."""
 
 
@@ -166,10 +165,9 @@ def _file_faults(documents: Iterable[Document]) -> list[Finding]:
         if kind == "ssd":
             faults += _twice_faults(root, where)
         faults += _unit_faults(kind, root, set(units), where)
-        for inner, tag in _INLINE.items() if kind == "ssd" else ():
-            for part in root.iter(f"{{{NAMESPACES[inner]}}}{tag}"):
-                names = {*units, *read_units(_units_of(part, inner))}
-                faults += _unit_faults(inner, part, names, f"{where}, line {part.sourceline}")
+        for part in root.iter(f"{{{NAMESPACES['ssv']}}}ParameterSet") if kind == "ssd" else ():
+            names = {*units, *read_units(_units_of(part, "ssv"))}
+            faults += _unit_faults("ssv", part, names, f"{where}, line {part.sourceline}")
     return faults
 
 
@@ -198,7 +196,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
 
 def _name(item: Any) -> str:
     """Return the name of an item; for a connector the dotted name without the outermost system."""
-    tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System", "SignalDictionaryReference"))
+    tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System"))
     names = [above.get("name") for above in item.iterancestors(*tags)]
     is_connector = item.tag == f"{{{NAMESPACES['ssd']}}}Connector"
     outer = "".join(f"{name}." for name in reversed(names[:-1]) if name) if is_connector else ""

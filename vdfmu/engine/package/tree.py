@@ -11,9 +11,8 @@ from typing import Any
 from vdfmu.base.errors import SspError
 from vdfmu.engine.package import archive
 from vdfmu.engine.package.archive import INSIDE
-from vdfmu.engine.package.elements import Node, Scope, read_connector, read_connectors, read_step
+from vdfmu.engine.package.elements import Node, Scope, read_connectors, read_step
 from vdfmu.engine.package.parse import NAMESPACES, version_of
-from vdfmu.engine.package.system import Connector
 from vdfmu.engine.rules import Finding, breach, finding
 
 FMU_TYPE = "application/x-fmu-sharedlibrary"
@@ -54,7 +53,6 @@ class TreeReader:
             )
             raise LimitError(finding("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element))
         node = Node(path, "system", read_connectors(element, scope), element, scope)
-        self._dictionaries(node, element, parent)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
             self._count += 1
             if self._count > archive.ELEMENT_LIMIT:
@@ -68,9 +66,11 @@ class TreeReader:
             kind = child.tag.rsplit("}", 1)[1]
             if kind == "System":
                 node.children[child_name] = self.system(child, scope, node, child_name)
+            elif kind == "Component":
+                node.children[child_name] = self._component(child, node, child_name)
             else:
-                read = self._component if kind == "Component" else self._dictionary
-                node.children[child_name] = read(child, node, child_name)
+                text = f"{scope.label}: {node.dotted(child_name)!r} refers to a signal dictionary, which is not read; "
+                self._fault("SSP020", f"{text}connect the components themselves", child)
         return node
 
     def _component(self, element: Any, parent: Node, name: str) -> Node:
@@ -180,48 +180,3 @@ class TreeReader:
                 open_type, open_unit = other.type or connector.type, other.unit or connector.unit
                 inner.connectors[name] = replace(other, type=open_type, unit=open_unit)
         return inner
-
-    def _dictionaries(self, node: Node, element: Any, parent: Node | None) -> None:
-        scope = node.scope
-        node.dictionaries = {} if parent is None else dict(parent.dictionaries)
-        for item in element.iterfind("ssd:SignalDictionaries/ssd:SignalDictionary", NAMESPACES):
-            where, source = f"{scope.label}: signal dictionary {node.dotted(item.get('name'))!r}", item.get("source")
-            try:
-                inline = item.find("ssb:SignalDictionary", NAMESPACES)
-                root = scope.read(scope.member(source, where, item), "ssb") if source else inline
-                if root is None:
-                    raise breach("SSP020", f"{where}: has neither a source nor an inline dictionary", item)
-            except SspError as error:
-                self.problems += error.problems
-                continue
-            inner = replace(scope, aliases=dict(scope.aliases), document=source or item.get("name"))
-            inner.define(root, "ssb")
-            entries: dict[str, Connector] = {}
-            for part in root.iterfind("ssb:DictionaryEntry", NAMESPACES):
-                entry = read_connector(part, "inout", inner)
-                if entry.name in entries:
-                    self._fault("SSP020", f"{where}: two entries are named {entry.name!r}", part)
-                entries[entry.name] = entry
-            node.dictionaries[item.get("name")] = ((*node.path, item.get("name")), entries)
-
-    def _dictionary(self, element: Any, parent: Node, name: str) -> Node:
-        """Read a reference to a signal dictionary."""
-        scope = parent.scope
-        node = Node((*parent.path, name), "dictionary", read_connectors(element, scope), element, scope)
-        dictionary = element.get("dictionary")
-        if dictionary not in parent.dictionaries:
-            text = f"{scope.label}: {node.label!r} refers to signal dictionary {dictionary!r}, but the SSD lacks it"
-            self._fault("SSP020", text, element)
-            return node
-        path, entries = parent.dictionaries[dictionary]
-        node.path = ("signal dictionary", *path)
-        for connector in node.connectors.values():
-            entry, text = entries.get(connector.name), f"{scope.label}: signal dictionary of {name!r} has "
-            if entry is None:
-                self._fault("SSP020", f"{text}no entry {connector.name!r}", connector.place)
-            elif connector.type not in (None, entry.type) or connector.dimensions not in ((), entry.dimensions):
-                text += f"an entry {connector.name!r} of another type or size than the connector"
-                self._fault("SSP020", text, connector.place)
-        matched = (c for c in node.connectors.values() if c.name in entries)
-        node.connectors = {c.name: replace(entries[c.name], kind=c.kind) for c in matched}
-        return node

@@ -60,7 +60,7 @@ class Wiring:
     def __init__(self, top: Node) -> None:
         self.problems: list[Finding] = []
         self.kinds: dict[Key, str] = {}
-        """Kind of the element of each connector: "component", "system" or "dictionary"."""
+        """Kind of the element of each connector: "component" or "system"."""
         self.forward: dict[Key, list[tuple[Key, Hop, Indices]]] = {}
         self._sources: dict[Key, dict[Index, Key]] = {}
         """Sources of a connector, or of a part of it."""

@@ -15,8 +15,8 @@ from vdfmu.extras.identify.fit import NORMAL_95
 from vdfmu.extras.identify.stiffness import Stiffness
 from vdfmu.extras.identify.stiffness_report import scaled_robot
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import scenario_of
 from vdfmu.study.limits import LIMITS
+from vdfmu.study.run.prepare import scenario_of
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
