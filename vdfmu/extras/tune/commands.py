@@ -35,7 +35,7 @@ def tune(
     ],
     **options: Unpack[TuneOptions],
 ) -> None:
-    """Search for the parameter values of lowest cost. The same command resumes after Ctrl-C."""
+    """Search for parameters of lowest cost. The same command resumes after Ctrl-C."""
     from vdfmu.extras.tune.search import tune as run_tune
     from vdfmu.study.sweeps.sweep import Sweep
 
