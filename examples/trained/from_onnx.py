@@ -14,9 +14,10 @@ from vdfmu.unit import Input, Output, Unit, maximum
 
 
 def gemm(node, x, W, b=0.0):
-    """Return W x + b. ONNX has the transposed matrix unless it says so."""
-    options = {each.name: each.i for each in node.attribute}
-    return (W if options.get("transB", 0) else W.T) @ x + b
+    """Return alpha W x + beta b. ONNX has the transposed matrix unless it says so."""
+    options = {each.name: onnx.helper.get_attribute_value(each) for each in node.attribute}
+    product = (W if options.get("transB", 0) else W.T) @ x
+    return options.get("alpha", 1.0) * product + options.get("beta", 1.0) * b
 
 
 LAWS = {

@@ -21,7 +21,8 @@ def test_the_fmu_of_a_net_in_onnx(tmp_path, transposed):
     laws = onnx.helper.make_node
     nodes = [
         laws("MatMul", ["u", "A"], ["a"]), laws("Add", ["a", "a0"], ["b"]), laws("Relu", ["b"], ["c"]),
-        laws("Gemm", ["c", "B", "b0"], ["d"], transB=transposed), laws("Tanh", ["d"], ["e"]),
+        laws("Gemm", ["c", "B", "b0"], ["d"], transB=transposed, alpha=0.5, beta=2.0),
+        laws("Tanh", ["d"], ["e"]),
         laws("MatMul", ["e", "C"], ["f"]), laws("Sigmoid", ["f"], ["y"]),
     ]  # fmt: skip
     numbers = {"A": first, "a0": first[0], "B": second.T if transposed else second, "b0": first[1], "C": third}
