@@ -129,6 +129,16 @@ def test_a_compiled_solution_that_is_not_that_of_scipy_is_no_reference(own_cache
         reference("sampled", described("planar_tracking"), step=1e-3, stop=0.05)
 
 
+def test_a_long_run_without_states_has_nothing_to_solve_again(own_cache, monkeypatch):
+    monkeypatch.setattr(solution, "SCIPY_ALONE", 0.0)
+    whole = load_scenario("planar_tracking")
+    parts = {"trajectory": whole.system.parts["trajectory"]}
+    system = dataclasses.replace(whole.system, parts=parts, connections={}, shared={})
+    alone = dataclasses.replace(whole, system=system, sections={"trajectory": whole.sections["trajectory"]})
+    solved = reference("sampled", SystemDescription(alone, system_values(alone)), step=1e-3, stop=0.05)
+    assert solved.repeated.intervals == 0 and np.ptp(solved["trajectory.q_d"]) > 0.0
+
+
 def test_a_damaged_solution_is_solved_again(own_cache):
     first = reference("sampled", described(), step=1e-3, stop=0.05)
     (file,) = (own_cache / "references").iterdir()
