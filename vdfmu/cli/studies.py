@@ -8,6 +8,7 @@ from typing import Annotated, Any, Unpack
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
+from vdfmu.base.text import amount
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import ForeignOption, JsonOption, Positional, TrustOption, known_scenarios
 from vdfmu.cli.runs import FMUS, package_of
@@ -64,7 +65,7 @@ def run(
     say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
-    say_written(study.path, study.report(), more=f"; {len(study)} points")
+    say_written(study.path, study.report(), more=f"; {amount(len(study), 'point')}")
     if study.answer.state == FAILED:
         raise SystemExit(1)
 

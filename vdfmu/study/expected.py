@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import number
+from vdfmu.base.text import amount
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import FAILED, GOOD, Check
@@ -164,7 +165,9 @@ def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
         sentences.append(f"{worst['signal']} differs from {file} {by}")
     if beyond > 1:
         sentences.append(f"{beyond - 1} more of {signals} signals differ")
-    equal = f"equals {file} in {signals} signals to {number(100.0 * share)} % of their swings (allowed {allowed})"
+    equal = (
+        f"equals {file} in {amount(signals, 'signal')} to {number(100.0 * share)} % of their swings (allowed {allowed})"
+    )
     first, *rest = sentences or [equal]
     state = FAILED if sentences else GOOD
     yield Check("expected", "Recorded results", state, first, "; ".join(rest), share, within, "the option within")

@@ -15,6 +15,7 @@ from urllib.parse import quote
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.page import page, table
+from vdfmu.base.text import amount
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.results.folder import PAGE, PARTIAL
 from vdfmu.engine.results.formats import result_files
@@ -114,7 +115,7 @@ def gallery_page(folder: Path, place: Path) -> bytes:
     body += f"<p>Studies: {', '.join(_link(each, place, each.name) for each in studies)}</p>" if studies else ""
     body += "".join(f"<p class=note>Not shown: {escape(text)}</p>" for text in problems)
     counts = ", ".join(f"{states[state]} {state}" for state in STATES if states[state])
-    about = f"{len(runs)} run{'' if len(runs) == 1 else 's'}{f': {counts}' if counts else ''}"
+    about = f"{amount(len(runs), 'run')}{f': {counts}' if counts else ''}"
     return page(f"Runs in {folder.resolve().name}", about, f'<div class="wide">{body}</div>', 84, look())
 
 
