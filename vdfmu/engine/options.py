@@ -47,8 +47,8 @@ algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sampl
     "the dependencies leave no order for it.", choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
     "By ``component.variable``, in the unit of the FMU; inputs can be set too. Without an index, all elements: one "
-    "value, or one each, 0.3,-0.5. In a scenario *0.8 multiplies the value that it has. They win over the values of "
-    "the package or scenario.", flag="--set",
+    "value, or one each, 0.3,-0.5. *0.8 multiplies the value of the package or scenario, or else the start value. They "
+    "win over the values of the package or scenario.", flag="--set",
     metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
 
 
