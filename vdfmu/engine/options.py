@@ -206,7 +206,14 @@ class PictureOptions(TypedDict, total=False):
         default=False)]
 
 
-class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):
+class VariantOptions(TypedDict, total=False):
+    """Which system of a package is run."""
+
+    variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
+        metavar="SSD")]
+
+
+class SystemOptions(RecordOptions, VariantOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):
     """Options of `vdfmu.engine.package_run.run_system`."""
 
     algorithm: Annotated[str | None, algorithm_option]
@@ -215,8 +222,6 @@ class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions,
         "Folder of the results (default results/NAME).", "path",
         "NAME is that of the scenario, of the FMU, or ``system``; of a package it is PACKAGE_ssp. A complete run "
         "replaces the files of an earlier run.", typed=Path | None)]
-    variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
-        metavar="SSD")]
 
 
 class Limits:
