@@ -128,7 +128,7 @@ def positions(scenario, times):
 
 @pytest.mark.heavy
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
-    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up."""
+    """The difference is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up."""
     # The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N
     # m/rad and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5
     # rad.
