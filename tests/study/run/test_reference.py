@@ -209,7 +209,9 @@ def test_a_run_that_differs_by_what_its_solvers_may_is_doubtful_and_by_more_it_h
     summary = {"max_position_error_deg": [np.degrees(1e-8)], "position_units": ["deg"], "tolerance": 1e-7}
     (check,) = calculated_checks({**summary, "reference": {"sampled": sampled}})
     assert check.state == state
-    advised = re.fullmatch(r"(\S+) % of the largest error may be solver noise: try --tolerance (\S+)", check.sentence)
+    advised = re.fullmatch(
+        r"a difference of (\S+) % of the peak error may be solver noise: try --tolerance (\S+)", check.sentence
+    )
     assert bool(advised) is (state == "doubtful")
     if advised:  # a hundredth of the tolerance at most leaves a hundredth of the difference
         assert float(advised[1]) == 1.0 and float(advised[2]) <= 1e-8

@@ -357,7 +357,7 @@ def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, 
         if not needed:
             return None
         lines = "\n".join(f"engine: batch: {line}" for line in str(error).splitlines())
-        raise UsageError(f"{lines}\nTake the engine fmu.") from None
+        raise UsageError(f"{lines}\nChoose the engine fmu.") from None
 
 
 def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> AxisBinding:
