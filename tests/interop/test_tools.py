@@ -70,6 +70,7 @@ def test_what_becomes_of_it(tracking, require, case):
         assert to_jacobi <= tracking.allowed(case.tool)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "case", [case for case in TESTED if case.kind == "native" and case.tool != "ecos"], ids=name_of
 )
