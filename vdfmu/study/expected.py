@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import number
+from vdfmu.base.text import amount
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import FAILED, GOOD, Check
@@ -167,7 +168,7 @@ def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
         sentences.append(f"{worst['signal']} differs from {file} {by}")
     if beyond > 1:
         sentences.append(f"{beyond - 1} more of {signals} signals differ")
-    many = f"{signals} signals" if signals > 1 else "1 signal"
+    many = amount(signals, "signal")
     until = f", up to t = {entry['until_s']:.6g} s, where {file} ends" if "until_s" in entry else ""
     equal = f"equals {file} in {many} to {number(100.0 * share)} % of the swing (allowed {allowed}){until}"
     first, *rest = sentences or [equal]
