@@ -116,11 +116,7 @@ def measured(results: Any, robot: Robot, rate: int, bits: int, dice: np.random.G
         np.asarray(each)[::every] for each in (results.time, results["controller.tau"], results["plant.kappa"])
     )
     noise = 0.005 * np.abs(tau - tau.mean(axis=0)).max(axis=0)
-    bit = (
-        np.array([2.0 * np.pi if kind == "revolute" else 2.0 * np.pi for kind in robot.joint_types])
-        / 2.0**bits
-        / robot.ell
-    )
+    bit = 2.0 * np.pi / 2.0**bits / robot.ell
     steps = np.floor(kappa / bit + dice.random(robot.n)) * bit
     return Log("log", t, steps, tau + noise * dice.standard_normal(tau.shape), None)
 

@@ -1,6 +1,7 @@
 """Stiffness from the motors' side: the linear model, its derivatives, and logs whose springs are known."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,13 @@ from vdfmu.extras.identify.periodic import SETTLING, USED, aligned, periods_of
 from vdfmu.extras.identify.stiffness import _Fit, identify_stiffness
 from vdfmu.extras.identify.stiffness_commands import excitation_text, read_excitation
 from vdfmu.extras.identify.stiffness_design import LEAST, NYQUIST, stiffness_experiment
-from vdfmu.extras.identify.stiffness_report import scaled_robot, stiffness_verdict, unexcited_verdict
+from vdfmu.extras.identify.stiffness_report import (
+    HEADS,
+    scaled_robot,
+    stiffness_rows,
+    stiffness_verdict,
+    unexcited_verdict,
+)
 
 POSES = {
     "planar_2dof": [0.3, -0.5],
@@ -112,7 +119,7 @@ def test_a_linear_arm_is_identified_within_its_interval_with_its_delay_and_paylo
     fit = identify_stiffness(log, robot, plan.excitation)
     for level in fit.levels:
         assert level.identifiable.all()
-        # no nonlinearity: what is left is the noise, far below the floor of 0.75 %
+        # no nonlinearity: the residual is the noise, far below the floor of 0.75 %
         np.testing.assert_allclose(level.stiffness, drives.stiffness, rtol=3e-3)
         assert abs(level.delay - 1.5e-3) < 1e-5
         assert abs(level.drives.payload - 0.4) < 0.05
@@ -268,3 +275,72 @@ def test_margins_over_the_springs_hold_for_random_arms_that_fit_the_log(planar):
     assert below <= 3  # of 20, each with 5 %: more have a probability of 1.6 %
     with pytest.raises(UsageError, match="expected a plant with the joints and gear ratios of planar_2dof"):
         spring_margins(fit, "tracking")
+
+
+def test_positions_of_another_sign_or_order_give_no_stiffness_and_name_the_columns(planar):
+    robot, plan = planar
+    log, _ = linear_log(robot, plan.excitation, plan.pose, factor=1.0, delay=0.0)
+    for kappa in (-log.kappa, log.kappa[:, ::-1]):
+        fit = identify_stiffness(log._replace(kappa=kappa), robot, plan.excitation)
+        assert not fit.identifiable.any()
+        checks = stiffness_verdict(fit)["checks"]
+        assert any("check the order, signs and units of the columns" in str(check) for check in checks)
+
+
+def test_a_payload_that_a_fit_makes_negative_counts_as_none_for_antiresonances(planar):
+    robot, plan = planar
+    side = MotorSide(robot, plan.pose)
+    drives = side.start()._replace(payload=-100.0)  # no mass matrix: the links have less
+    np.testing.assert_array_equal(side.antiresonances(drives), side.antiresonances(drives._replace(payload=0.0)))
+
+
+def test_a_damping_below_zero_is_not_printed(planar):
+    robot, plan = planar
+    log, _ = linear_log(robot, plan.excitation, plan.pose, factor=1.0, delay=0.0)
+    fit = identify_stiffness(log, robot, plan.excitation)
+    column = HEADS.index("damping")
+    assert all(float(row[column]) > 0.0 for row in stiffness_rows(fit))
+    drives = fit.levels[0].drives
+    levels = [dataclasses.replace(each, drives=drives._replace(damping=-drives.damping)) for each in fit.levels]
+    assert all(row[column] == "-" for row in stiffness_rows(fit._replace(levels=levels)))
+
+
+def test_changed_files_of_torques_and_steps_that_do_not_fit_the_period_are_refused(planar, tmp_path):
+    robot, plan = planar
+    lines = excitation_text(plan.excitation).splitlines()
+    head, row = lines[0], lines[51].split(",")
+    changed = {
+        "empty": [head],
+        "half": lines[: len(lines) // 2 + 1],
+        "cut": lines[:-1],
+        "nan": [*lines[:51], ",".join([row[0], "nan", row[2]]), *lines[52:]],
+        "zero": [head, *(f"{line.partition(',')[0]},0,0" for line in lines[1:])],
+    }
+    for name, content in changed.items():
+        path = tmp_path / f"{name}.csv"
+        path.write_text("\n".join([*content, ""]))
+        with pytest.raises(UsageError, match="expected torques in even rows, 6 times 4 equal periods"):
+            read_excitation(path, 2)
+    for step in (0.003, 0.09, 0.0, 0.5):
+        with pytest.raises(UsageError, match="step: expected a part of the period of 2 s, less than 0.1 s"):
+            stiffness_experiment(robot, step=step)
+
+
+def test_faults_of_the_log_fail_the_command_and_files_that_are_not_written_are_named(planar, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    robot, plan = planar
+    log, _ = linear_log(robot, plan.excitation, plan.pose, factor=1.0, delay=0.0)
+    Path("torques.csv").write_text(excitation_text(plan.excitation))
+    heads = ",".join(["time", *(f"{name}[{i}]" for name in ("kappa", "tau") for i in (1, 2))])
+    words = ["identify", "log.csv", "--robot", "planar_2dof", "--for", "stiffness", "--excitation", "torques.csv"]
+
+    def said(tau, every=1):
+        rows = np.column_stack([log.t, log.kappa, tau])[::every]
+        np.savetxt("log.csv", rows, delimiter=",", header=heads, comments="", fmt="%.12g")
+        return "".join(ran(*words, "-o", "arm.toml", code=1).output.split())  # lines wrap anywhere
+
+    assert "theyarelink-side(limit10);say--columntau_link=NAME{}" in said(100.0 * log.tau)
+    slow = said(log.tau, every=10)
+    assert f"torquesgoupto{plan.excitation.lines[-1]:.4g}Hz,butthelog'srateshows45Hz" in slow
+    assert "arm.tomlwasnotwritten,becausetheverdictisfailed" in slow
+    assert not Path("arm.toml").exists()

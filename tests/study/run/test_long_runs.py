@@ -111,7 +111,7 @@ def test_a_comparison_with_references_may_end_before_the_run():
     # the same rows up to then, so the same numbers
     assert part["reference"] == short["reference"] and part["reference_stop"] == 0.1 and "reference_stop" not in short
     (check,) = [each for each in part["verdict"]["checks"] if each["key"] == "reference"]
-    assert check["sentence"].endswith("of the largest error, compared over the first 0.1 s")
+    assert check["sentence"].endswith("of the peak error, compared over the first 0.1 s")
 
 
 @pytest.mark.parametrize(("options", "message"), [

@@ -48,18 +48,13 @@ class MarginInterval(NamedTuple):
     """Joints, from 1, whose spring the log does not show."""
 
     @property
-    def sentence(self) -> str:
-        """The result in words."""
-        likely = min(self.likely, self.linear)
-        return f"modulus margin {self.middle:.2f}, at least {likely:.2f} for 95 % of the arms that fit the log"
-
-    @property
     def check(self) -> Check:
         """The check of the verdict: the lower end against the limit of runs."""
         row, likely = LIMITS["margin"], min(self.likely, self.linear)
+        text = f"modulus margin {self.middle:.2f}, at least {likely:.2f} for 95 % of the arms that fit the log"
         signs = ", ".join(f"{x:.2f}" for x in self.factors)
         more = f"worst corner {self.corner:.2f}, springs times {signs}; smallest at {self.place}"
-        return Check("margin", row.name, row.state(likely), self.sentence, more, likely, row.value, row.by)
+        return Check("margin", row.name, row.state(likely), text, more, likely, row.value, row.by)
 
 
 def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) -> MarginInterval:
@@ -69,17 +64,12 @@ def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) 
     links and torque constants as far off as the absolute intervals have it. UsageError for a scenario with another arm.
     """
     system = scenario_of(scenario) if not isinstance(scenario, Scenario) else scenario
-    robot, assumed = scaled_robot(fit)[0], list[int]()
+    robot, shown = scaled_robot(fit)[0], fit.identifiable
     plant = _plant(system, robot)
     n = robot.n
-    covariance = np.zeros((n, n))
-    shown = np.array([fit.levels[fit.best(i)].identifiable[i] for i in range(n)])
-    for i in range(n):
-        level = fit.levels[fit.best(i)]
-        covariance[i] = covariance[:, i] = np.where(shown & shown[i], level.uncertainty[i], 0.0)
-        if not shown[i]:
-            covariance[i, i] = UNKNOWN**2
-            assumed.append(i + 1)
+    covariance = np.diag(np.where(shown, 0.0, UNKNOWN**2))
+    for i in np.flatnonzero(shown).tolist():
+        covariance[i, shown] = covariance[shown, i] = fit.levels[fit.best(i)].uncertainty[i, shown]
     deviation = np.sqrt(np.diag(covariance))
 
     def margin(shift: Floats) -> tuple[float, str]:
@@ -102,8 +92,9 @@ def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) 
     likely, _ = margin(-_ONE_SIDED_95 * direction)
     worst = -np.sign(slopes) * NORMAL_95 * deviation
     corner, _ = margin(worst)
+    assumed = tuple(i + 1 for i in np.flatnonzero(~shown).tolist())
     return MarginInterval(
-        middle, place, slopes, likely, middle - _ONE_SIDED_95 * spread, corner, np.exp(worst), tuple(assumed)
+        middle, place, slopes, likely, middle - _ONE_SIDED_95 * spread, corner, np.exp(worst), assumed
     )
 
 

@@ -144,9 +144,10 @@ class MotorSide:
     def antiresonances(self, drives: Drives) -> Floats:
         """Return for each joint (n,) the frequency [Hz] of the mode with held motors that bends its spring most.
 
-        There the motion of the rotors by their torques has a minimum. The most is of the energy of all springs.
+        There the motion of the rotors by their torques has a minimum. The most is of the energy of all springs. A
+        payload that a fit makes negative counts as none, since masses must be positive.
         """
-        M, G = self.masses(drives.payload)
+        M, G = self.masses(max(drives.payload, 0.0))
         carried = self.carried.T @ ((drives.rotor / self.robot.ell**2)[:, None] * self.carried)
         values, modes = eigh(np.diag(drives.stiffness) + (G + G.T) / 2.0, M + carried)
         energy = drives.stiffness[:, None] * modes**2

@@ -63,17 +63,15 @@ class PeriodicTorques:
         return np.flatnonzero(size > 1e-3 * size.max()) / self.period
 
 
-def excitation(rms: Floats, highest: float, step: float, *, period: float = PERIOD, seed: int = 0) -> PeriodicTorques:
+def excitation(rms: Floats, highest: float, step: float, seed: int) -> PeriodicTorques:
     """Return multisines up to a frequency [Hz], with RMS torques (levels, n) [N.m, motor-side], in rows of `step` [s].
 
-    Amplitudes of all lines are equal.
+    Amplitudes of all lines are equal. `step` is a part of `PERIOD`.
     """
     dice = np.random.default_rng(seed)
-    rows = round(period / step)
-    if abs(rows * step / period - 1.0) > 1e-9:
-        raise UsageError(f"step: expected a part of the period of {period:g} s, got {step:g} s.")
-    places = np.arange(max(1, round(_FIRST * period)), int(highest * period) + 1)
-    places = places[dice.random(len(places)) < _ALL * period / places]
+    rows = round(PERIOD / step)
+    places = np.arange(round(_FIRST * PERIOD), int(highest * PERIOD) + 1)
+    places = places[dice.random(len(places)) < _ALL * PERIOD / places]
     parts: list[Floats] = []
     for level in rms:
         for _ in range(REALISATIONS):
@@ -119,7 +117,8 @@ def aligned(log: Log, plan: PeriodicTorques) -> int:
         )
     tau = (log.tau - log.tau.mean(axis=0)) / np.maximum(log.tau.std(axis=0), 1e-300)
     match = sum(
-        correlate(a, b, "valid", method="fft") for a, b in zip(tau.T, (played / played.std(axis=0)).T, strict=True)
+        correlate(a, b, "valid", method="fft")
+        for a, b in zip(tau.T, (played / np.maximum(played.std(axis=0), 1e-300)).T, strict=True)
     )
     begin = int(np.argmax(match))
     alike = float(np.max(match)) / len(t) / log.tau.shape[1]

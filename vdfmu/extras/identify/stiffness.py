@@ -21,6 +21,9 @@ from vdfmu.extras.identify.periodic import PeriodicTorques, Periods, aligned, pe
 
 SURE, SHARE = 0.025, 0.5
 """Largest standard deviation of an identifiable stiffness, and least share of the link's torque that is explained."""
+ROTOR = 0.3
+"""Largest logarithm of an identified rotor over the robot file's, three deviations of its prior: a log with other signs
+or units is fitted by rotors that are further off."""
 FLOOR = 0.0025
 """Standard deviation of a stiffness by what the linear model leaves out of springs and friction, however small the
 noise is: chosen by fifteen simulated logs with bristles, and tested by others, see `benchmarks/stiffness.py`."""
@@ -60,12 +63,13 @@ class StiffnessLevel:
     """(n, n): Covariance of the logarithms of stiffness, absolute."""
     share: Floats
     """(n,): Share of the square of the links' torques that the model explains."""
+    rotor: Floats
+    """(n,): Inertia of the rotors over the robot file's."""
     antiresonance: Floats
     """(n,) [Hz]: See :meth:`MotorSide.antiresonances`."""
     delay: float
     delay_deviation: float
     """[s]: Of positions after torques."""
-    damping_deviation: Floats
     measured: Complex
     fitted: Complex
     """(f, n): Motion of each rotor by its own torque [rad/(N.m) or m/N], the other rotors held."""
@@ -78,7 +82,8 @@ class StiffnessLevel:
     @property
     def identifiable(self) -> npt.NDArray[np.bool_]:
         """(n,): Joints whose stiffness the log shows."""
-        return (self.deviation < SURE) & (self.share > SHARE) & (self.antiresonance <= self.f[-1])
+        seen = (self.share > SHARE) & (np.abs(np.log(self.rotor)) < ROTOR)
+        return seen & (self.deviation < SURE) & (self.antiresonance <= self.f[-1])
 
 
 class Stiffness(NamedTuple):
@@ -87,6 +92,11 @@ class Stiffness(NamedTuple):
     side: MotorSide
     levels: list[StiffnessLevel]
     """From small to large torques."""
+
+    @property
+    def identifiable(self) -> npt.NDArray[np.bool_]:
+        """(n,): Joints whose stiffness the log shows at any level."""
+        return np.any([level.identifiable for level in self.levels], axis=0)
 
     def best(self, i: int) -> int:
         """Return the index of the highest level at which joint `i` is identifiable, else of the highest."""
@@ -244,14 +254,15 @@ class _Fit:
         motion = self.data.kappa
         coupled = answer.torque - diagonal * motion
         clean = self.data.torque / self.late(state.x) - self.dry(state.x) - coupled
-        measured = (np.abs(motion) ** 2).sum(axis=0) / (clean * motion.conj()).sum(axis=0)
+        with np.errstate(invalid="ignore"):  # NaN, and so not drawn, for a motor that stands still
+            measured = (np.abs(motion) ** 2).sum(axis=0) / (clean * motion.conj()).sum(axis=0)
         left = (np.abs(state.errors) ** 2).sum(axis=(0, 1)) / (np.abs(answer.link) ** 2).sum(axis=(0, 1))
         return StiffnessLevel(
             self.data.f, self.data.swing, np.sqrt(2.0 * (np.abs(spring) ** 2).sum(axis=1).mean(axis=0)), drives,
             np.hypot(stiff, FLOOR), np.sqrt(np.diag(uncertainty)), uncertainty,
-            1.0 - left, self.side.antiresonances(drives),
+            1.0 - left, drives.rotor / self.start.rotor, self.side.antiresonances(drives),
             1e-3 * float(state.x[4 * n + 1]), 1e-3 * float(deviation[4 * n + 1]),
-            deviation[n : 2 * n] * self.start.damping, measured, 1.0 / diagonal,
+            measured, 1.0 / diagonal,
         )  # fmt: skip
 
     def _deviations(self, state: _Trial) -> tuple[Floats, Floats]:

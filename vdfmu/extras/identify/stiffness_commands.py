@@ -19,7 +19,7 @@ from vdfmu.engine.results.verdict import FAILED, state_of
 from vdfmu.extras.identify.fit import robot_text
 from vdfmu.extras.identify.log import read_columns, read_log
 from vdfmu.extras.identify.margins import UNKNOWN, MarginInterval, spring_margins
-from vdfmu.extras.identify.periodic import LEVELS, PeriodicTorques
+from vdfmu.extras.identify.periodic import LEVELS, NYQUIST, REALISATIONS, SETTLING, USED, PeriodicTorques
 from vdfmu.extras.identify.stiffness import Stiffness, identify_stiffness
 from vdfmu.extras.identify.stiffness_design import STEP, StiffnessExperiment, stiffness_experiment
 from vdfmu.extras.identify.stiffness_report import (
@@ -93,7 +93,18 @@ def read_excitation(path: Path, n: int) -> PeriodicTorques:
         raise UsageError(
             f"{path}: expected the columns {', '.join(names)}, as --design writes them; {lacking[0]} is missing."
         )
-    return PeriodicTorques(columns[names[0]].t, np.stack([columns[name].values for name in names], axis=1))
+    t, torque = columns[names[0]].t, np.stack([columns[name].values for name in names], axis=1)
+    count, each = len(LEVELS) * REALISATIONS, SETTLING + USED
+    whole = len(t) > 0 and len(t) % (count * each) == 0 and torque.any()
+    if whole:
+        periods, steps = torque.reshape(count, each, -1, n), np.diff(t)
+        whole = (periods == periods[:, :1]).all() and np.allclose(steps, steps.mean(), rtol=1e-3)
+    if not whole:
+        raise UsageError(
+            f"{path}: expected torques in even rows, {count} times {each} equal periods, got {len(t)} rows with other "
+            "ones. Write the file again by --design, and change nothing in it."
+        )
+    return PeriodicTorques(t, torque)
 
 
 def show_stiffness(
@@ -118,25 +129,37 @@ def show_stiffness(
         _print_design(arm, plan)
         pages = stiffness_page(title, judged, [], [_to_do(plan)], [])
     else:
-        fit = identify_stiffness(rows, arm, read_excitation(excitation, arm.n))
-        shows = state_of({"verdict": stiffness_verdict(fit)}) != FAILED
-        interval = spring_margins(fit, scenario) if scenario is not None and shows else None
-        judged = {"verdict": stiffness_verdict(fit, [] if interval is None else [interval.check])}
+        torques = read_excitation(excitation, arm.n)
+        fit = identify_stiffness(rows, arm, torques)
+        judged = {"verdict": stiffness_verdict(fit, rows.checks)}
+        shows, interval = state_of(judged) != FAILED, None
+        if scenario is not None and shows:
+            interval = spring_margins(fit, scenario)
+            judged = {"verdict": stiffness_verdict(fit, [*rows.checks, interval.check])}
         _print_verdict(judged)
         shown = table(*HEADS)
         for row in stiffness_rows(fit):
             shown.add_row(*row)
         console.print(shown)
         notes = [*stiffness_notes(fit), *_on_margins(interval)]
+        if NYQUIST / rows.step < torques.lines[-1]:
+            least = torques.lines[-1] / NYQUIST
+            notes.append(
+                f"torques go up to {torques.lines[-1]:.4g} Hz, but the log's rate shows {NYQUIST / rows.step:.4g} Hz, "
+                f"and higher ones distort it unless they are filtered before: log at {least:.4g} Hz or faster"
+            )
         say_notes(notes)
         picture = draw_responses(fit, title)
         pages = stiffness_page(title, judged, stiffness_rows(fit), notes, [picture])
-        written += _write_fit(fit, picture, targets, log.name)
+        written += _write_fit(fit, picture, targets, log.name, shows)
     if "page" in targets:
         write_whole(targets["page"], [pages])
         written.append(targets["page"])
     if written:
         say_written(*written)
+    say_notes([
+        f"{path} was not written, because the verdict is failed" for path in targets.values() if path not in written
+    ])  # fmt: skip
     if state_of(judged) == FAILED:
         raise SystemExit(1)
 
@@ -157,12 +180,12 @@ def _on_margins(interval: MarginInterval | None) -> list[str]:
     return notes
 
 
-def _write_fit(fit: Stiffness, picture: Picture, targets: Mapping[str, Path], log: str) -> list[Path]:
-    """Write the picture, and the robot if any spring is identified; return their paths."""
+def _write_fit(fit: Stiffness, picture: Picture, targets: Mapping[str, Path], log: str, shows: bool) -> list[Path]:
+    """Write the picture, and the robot if the log shows springs; return their paths."""
     written: list[Path] = []
     if "plot" in targets:
         written.append(save(picture, targets["plot"]))
-    if "out" in targets and state_of({"verdict": stiffness_verdict(fit)}) != FAILED:
+    if "out" in targets and shows:
         made, notes = scaled_robot(fit)
         say_notes(notes)
         head = f"{made.name}, with springs identified from {log} by vdfmu identify."

@@ -49,7 +49,6 @@ class StiffnessExperiment:
     friction, at the higher level."""
     rate: Floats
     """Least rate of the log [Hz]."""
-    step: float
 
     @property
     def lacks(self) -> list[str]:
@@ -75,7 +74,7 @@ def missing(antiresonance: Floats, highest: float, torque: Floats, breakaway: Fl
 
 
 def stiffness_experiment(
-    robot: Robot, *, pose: npt.ArrayLike | None = None, step: float = STEP, period: float = PERIOD, seed: int = 0
+    robot: Robot, *, pose: npt.ArrayLike | None = None, step: float = STEP, seed: int = 0
 ) -> StiffnessExperiment:
     """Choose the torques for a robot, at a pose (n,) or near the middle of its joints' ranges.
 
@@ -85,21 +84,20 @@ def stiffness_experiment(
     q = _bent_pose(robot) if pose is None else np.array(pose, float)
     if q.shape != (robot.n,) or not np.isfinite(q).all():
         raise UsageError(f"pose: expected {robot.n} finite positions, got {pose!r}.")
-    if not 0.0 < step < 0.1:
-        raise UsageError(f"step: expected more than 0 and less than 0.1 s, got {step:g} s.")
+    if not 0.0 < step < 0.1 or abs(PERIOD / step - round(PERIOD / step)) > 1e-6:
+        raise UsageError(f"step: expected a part of the period of {PERIOD:g} s, less than 0.1 s, got {step:g} s.")
     side = MotorSide(robot, q)
     drives = side.start()
     antiresonance = side.antiresonances(drives)
     highest = min(BEYOND * float(antiresonance.max()), NYQUIST / step)
     breakaway = np.array(robot.f_s) / robot.ell
     rms = np.outer(LEVELS, breakaway)
-    rows = round(period / _FINEST) * max(1, round(2.0 * highest * _FINEST / NYQUIST))
-    fine = period / rows
-    plan = excitation(np.ones((1, robot.n)), highest, fine, period=period, seed=seed)
-    wave = plan.torque[: round(period / fine)]
-    places = np.rint(plan.lines * period).astype(int)
+    rows = round(PERIOD / _FINEST) * max(1, round(2.0 * highest * _FINEST / NYQUIST))
+    plan = excitation(np.ones((1, robot.n)), highest, PERIOD / rows, seed)
+    wave = plan.torque[:rows]
+    places = np.rint(plan.lines * PERIOD).astype(int)
     w = 2.0 * np.pi * plan.lines
-    size = 2.0 / len(wave) * np.fft.rfft(wave, axis=0)[places] * robot.ell
+    size = 2.0 / rows * np.fft.rfft(wave, axis=0)[places] * robot.ell
     unit = np.linalg.inv(side.impedance(w, drives))
 
     def peaks(level: Floats) -> tuple[Floats, Floats]:
@@ -117,11 +115,10 @@ def stiffness_experiment(
             speed, travel = peaks(rms[-1])
             share = np.minimum(_MARGIN * robot.kappa_dot_max / speed, _MARGIN * room / travel)
             rms = np.minimum(rms, rms[-1] * np.minimum(share.min() if whole else share, 1.0))
-    plan = excitation(rms, highest, fine, period=period, seed=seed)
+    plan = excitation(rms, highest, PERIOD / rows, seed)
     speed, travel = peaks(rms[-1])
-    return StiffnessExperiment(
-        plan, q, antiresonance, breakaway, rms[-1], speed, travel, BEYOND * antiresonance / NYQUIST, step
-    )
+    rate = BEYOND * antiresonance / NYQUIST
+    return StiffnessExperiment(plan, q, antiresonance, breakaway, rms[-1], speed, travel, rate)
 
 
 def _bent_pose(robot: Robot) -> Floats:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Picture
+from scipy.signal import periodogram
 
 from vdfmu.arm.robot import Robot
 from vdfmu.base import style
@@ -21,7 +22,7 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, Check, c
 from vdfmu.extras.identify.fit import NORMAL_95
 from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import effective_stiffness
-from vdfmu.extras.identify.stiffness import Stiffness
+from vdfmu.extras.identify.stiffness import ROTOR, SHARE, Stiffness
 from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, missing
 
 _AROUND = 2.0
@@ -44,22 +45,31 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
             checks.append(Check("stiffness", "Stiffness", GOOD, text))
         else:
             lacks = missing(level.antiresonance, level.f[-1], level.swing, np.array(robot.f_s) / robot.ell)[i]
-            doubt = f"+- {_per_cent(level.deviation[i])}, {100 * level.share[i]:.0f} % of the link's torque explained"
             text = f"the stiffness of {place} is not identifiable"
-            advice = f"log {lacks}" if lacks else f"{doubt}: log more periods, or larger torques"
+            if lacks:
+                advice = f"log {lacks}"
+            elif level.share[i] > SHARE and abs(np.log(level.rotor[i])) < ROTOR:
+                advice = f"+- {_per_cent(level.deviation[i])}: log more periods, or larger torques"
+            else:
+                advice = (
+                    f"{100.0 * max(level.share[i], 0.0):.0f} % of the link's torque explained, by a rotor of "
+                    f"{level.rotor[i]:.2g} times the file's inertia: check the order, signs and units of the columns, "
+                    "and the robot file"
+                )
             checks.append(Check("stiffness", "Stiffness", DOUBTFUL, text, advice))
-    shown = [check for check in checks if check.state == GOOD]
-    if not shown:
+    count = int(fit.identifiable.sum())
+    if not count:
         checks = [check._replace(state=FAILED) for check in checks]
-    return verdict_of([*checks, *more], [f"stiffness of {len(shown)} of {robot.n} joints"])
+    return verdict_of([*checks, *more], [f"stiffness of {count} of {robot.n} joints"])
 
 
 def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict[str, Any]:
     """Return the verdict on a log of another motion than the excitation: how far its torques excite each spring.
 
     They are compared with Coulomb friction in the octaves around the antiresonance, below the half of the log's rate.
+    Faults of the log come first.
     """
-    checks: list[Check] = []
+    checks = list(log.checks)
     rate = 1.0 / log.step
     lacks = missing(plan.antiresonance, 0.5 * rate, np.zeros(robot.n), np.array(robot.f_s) / robot.ell)
     for i, f in enumerate(plan.antiresonance):
@@ -85,13 +95,9 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
 
 
 def _band_rms(signal: Any, step: float, band: tuple[float, float]) -> float:
-    """Return the RMS of a signal in a band, by a window of Hann."""
-    window = np.hanning(len(signal))
-    line = np.polynomial.polynomial.polyfit(np.arange(len(signal)), signal, 1)
-    about = signal - np.polynomial.polynomial.polyval(np.arange(len(signal)), line)
-    power = np.abs(np.fft.rfft(about * window)) ** 2 * 2.0 / (len(signal) * (window**2).sum())
-    f = np.fft.rfftfreq(len(signal), step)
-    return float(np.sqrt(power[(f >= band[0]) & (f <= band[1])].sum()))
+    """Return the RMS of a signal about its line in a band, by a window of Hann."""
+    f, density = periodogram(signal, 1.0 / step, "hann", detrend="linear")
+    return float(np.sqrt(density[(f >= band[0]) & (f <= band[1])].sum() * f[1]))
 
 
 def stiffness_rows(fit: Stiffness) -> list[list[str]]:
@@ -99,12 +105,12 @@ def stiffness_rows(fit: Stiffness) -> list[list[str]]:
     robot, rows = fit.side.robot, list[list[str]]()
     for i in range(robot.n):
         for level in fit.levels:
-            called = level.identifiable[i]
+            called, damping = level.identifiable[i], level.drives.damping[i]
             rows.append([
                 f"{i + 1}", f"{level.swing[i]:.3g}", f"{level.spring[i]:.3g}",
                 quantity(level.stiffness[i], unit_of("stiffness", robot.joint_types[i])) if called else "-",
                 _per_cent(level.deviation[i]) if called else "", _per_cent(level.absolute[i]) if called else "",
-                f"{level.drives.damping[i]:.3g}" if called else "-", f"{level.antiresonance[i]:.3g}",
+                f"{damping:.3g}" if called and damping > 0.0 else "-", f"{level.antiresonance[i]:.3g}",
             ])  # fmt: skip
     return rows
 
@@ -119,7 +125,7 @@ def stiffness_notes(fit: Stiffness) -> list[str]:
         "not linear, and another torque has another stiffness",
         "95 %: with links, payload's place and torque constants as in the robot file; absolute: links within 6 %, "
         "torque constants within 5 %",
-        "damping [N.m.s/rad or N.s/m] is a value without an interval",
+        "damping [N.m.s/rad or N.s/m] is a value without an interval; - where the log does not show it",
     ]
 
 
@@ -208,5 +214,4 @@ DESIGN_HEADS = (
     "torque, RMS\nN.m",
     "peak speed",
     "travel",
-    "",
 )
