@@ -413,3 +413,23 @@ def test_undo_takes_back_one_slider_after_the_other(run, browser):
         browser.run(f"{undo}.click()")
         calm(browser)
     assert browser.run(f"{undo}.disabled") and browser.run(places) == [0, 0]
+
+
+def test_undo_looks_as_if_it_works_only_when_it_does(run, browser):
+    opened(browser, run / "report.html")
+    undo = "[...document.querySelectorAll('#simulate button')].find((b) => b.textContent === 'Undo')"
+    opacity = f"Number(getComputedStyle({undo}).opacity)"
+    assert browser.run(f"{undo}.disabled") and browser.run(opacity) < 0.6
+    for drag in ([3, 5], [4, 0], [4, 0, 6]):  # the second and the begin of the third end where they began
+        browser.run(f"""for (const place of {drag}) {{
+            const {{ slider }} = report.simulation.sliders[0];
+            slider.value = place;
+            slider.dispatchEvent(new Event("input"));
+        }}""")
+        calm(browser)
+        assert browser.run(f"{undo}.disabled") == (drag[-1] == 0)
+        assert browser.run(opacity) == (1.0 if drag[-1] else pytest.approx(0.45))
+        if drag[-1]:
+            browser.run(f"{undo}.click()")
+            calm(browser)
+        assert browser.run("report.simulation.sliders[0].places[0]") == 0

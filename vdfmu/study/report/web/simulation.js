@@ -167,6 +167,10 @@ class Simulation {
     if (states.some((state, k) => state !== this.last[k])) {
       if (moved !== this.moved || now - this.moment > TOGETHER) this.past.push(this.last);
       Object.assign(this, { last: states, moved, moment: now });
+      if (String(states) === String(this.past.at(-1))) {
+        this.past.pop(); // a drag back to where it began is no change
+        this.moved = "";
+      }
     }
     this.undone.disabled = !this.past.length;
   }
