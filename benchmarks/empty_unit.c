@@ -1,4 +1,4 @@
-/* An FMI 2.0 co-simulation unit that does nothing, with the interface of any other: what is left is its master. */
+/* An FMI 2.0 co-simulation unit that does nothing, with the interface of any other: the remaining time is that of its master. */
 #include <stddef.h>
 
 #define EMPTY(name) int name(void) { return 0; }

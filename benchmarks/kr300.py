@@ -51,8 +51,8 @@ class Fit(NamedTuple):
     """Numbers that were fitted; of a regression the rank of its matrix."""
     seconds: float | None
     """Processor time [s]."""
-    left: list[Floats]
-    """Torques left on the fitted log and on the other, root mean squares (n,) over those of the torques."""
+    residuals: list[Floats]
+    """Residual torques on the fitted log and on the other, root mean squares (n,) over those of the torques."""
 
 
 class Motion(NamedTuple):
@@ -68,7 +68,7 @@ class Motion(NamedTuple):
 
 
 def run(report: Report, quick: bool = False) -> None:
-    """Identify from one log in all ways, and show what is left of both."""
+    """Identify from one log in all ways, and show the residuals of both."""
     folder = data_path("examples") / "kr300"
     robot = load_robot(folder / "nominal.toml")
     logs = [read_log(folder / f"{name}.parquet", robot) for name in "ab"]
@@ -76,11 +76,11 @@ def run(report: Report, quick: bool = False) -> None:
     axes = [(f"{i + 1}", ".1f") for i in range(robot.n)]
     for k, text in enumerate(("on A, to which they were fitted", "on B, to which they were not")):
         table = Table(
-            f"kr300_{'ab'[k]}", f"Torque left {text}, % of each axis's",
+            f"kr300_{'ab'[k]}", f"Residual torque {text}, % of each axis's",
             [("method", ""), *axes, ("parameters", "d"), ("processor time [s]", ".2f")],
         )  # fmt: skip
         for fit in fits:
-            table.add(fit.method, *100.0 * fit.left[k], fit.parameters, fit.seconds)
+            table.add(fit.method, *100.0 * fit.residuals[k], fit.parameters, fit.seconds)
         report.show(table)
 
 
@@ -130,8 +130,8 @@ def _regression(robot: Robot, motions: Sequence[Motion], method: str) -> Fit:
         x = file + errors @ np.linalg.lstsq(A, b, rcond=_DEPENDENT)[0]
         weights = 1.0 / rms(torques[0] - tables[0] @ x)
     spent = processor_time() - began
-    left = [rms(tau - table @ x) / rms(tau) for tau, table in zip(torques, tables, strict=True)]
-    return Fit(f"rigid, {method}", int(rank), spent, left)
+    residuals = [rms(tau - table @ x) / rms(tau) for tau, table in zip(torques, tables, strict=True)]
+    return Fit(f"rigid, {method}", int(rank), spent, residuals)
 
 
 def _columns(robot: Robot, base: list[int], moved: Motion) -> Floats:
@@ -235,7 +235,7 @@ class _Arm:
         self.names = [sensor.name for sensor in self.spec.sensors]
 
     def fit(self, motions: Sequence[Motion], iterations: int) -> Fit:
-        """Fit to the first motion, and return what is left of all."""
+        """Fit to the first motion, and return the residuals of all."""
         began = processor_time()
         fitted = motions[0]
         residual = self.sysid.build_residual_fn(
@@ -250,11 +250,11 @@ class _Arm:
         spent = processor_time() - began
         bias = np.array([0.0 if self.simulated else fitted_values[f"bias{i}"].value[0] for i in range(self.robot.n)])
         model = self._model(fitted_values, self.spec)
-        left: list[Floats] = []
+        residuals: list[Floats] = []
         for moved in motions:
             tau = moved.rows.problem.tau
-            left.append(rms(tau - bias - self._torques(model, fitted_values, moved)) / rms(tau))
-        return Fit(self.method, fitted_values.size, spent, left)
+            residuals.append(rms(tau - bias - self._torques(model, fitted_values, moved)) / rms(tau))
+        return Fit(self.method, fitted_values.size, spent, residuals)
 
     def _link(self, name: str) -> Callable[[Any, Any], None]:
         """Write the ten parameters of a body, in a form in which all values are physical."""

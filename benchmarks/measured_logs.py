@@ -77,9 +77,9 @@ def torques(model: Model, log: Log) -> tuple[Floats, Floats, Floats]:
     return filtered(measured), filtered(measured - predicted), filtered(parts.links[:, :, -10:])
 
 
-def percent(left: Floats, measured: Floats) -> list[float]:
-    """Root mean square of what is left, in % of the torque's, by joint."""
-    return (100.0 * np.sqrt((left**2).mean(axis=0) / (measured**2).mean(axis=0))).tolist()
+def percent(residual: Floats, measured: Floats) -> list[float]:
+    """Root mean square of the residual, in % of the torque's, by joint."""
+    return (100.0 * np.sqrt((residual**2).mean(axis=0) / (measured**2).mean(axis=0))).tolist()
 
 
 def as_log(robot: Robot, t: Floats, q: Floats, tau: Floats, factors: Floats) -> Log:
@@ -95,7 +95,7 @@ def as_log(robot: Robot, t: Floats, q: Floats, tau: Floats, factors: Floats) -> 
 
 def _table(name: str, title: str, n: int, *more: tuple[str, str]) -> Table:
     joints = [(f"joint {i + 1}", ".1f") for i in range(n)]
-    return Table(name, f"{title}: torque left [%]", [("model", "s"), ("motion", "s"), *joints, *more])
+    return Table(name, f"{title}: residual torque [%]", [("model", "s"), ("motion", "s"), *joints, *more])
 
 
 def panda(report: Report, folder: Path) -> None:
@@ -125,9 +125,9 @@ def panda(report: Report, folder: Path) -> None:
         (early, "fitted to 0 to 9 s", rest, "9 to 13.4 s, not fitted"),
         (theirs, "the authors' links and friction", rest, "9 to 13.4 s"),
     ):
-        measured, left, _ = torques(model, log)
-        all_joints = 100.0 * float(np.linalg.norm(left) / np.linalg.norm(measured))
-        table.add(name, motion, *percent(left, measured), all_joints)
+        measured, residual, _ = torques(model, log)
+        all_joints = 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
+        table.add(name, motion, *percent(residual, measured), all_joints)
     report.show(table)
 
 
@@ -165,19 +165,19 @@ def ur10e(report: Report, folder: Path) -> None:
     table = _table("ur10e", "UR10e", 6)
     for name in list(UR10E)[:4]:
         for who, candidate in (("fitted to 12 harmonics", model), ("the authors' parameters", theirs)):
-            measured, left, _ = torques(candidate, logs[name])
-            table.add(who, name, *percent(left, measured))
+            measured, residual, _ = torques(candidate, logs[name])
+            table.add(who, name, *percent(residual, measured))
     report.show(table)
 
     table = _table("ur10e_load", "UR10e with a load of 2.805 kg", 6)
     bare = fitted(logs["14 harmonics"], robot)
     noise = np.sqrt((torques(bare, logs["14 harmonics"])[1] ** 2).mean(axis=0))[:, None]
-    _, left, columns = torques(bare, logs["14 harmonics, load"])
-    load: Any = np.linalg.lstsq((columns / noise).reshape(-1, 10), (left / noise[:, 0]).ravel(), rcond=None)[0]
+    _, residual, columns = torques(bare, logs["14 harmonics, load"])
+    load: Any = np.linalg.lstsq((columns / noise).reshape(-1, 10), (residual / noise[:, 0]).ravel(), rcond=None)[0]
     for name in ("14 harmonics, load", "31 January, load"):
-        measured, left, columns = torques(bare, logs[name])
-        table.add("arm fitted to 14 harmonics", name, *percent(left, measured))
-        table.add("and a load fitted to 14 harmonics, load", name, *percent(left - columns @ load, measured))
+        measured, residual, columns = torques(bare, logs[name])
+        table.add("arm fitted to 14 harmonics", name, *percent(residual, measured))
+        table.add("and a load fitted to 14 harmonics, load", name, *percent(residual - columns @ load, measured))
     place = ", ".join(f"{x:.3f}" for x in load[1:4] / load[0])
     table.notes.append(f"The load: {load[0]:.2f} kg, centre of mass {place} m in the frame of the last link.")
     report.show(table)

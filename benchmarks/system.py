@@ -32,7 +32,7 @@ def packed(scenario: Scenario, backend: str = "python") -> Generator[Path]:
 
 
 def write_emptied(package: Path, path: Path) -> Path:
-    """Copy an FMU, or a package of FMUs, with libraries that do nothing: what is left is the time of the master."""
+    """Copy an FMU, or a package of FMUs, with libraries that do nothing: the remaining time is that of the master."""
     members = _members(package)
     if package.suffix == ".fmu":
         source = Path(__file__).with_name("empty_unit.c").read_bytes()

@@ -61,7 +61,21 @@ def hangups_end_commands():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the first cases of the heavy tests in ``smoke.txt``, one of each kind, which CI runs too."""
+    """Mark the cases of tests that are heavy.
+
+    Of a test with ``few(n)`` all are but n, spread over its cases. The first cases of the heavy tests in ``smoke.txt``,
+    one of each kind, run in CI too.
+    """
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("few") and not item.get_closest_marker("heavy"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for some in cases.values():
+        few = next(some[0].iter_markers("few")).args[0]
+        quick = {k * len(some) // few for k in range(few)}
+        for k, item in enumerate(some):
+            if k not in quick:
+                item.add_marker(pytest.mark.heavy)
     lines = (line.split() for line in Path(__file__).with_name("smoke.txt").read_text().splitlines())
     left = {name: int(more[0]) if more else 1 for name, *more in lines}
     for item in items:

@@ -6,7 +6,7 @@ import { basename, dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
-const PAGES = ["run.js", "sweep.js", "study.js", "robot.js", "master.js"];
+const PAGES = ["run.js", "sweep.js", "study.js", "robot.js", "gallery.js", "master.js"];
 const STYLES = ["report.css", "arm_alone.css"];
 
 const here = dirname(fileURLToPath(import.meta.url));

@@ -57,7 +57,7 @@ def test_every_row_of_every_dialect_reads_back(tmp_path, monkeypatch, separator,
     ("\n\ntime,q\n\n0,1\n,\n1,2\n\n", [], 2),
     ("", [], 0),
 ])  # fmt: skip
-def test_a_row_of_units_is_told_from_a_row_of_numbers(text, units, rows):
+def test_a_row_of_units_is_distinguished_from_a_row_of_numbers(text, units, rows):
     file = CsvFile(io.StringIO(text, newline=""))
     assert (file.unit_row, len([*file])) == (units, rows)
 

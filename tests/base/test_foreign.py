@@ -1,4 +1,4 @@
-"""Files of MATLAB, Octave, scipy, numpy, h5py and pyarrow: their numbers, what is left out, and damage in words."""
+"""Files of MATLAB, Octave, scipy, numpy, h5py and pyarrow: their numbers, omitted entries, and messages on damage."""
 
 import io
 import os

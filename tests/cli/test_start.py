@@ -56,13 +56,13 @@ def test_a_usage_error_imports_nothing_heavy(arguments):
     + [["build", "trackng", "--container"], ["run", "--robot", "manipulator"]]
     + [["run", "trackng", "--set", "plant.mass=2", "--set", "plant.gravity=0", "--out", "here"]],
 )
-def test_a_wrong_name_is_told_before_anything_heavy(arguments):
+def test_a_wrong_name_is_reported_before_anything_heavy(arguments):
     code, *imported = end(*arguments)
     assert code == "2"
     assert imported == []
 
 
-def test_a_file_of_another_kind_is_told_before_anything_but_numpy():
+def test_a_file_of_another_kind_is_reported_before_anything_but_numpy():
     code, *imported = end("run", "x.py")
     assert code == "2"
     assert set(imported) <= {"numpy"}

@@ -7,7 +7,7 @@ import pytest
 
 from tests.engine.files import check_file, edited
 from vdfmu.base.cache import one_job
-from vdfmu.base.errors import SspError
+from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.inspect import trial as check_run
 from vdfmu.engine.package.read import load_ssp, read_system
 from vdfmu.engine.package_run import run_system
@@ -51,6 +51,21 @@ def test_several_faults_at_once(pack, xml):
         r"p: parameter 'y' \(set: y\): is not settable: causality output",
         r"algebraic loop in the steps: a\.y -> b\.a -> b\.y -> a\.u -> a\.y",
     )
+
+
+def test_a_factor_multiplies_the_value_of_the_package_else_the_start_value(pack, xml):
+    path = pack([xml.component("p", "Gain", "u:input y:output", xml.values(xml.real("k", 3.0))), "q Gain u:input"], [])
+    system = load_ssp(path)
+    start = check_system(system).descriptions["q"].variables["k"].start
+    for parameters in ({"p.k": "*-0.5", "q.k": "*4"}, {"p.k": "*-.5e0", "q.k": "*4.0"}):
+        checked = check_system(system, parameters)
+        values = {(name, v.name): value for name, each in checked.starts.items() for v, value in each}
+        assert values["p", "k"] == -1.5 and values["q", "k"] == 4.0 * start
+    twice = simulate(system, stop=0.1, step=0.1, parameters={"p.k": "*2", "p.u": 1.0})
+    assert twice["p.y"][-1] == 6.0  # once, not for each check
+    for value, text in (("*x", "expected a number behind the star, such as \\*0.8, got \\*x"), ("*", "got \\*")):
+        with pytest.raises(UsageError, match=rf"^parameter 'p.k': .*{text}\.$"):
+            check_system(system, {"p.k": value})
 
 
 def test_a_missing_fmu_hides_no_other_fault(pack, xml):

@@ -29,6 +29,7 @@ def sampled_loop(steps: int) -> tuple[np.ndarray, np.ndarray]:
     return sampled_x, sampled_u
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

@@ -132,6 +132,7 @@ def both():
     return run
 
 
+@pytest.mark.few(14)
 @pytest.mark.parametrize(("name", "algorithm"), [
     *((name, algorithm) for name in NAMES for algorithm in HELD),
     *((name, "extrapolated") for name in NAMES if not name.startswith(SAMPLED)),

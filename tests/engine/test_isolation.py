@@ -110,6 +110,7 @@ def test_this_process_outlives_them(package):
     assert children() <= before
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("way", "call", "said", "options"), [
     *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
         ("error_end", "terminate", r"the brake does not close \(status error\)"),

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -38,6 +39,23 @@ def test_streamed_results_are_those_in_memory(package, tmp_path):
     np.testing.assert_array_equal(thin["plant.q[1]"], memory["plant.q[1]"][::6])
     np.testing.assert_array_equal(few.time, memory.time[::6])
     assert sorted(p.name for p in tmp_path.iterdir()) == ["memory.csv", "rows.csv"]
+
+
+def test_a_large_file_of_text_is_announced_before_its_rows(package, tmp_path, monkeypatch, caplog):
+    files = [tmp_path / "results.csv", tmp_path / "results.parquet"]
+    simulate(package, stream=files, stop=2.0)
+    assert not caplog.messages
+    size = files[0].stat().st_size
+    monkeypatch.setattr(recorder, "_LARGE", size // 2)
+    simulate(package, stream=files[1], stop=2.0)  # is not text
+    assert not caplog.messages
+    monkeypatch.setattr(Recorder, "keep", lambda self, k: pytest.fail(f"row {k}") if not caplog.messages else None)
+    simulate(package, stream=files, stop=2.0)
+    (message,) = caplog.messages
+    said = re.fullmatch(r"results.csv will be about (\S+) GB \(\d+ signals at 2001 times\). (.*)", message)
+    # numbers have 1 digit where they are whole and 24 characters at most: about 20 is right to a factor of two
+    assert said and 0.5 * size < 1e9 * float(said[1]) < 2.0 * size
+    assert said[2] == "--format parquet takes about a third of that; --record writes fewer signals."
 
 
 def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:

@@ -168,7 +168,7 @@ def test_results_show_what_is_in_them(results):
     html = made([0.0, 1.0], **{"<b>": [1.0, 2.0]})._repr_html_()
     assert "a.&lt;b&gt;" in html
     assert "<b>" not in html.replace("<tbody>", "")
-    assert "Results of mine: 1 signals, 2 rows" in html
+    assert "Results of mine: 1 signal, 2 rows" in html
     assert made([0.0, 1.0], q=-0.0).contents()._repr_html_().count("<td>0</td>") == 2  # and none of -0
     assert "0 rows" in repr(Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))}))
 

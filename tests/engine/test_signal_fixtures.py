@@ -208,6 +208,7 @@ def test_all_are_there(xml):
     assert set(NAMES) == set(fixtures(xml))
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("name", NAMES)
 def test_iterative_is_exact_at_every_communication_point(packed, name, version):

@@ -78,7 +78,7 @@ class Process:
         return time.monotonic() - begin, SECONDS * max(1.0, statistics.mean(ready) / (os.cpu_count() or 1))
 
     def left(self) -> list[str]:
-        """Return what is left of it: temporary files, and processes that have its environment."""
+        """Return what remains of it: temporary files, and processes that have its environment."""
         deadline = time.monotonic() + SECONDS  # a process that was killed is there for a moment
         while (processes := self._processes()) and time.monotonic() < deadline:
             time.sleep(0.01)

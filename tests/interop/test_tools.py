@@ -28,7 +28,7 @@ MUST_RUN = {
 }
 
 # The bound that native FMUs must keep to the reference. They and the Python FMUs solve the plant to a relative 1e-7 of
-# states of order 1 rad with the same numbers, in a loop that forgets within about 1 s: what is left is 3e-9 rad.
+# states of order 1 rad with the same numbers, in a loop that forgets within about 1 s: they differ by 3e-9 rad.
 TO_REFERENCE = 1e-6
 
 
@@ -70,6 +70,7 @@ def test_what_becomes_of_it(tracking, require, case):
         assert to_jacobi <= tracking.allowed(case.tool)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "case", [case for case in TESTED if case.kind == "native" and case.tool != "ecos"], ids=name_of
 )

@@ -46,7 +46,7 @@ def _check(tmp_path):
 def test_a_run_equals_itself_to_the_bit_and_a_small_difference_is_a_share_of_the_swing(check):
     same = check(rows(), within=0.0)
     assert (same.state, same.value) == (GOOD, 0.0)
-    assert same.sentence == "equals reference.csv in 4 signals to 0 % of their swings (allowed 0 %)"
+    assert same.sentence == "equals reference.csv in 4 signals to 0 % of the swing (allowed 0 %)"
     apart = check(rows(T=(3, 0.12)))
     assert apart.state == FAILED
     # 0.12 K of a swing of 10 K, whatever the 300 K
@@ -71,6 +71,9 @@ def test_values_are_those_at_the_recorded_times(check):
     assert check(rows(), recorded).state == GOOD
     between = "time,room.T,clock.n\n0.05,300.5,0\n0.25,302.5,1\n0.25,302.5,1\n0.95,309.5,4\n"
     assert check(rows(), text=between).state == GOOD
+    short = check(rows(), text="time,room.T\n0.05,300.5\n0.25,302.5\n")
+    assert short.state == GOOD and short.sentence.startswith("equals reference.csv in 1 signal to ")
+    assert short.sentence.endswith(", up to t = 0.25 s, where reference.csv ends")
     late = check(rows(), text=between.replace("0.95,309.5,4", "0.95,309.5,5"))
     assert late.sentence.startswith("clock.n differs from reference.csv by 20 % of its swing at t = 0.95 s")
     # before and after an event

@@ -101,6 +101,7 @@ def require_estimates(lags, step, algorithm):
         assert max(true.values()) > 0.01
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 @pytest.mark.parametrize("step", [0.05, 0.02, 0.005])
 def test_the_estimate_is_the_error_of_a_closed_form(lags, algorithm, step):

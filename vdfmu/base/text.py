@@ -75,6 +75,11 @@ def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text:
     return [*kept, *(f"and {count:,} more{f' [{rule}]' if rule else ''}" for rule, count in more.items())]
 
 
+def amount(number: int, noun: str) -> str:
+    """Return ``1 point``, ``2 points``; the noun is in the singular."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def name_fault(name: Any, dots: bool = True) -> str:
     """Return what was expected of a name of a component, or with `dots` of a system, which name files; else ""."""
     pattern = r"\w[\w .+-]*" if dots else r"\w[\w +-]*"

@@ -197,6 +197,7 @@ SetOption = Annotated[dict[str, str] | None, option_of(RobotOptions, "parameters
 UnpackOption = Annotated[
     int | None, Option("Largest unpacked size, such as 4G (default 2G).", metavar="SIZE", typed=str, read=_bytes)
 ]
+AnywayOption = Annotated[bool, Option("Run FMUs even if their files have faults.", default=False)]
 
 
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:

@@ -3,7 +3,8 @@
 # Types are written out, not quoted: the options of the forms of a run are read from them.
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
 from vdfmu.cli.options import (
+    AnywayOption,
     ForeignOption,
     OpenOption,
     Positional,
@@ -51,7 +53,7 @@ class FmusForm(SystemOptions, JudgeOptions, ExpectOptions, total=False):
 
     connections: Annotated[Sequence[tuple[str, str]] | None, option_of(ScenarioOptions, "connections")]
     unpack_limit: UnpackOption
-    run_anyway: Annotated[bool, Option("Run FMUs even if their files have faults.", default=False)]
+    run_anyway: AnywayOption
     opened: OpenOption
 
 
@@ -174,21 +176,29 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
         from vdfmu.study.judgement import check_wanted  # takes long to import
 
         check_wanted(wanted, sampled, options["adaptive"])
-    from vdfmu.engine.package.archive import package_limit
     from vdfmu.engine.package_run import default_folder
     from vdfmu.engine.results.folder import RUN_OUTPUTS
-    from vdfmu.engine.rules import can_run, run_anyway
     from vdfmu.study.expected import read_expected
     from vdfmu.study.joined import run_joined
 
     expected = read_expected(options["expect"], options["within"])
-    with package_limit(options["unpack_limit"]), run_anyway(options["run_anyway"]):
+    with reading_fmus(options["unpack_limit"], options["run_anyway"]):
+        package, source, kept = package_of(parts, options)
+        folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
+        options["out"] = folder  # a failed run is said with its page there
+        settings = pick(SystemOptions, options)
+        return run_joined(package, source, folder, wanted, sampled, expected, **settings), RUN_OUTPUTS
+
+
+@contextmanager
+def reading_fmus(unpack_limit: int | None, anyway: bool) -> Generator[None]:
+    """Read FMUs in the block with these options; an error that ``--run-anyway`` avoids names it."""
+    from vdfmu.engine.package.archive import package_limit
+    from vdfmu.engine.rules import can_run, run_anyway
+
+    with package_limit(unpack_limit), run_anyway(anyway):
         try:
-            package, source, kept = package_of(parts, options)
-            folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
-            options["out"] = folder  # a failed run is said with its page there
-            settings = pick(SystemOptions, options)
-            return run_joined(package, source, folder, wanted, sampled, expected, **settings), RUN_OUTPUTS
+            yield
         except SspError as error:
             if all(map(can_run, error.problems)):
                 error.add_note("The FMUs can run in spite of this: --run-anyway.")

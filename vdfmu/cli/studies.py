@@ -8,9 +8,19 @@ from typing import Annotated, Any, Unpack
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
+from vdfmu.base.text import amount
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
-from vdfmu.cli.options import ForeignOption, JsonOption, Positional, TrustOption, known_scenarios
-from vdfmu.cli.runs import FMUS, package_of
+from vdfmu.cli.options import (
+    AnywayOption,
+    ForeignOption,
+    JsonOption,
+    Positional,
+    TrustOption,
+    UnpackOption,
+    known_scenarios,
+    refuse,
+)
+from vdfmu.cli.runs import FMUS, package_of, reading_fmus
 from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
 from vdfmu.study.options import SweepOptions
 
@@ -42,6 +52,7 @@ def run(
         more="TARGET is a parameter, or robot, algorithm, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
         "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it "
         "makes factors: *lin(0.9, 1.1).")] = None,
+    unpack_limit: UnpackOption = None, run_anyway: AnywayOption = False,
     **options: Unpack[SweepOptions],
 ) -> None:  # fmt: skip
     """Run a scenario or FMUs at many points, and keep a row for each.
@@ -53,18 +64,22 @@ def run(
     from vdfmu.study.sweeps.sweep import sweep
 
     parts, joined = system or ["tracking"], None
-    if any(map(FMUS.fullmatch, parts)):
-        _, _, joined = package_of(parts, options)
-    elif len(parts) > 1:
-        raise UsageError(f"{' '.join(parts)}: expected one scenario, got {len(parts)}. Study each by itself.")
-    if joined is None:
-        study = sweep(parts[0], vary or (), **options)
-    else:
-        study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in its package
+    fmus = any(map(FMUS.fullmatch, parts))
+    if not fmus:
+        refuse({"--unpack-limit": unpack_limit, "--run-anyway": run_anyway}, "is for FMUs, got a scenario")
+        if len(parts) > 1:
+            raise UsageError(f"{' '.join(parts)}: expected one scenario, got {len(parts)}. Study each by itself.")
+    with reading_fmus(unpack_limit, run_anyway):
+        if fmus:
+            _, _, joined = package_of(parts, options)
+        if joined is None:
+            study = sweep(parts[0], vary or (), **options)
+        else:
+            study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in its package
     say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
-    say_written(study.path, study.report(), more=f"; {len(study)} points")
+    say_written(study.path, study.report(), more=f"; {amount(len(study), 'point')}")
     if study.answer.state == FAILED:
         raise SystemExit(1)
 

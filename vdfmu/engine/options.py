@@ -47,8 +47,8 @@ algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sampl
     "the dependencies leave no order for it.", choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
     "By ``component.variable``, in the unit of the FMU; inputs can be set too. Without an index, all elements: one "
-    "value, or one each, 0.3,-0.5. In a scenario *0.8 multiplies the value that it has. They win over the values of "
-    "the package or scenario.", flag="--set",
+    "value, or one each, 0.3,-0.5. *0.8 multiplies the value of the package or scenario, or else the start value. They "
+    "win over the values of the package or scenario.", flag="--set",
     metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
 
 
@@ -206,7 +206,14 @@ class PictureOptions(TypedDict, total=False):
         default=False)]
 
 
-class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):
+class VariantOptions(TypedDict, total=False):
+    """Which system of a package is run."""
+
+    variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
+        metavar="SSD")]
+
+
+class SystemOptions(RecordOptions, VariantOptions, LoadedOptions, ResultOptions, PictureOptions, total=False):
     """Options of `vdfmu.engine.package_run.run_system`."""
 
     algorithm: Annotated[str | None, algorithm_option]
@@ -215,8 +222,6 @@ class SystemOptions(RecordOptions, LoadedOptions, ResultOptions, PictureOptions,
         "Folder of the results (default results/NAME).", "path",
         "NAME is that of the scenario, of the FMU, or ``system``; of a package it is PACKAGE_ssp. A complete run "
         "replaces the files of an earlier run.", typed=Path | None)]
-    variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
-        metavar="SSD")]
 
 
 class Limits:

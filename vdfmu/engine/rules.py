@@ -85,6 +85,11 @@ def run_anyway(chosen: bool = True) -> Generator[None]:
         _anyway.reset(token)
 
 
+def runs_anyway() -> bool:
+    """Whether faults of FMUs that can run are notes here, see `run_anyway`."""
+    return _anyway.get()
+
+
 def can_run(problem: str) -> bool:
     """Whether an FMU can run in spite of a problem of its description or its files."""
     number = problem.rule.number if isinstance(problem, Finding) else ""
@@ -92,7 +97,7 @@ def can_run(problem: str) -> bool:
 
 
 def _is_problem(each: Finding) -> bool:
-    return each.rule.severity == "problem" and not (_anyway.get() and can_run(each))
+    return each.rule.severity == "problem" and not (runs_anyway() and can_run(each))
 
 
 def problems_in(findings: Iterable[Finding]) -> list[Finding]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import require_ours, storing
 from vdfmu.base.option import checks_types, pick, with_options
+from vdfmu.base.text import amount
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
 from vdfmu.engine.package.join import join
@@ -98,7 +99,8 @@ class System:
         return check_system(flat, algorithm=algorithm)
 
     def __repr__(self) -> str:
-        lines = [f"System {self.name!r}: {len(self.components)} components, {len(self.connections)} connections"]
+        sizes = amount(len(self.components), "component"), amount(len(self.connections), "connection")
+        lines = [f"System {self.name!r}: {', '.join(sizes)}"]
         lines += [f"  {name}: {text}" for name, text in self.components.items()]
         lines += [f"  {text}" for text in _shortened(self.connections)]
         free = Counter(map(_whole, self.inputs))

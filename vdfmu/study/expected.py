@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import number
+from vdfmu.base.text import amount
 from vdfmu.engine.results.recorded import Recorded
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import FAILED, GOOD, Check
@@ -38,6 +39,8 @@ class Expected(NamedTuple):
     def compare(self, run: Recorded) -> dict[str, Any]:
         """Return the entry ``expected`` of the summary of a run: problems, and the largest differences.
 
+        Its ``until_s`` is the end of recorded results that are shorter than the run, which is not compared further.
+
         Values of the run at the times of the recorded rows: reals between its rows are interpolated, other kinds hold.
         Of several recorded rows at one time, such as before and after an event, the last counts.
         """
@@ -59,6 +62,7 @@ class Expected(NamedTuple):
                 differences.append(_largest(name, run, t[rows], table[rows, i], float(size), close, bool(constant)))
         differences.sort(key=lambda each: -each["share"])
         beyond = sum(each["share"] > self.within for each in differences)
+        shorter = {"until_s": float(t[-1])} if t[-1] < end - close else {}
         return {
             "file": str(self.path),
             "within": self.within,
@@ -66,7 +70,7 @@ class Expected(NamedTuple):
             "problems": problems,
             "beyond": beyond,
             "differences": differences[: max(1, min(beyond, _LISTED))],
-        }
+        } | shorter
 
     def _pairs(self, run: Recorded) -> tuple[dict[str, str], list[str]]:
         """Return recorded names and names of the run, and the problems of names and units.
@@ -164,7 +168,9 @@ def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
         sentences.append(f"{worst['signal']} differs from {file} {by}")
     if beyond > 1:
         sentences.append(f"{beyond - 1} more of {signals} signals differ")
-    equal = f"equals {file} in {signals} signals to {number(100.0 * share)} % of their swings (allowed {allowed})"
+    many = amount(signals, "signal")
+    until = f", up to t = {entry['until_s']:.6g} s, where {file} ends" if "until_s" in entry else ""
+    equal = f"equals {file} in {many} to {number(100.0 * share)} % of the swing (allowed {allowed}){until}"
     first, *rest = sentences or [equal]
     state = FAILED if sentences else GOOD
     yield Check("expected", "Recorded results", state, first, "; ".join(rest), share, within, "the option within")

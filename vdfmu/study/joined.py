@@ -62,6 +62,10 @@ def run_joined(
 
             write_failed(package.stem, package, partial, error)
 
+    if wanted is not None:
+        from vdfmu.study.judgement import check_connected  # takes long to import
+
+        check_connected(load_ssp(package, options["variant"]), options)
     return run_system(package, source, RUN_OUTPUTS, finish, failed, **{**options, "out": folder})
 
 

@@ -20,7 +20,6 @@ from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.base.interrupt import Stopped
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import named
-from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import cut
 from vdfmu.engine.options import SimulatorOptions
@@ -45,7 +44,14 @@ from vdfmu.study.coupling_error import (
     verdict_on_all,
 )
 from vdfmu.study.options import JudgingOptions
-from vdfmu.study.sampling import ambiguous, declared_samples, exchanged_at_samples, keeping_steps, timed_samples
+from vdfmu.study.sampling import (
+    ambiguous,
+    declared_samples,
+    exchanged_at_samples,
+    judged_signals,
+    keeping_steps,
+    timed_samples,
+)
 
 _LINEARISED = ("growth", "coarse")
 """Kinds without a verdict that the radius of the loop explains."""
@@ -158,13 +164,28 @@ def judge(
     flat = system if isinstance(system, FlatSystem) else load_ssp(Path(system))
     if flat.experiment.adaptive is not None:
         flat = replace(flat, experiment=replace(flat.experiment, adaptive=None))
-    algorithm = how["algorithm"] or flat.experiment.algorithm
-    checked = check_system(flat, how["parameters"], algorithm=algorithm)
+    checked = check_connected(flat, how)
     grid = Simulator(flat, **how).grid(options["start"], options["stop"], options["step"])
     try:
         return _judged(_Case(checked, wanted, grid, how), flat, sampled)
     except Interrupted as error:  # its time and rows are those of a run that the caller does not know
         raise Stopped(error.number) from None
+
+
+def check_connected(flat: FlatSystem, options: Mapping[str, Any]) -> Checked:
+    """Return a checked system for options of :func:`judge`; UsageError if it has no connected signals."""
+    checked = check_system(
+        flat,
+        options["parameters"],
+        algorithm=options["algorithm"] or flat.experiment.algorithm,
+        ignore_unmatched=options["ignore_unmatched"],
+    )
+    if not judged_signals(checked)[1]:
+        raise UsageError(
+            "judge needs connected signals, got none: it estimates the error of the exchange between components. "
+            "Connect some, or leave judge out."
+        )
+    return checked
 
 
 def _judged(case: _Case, flat: FlatSystem, sampled: bool | None) -> Judgement:
@@ -209,31 +230,9 @@ class _Case(NamedTuple):
         """Communication step [s]."""
         return self.grid.step
 
-    def names(self) -> tuple[list[str], int]:
-        """Return all real outputs, and the number of those that count as read, the first ones.
-
-        These are read by other components, or are outputs of components at the end of a chain.
-        """
-        descriptions = self.checked.descriptions
-        links = [link for link in self.checked.links if link.stepped and link.start[0] in descriptions]
-        read = dict.fromkeys(".".join(link.start) for link in links if link.source.type not in TEXTS)
-        feeding, fed = ({getattr(link, end)[0] for link in links} for end in ("start", "end"))
-        outputs = {
-            name: [f"{name}.{v.name}" for v in descriptions[name].named("output") if v.type == "Real"]
-            for name in descriptions
-            if name in feeding | fed
-        }
-        for name in fed - feeding:
-            read |= dict.fromkeys(outputs[name])
-        return [*dict.fromkeys([*read, *(each for some in outputs.values() for each in some)])], len(read)
-
     def judged(self, flat: FlatSystem) -> Judgement:
         """Judge a system by three runs, and by a fourth if they show nothing."""
-        (names, n_read), order = self.names(), self.checked.how.order
-        if not n_read:
-            raise UsageError(
-                "judge needs connected signals, got none: only exchange between components has this error."
-            )
+        (names, n_read), order = judged_signals(self.checked), self.checked.how.order
         if not order:
             why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
             return self._open("order", why)

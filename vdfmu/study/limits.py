@@ -60,7 +60,8 @@ class Limit(NamedTuple):
         limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
         while state != GOOD and digits < _DIGITS and self.shown(value, digits) == self.shown(limit, digits):
             digits += 1  # a number beyond its limit does not look like it
-        sentence = self.sentence.format(value=self.shown(value, digits), **places)
+        text = self.shown(value, digits)
+        sentence = self.sentence.format(value=text, samples="sample" if text == "1" else "samples", **places)
         if state != GOOD:
             bound = f"limit {self.shown(limit)}{'' if self.by == LIMITS[self.key].by else f' by {self.by}'})"
             sentence = f"{sentence.removesuffix(')')}, {bound}" if sentence.endswith(")") else f"{sentence} ({bound}"
@@ -74,7 +75,7 @@ ROWS = (
         at_least=True,
     ),
     Limit(
-        "delay", "Delay margin", 1.0, DOUBTFUL, "1", "delay margin of {value} samples at {place}, {time}",
+        "delay", "Delay margin", 1.0, DOUBTFUL, "1", "delay margin of {value} {samples} at {place}, {time}",
         "a computer that needs one sample more must not make the loop unstable", at_least=True,
     ),
     Limit(
@@ -99,7 +100,8 @@ ROWS = (
         "the error that was asked for",
     ),
     Limit(
-        "reference", "Reference", 1e-3, FAILED, "%", "{value} of the largest error from the {place} scipy reference",
+        "reference", "Reference", 1e-3, FAILED, "%",
+        "differs from the {place} scipy reference by {value} of the peak error",
         "differences that show in tables of three digits",
     ),
     Limit(

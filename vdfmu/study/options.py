@@ -25,6 +25,7 @@ from vdfmu.engine.options import (
     SimulatorOptions,
     SpanOptions,
     StepperOptions,
+    VariantOptions,
     algorithm_option,
     parameters_option,
 )
@@ -186,9 +187,11 @@ class WorkerOptions(ProgressOptions, total=False):
     overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
 
 
-class PlanOptions(SeedOptions, ScenarioOptions, total=False):
+class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
     """Options of the plan of a sweep."""
 
+    start: Annotated[float | None, Option("Start of the runs of a package in s.", "float [s]",
+        "Default: the package's default experiment; else 0.")]
     sample: Annotated[str | os.PathLike[str], Option(
         "grid, lhs, sobol, random, saltelli, morris.", "str or path",
         "How the axes' values are combined, or a CSV file: a line of targets, then points. See "

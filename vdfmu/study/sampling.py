@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from vdfmu.engine.fmu.access import TEXTS
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked
 
@@ -54,3 +55,22 @@ def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
         or (link.start[0] in timed and link.source.variability == "discrete")
         for link in links
     )
+
+
+def judged_signals(checked: Checked) -> tuple[list[str], int]:
+    """Return all real outputs, and the number of those that count as read, the first ones.
+
+    These are read by other components, or are outputs of components at the end of a chain.
+    """
+    descriptions = checked.descriptions
+    links = [link for link in checked.links if link.stepped and link.start[0] in descriptions]
+    read = dict.fromkeys(".".join(link.start) for link in links if link.source.type not in TEXTS)
+    feeding, fed = ({getattr(link, end)[0] for link in links} for end in ("start", "end"))
+    outputs = {
+        name: [f"{name}.{v.name}" for v in descriptions[name].named("output") if v.type == "Real"]
+        for name in descriptions
+        if name in feeding | fed
+    }
+    for name in fed - feeding:
+        read |= dict.fromkeys(outputs[name])
+    return [*dict.fromkeys([*read, *(each for some in outputs.values() for each in some)])], len(read)

@@ -60,7 +60,7 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
     finer = _at_half_step(figures)
     if (unstable := figures.get("unstable")) is not None:
         factor = f"disturbances grow by a factor of {number(unstable['value'])} in each step"
-        more = "; ".join(filter(None, (factor, finer or "its gains are too high, or too low, for this step")))
+        more = "; ".join(filter(None, (factor, finer or "the gains are too high or too low for this step")))
         yield Check("stability", name, FAILED, f"unstable {since(unstable['at_s'])}, {unstable['place']}", more)
         return
     if not figures.keys() & {"margin", "growth", "open"}:
@@ -186,7 +186,9 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     compared: Summary | None = summary["reference"].get("sampled")
     errors, units = summary.get("max_position_error_deg"), summary.get("position_units")
     if compared is None or "max_position_difference_rad" not in compared or not errors or not units:
-        yield Check("reference", name, UNJUDGED, "the run has no tracking error to compare its reference with")
+        yield Check(
+            "reference", name, UNJUDGED, "the run has no tracking error, the scale of its difference from the reference"
+        )
         return
     if "separation" in summary:
         apart = max(compared["rms_position_difference"], compared["rms_torque_difference"])
@@ -210,12 +212,13 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     check = row.check(apart / largest, more, place=compared["name"])
     tolerance: float = summary.get("tolerance") or 0.0
     if check.state == GOOD:
-        sentence = f"equals the {compared['name']} scipy reference to {row.shown(check.value)} of the largest error"
+        sentence = f"matches the {compared['name']} scipy reference to {row.shown(check.value)} of the peak error"
         check = check._replace(sentence=sentence)
     elif apart <= tolerance:  # of a position of 1 rad: what the solvers of the units may be off by
         more += f"; that is within the tolerance of the solvers, {number(tolerance)}"
         smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
-        noise = f"{row.shown(check.value)} of the largest error may be solver noise: try --tolerance {number(smaller)}"
+        share = row.shown(check.value)
+        noise = f"a difference of {share} of the peak error may be solver noise: try --tolerance {number(smaller)}"
         check = check._replace(state=DOUBTFUL, sentence=noise, more=more)
     if "reference_stop" in summary:
         part = f"{check.sentence}, compared over the first {number(summary['reference_stop'])} s"

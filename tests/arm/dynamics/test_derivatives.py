@@ -40,6 +40,7 @@ def flat(columns):
     return np.concatenate([np.ravel(c.full()) for c in (columns if isinstance(columns, tuple) else (columns,))])
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", NAMES)
 def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
     functions, rng = functions_of(name.split("_")[0], robot), np.random.default_rng(75)
@@ -60,6 +61,7 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
     np.testing.assert_allclose(tangent, difference, rtol=0, atol=1e-9 * scale)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("form", ["whole", "in parts"])
 @pytest.mark.parametrize(
     "name",
@@ -76,6 +78,7 @@ def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form
     check_c_text("\n".join(c_texts(function)), function, robot.values(), tmp_path)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", ["plant_derivatives", "feedforward_outputs_vdc"])
 @pytest.mark.parametrize("ending", DIRECTIONS)
 def test_a_table_of_operations_has_the_derivatives_of_the_trace(robot, functions_of, name, ending, tmp_path):

@@ -190,6 +190,7 @@ WITHOUT_ROBOT = ("trajectory_outputs", "estimator_outputs", "plant_start_not_equ
 """Functions that do not take all of the robot's parameters."""
 
 
+@pytest.mark.few(20)
 @pytest.mark.parametrize("name", NAMES)
 def test_traced_function_equals_the_numpy_equations_with_parameters_of_run_time(traced_robot, draw, function_of, name):
     function, p = function_of(traced_robot, name), traced_robot.values()
@@ -250,6 +251,7 @@ def test_structure_decides_the_key_and_values_do_not(arm):
     assert len({key, *(other.key() for other in changed)}) == 6
 
 
+@pytest.mark.few(40)
 @pytest.mark.parametrize("row", PARAMETERS.values(), ids=PARAMETERS)
 @pytest.mark.parametrize("kind", ["plain", "lumped", "split"])
 def test_the_key_has_every_value_that_is_folded(row, kind, planar, with_options):

@@ -124,7 +124,7 @@ def test_the_current_follows_with_its_bandwidth_until_the_voltage_ends(with_opti
         np.testing.assert_allclose(i_m, (1.0 - share) * 48.0 / 0.5, rtol=1e-6)
         power = winding_voltage(robot, np.full(2, 1.9), speed, i_m) * i_m
         heat, mechanical = robot.R_w * i_m**2, robot.k_t * i_m * robot.ell * speed
-        np.testing.assert_allclose(power, heat + mechanical, rtol=1e-5)  # as the current: L i_dot is what is left
+        np.testing.assert_allclose(power, heat + mechanical, rtol=1e-5)  # as the current: L i_dot is the rest
     i_m = solve_ivp(lambda _, i: current_rate(robot, 1e3 * tau, still, i), (0.0, 0.05), still, rtol=1e-9).y[:, -1]
     np.testing.assert_allclose(i_m, 20.0, rtol=1e-6)  # i_max
 

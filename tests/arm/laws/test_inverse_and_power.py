@@ -147,6 +147,7 @@ LUMPED = ("friction", "load_loss", "bristles", "thermal")
 """Sections of friction, to walk through in both arrangements."""
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize(
     ("name", "friction"),
     [(name, kind) for name, of in PARAMETERS.items() for kind in ("split", "lumped")

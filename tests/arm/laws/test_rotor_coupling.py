@@ -55,7 +55,7 @@ def test_free_fall_of_the_paper_s_arm_differs_by_0_3_degrees_and_the_inverse_by_
         assert difference.argmax() == 4
         assert difference[4] == pytest.approx(degrees, abs=0.0005)  # the digits of the figures
     # The rotor's place lacks D' I_m D_ddot. Along the paper's motion D = 0.002 rad changes within 10 s: D_ddot is of
-    # order 0.002 (2 pi / 10)^2 = 1e-3 rad/s2 and what is left out 1e-4 rad/N.m * 1e-3 kg.m2 * 1e-3 = 1e-10 rad.
+    # order 0.002 (2 pi / 10)^2 = 1e-3 rad/s2 and the omitted term 1e-4 rad/N.m * 1e-3 kg.m2 * 1e-3 = 1e-10 rad.
     end = np.radians([90.0, 60.0, 60.0, 90.0, 60.0, 90.0])
     compliance = 1.0 / coupled.K_f0 + 1.0 / (coupled.ell**2 * coupled.K_w0)
     for t in np.linspace(0.1, 9.9, 50):

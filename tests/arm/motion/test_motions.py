@@ -135,7 +135,7 @@ def test_what_is_no_number_is_named_all_at_once(planar, make, words):
         assert re.match(text.replace("[", r"\["), line)
 
 
-def test_arguments_that_a_motion_has_not_are_told_with_its_name():
+def test_unknown_arguments_of_a_motion_are_reported_with_its_name():
     with pytest.raises(TypeError, match=r"waypoints\(\) got an unexpected keyword argument 'speed'"):
         motions.waypoints([[0.0], [1.0]], speed=1.0)
 

@@ -191,7 +191,7 @@ def test_the_lyapunov_function_falls_from_sample_to_sample(planar, adaptation):
         )
         rows = follow(law, true, waves, 2.0, (waves(0.0)[0] + 0.1, waves(0.0)[1]))
         V = np.array([lyapunov(law, true, *row, k * period) for k, row in enumerate(zip(*rows, strict=True))])
-        # Most is of the start; what is left are parameters that this motion does not show.
+        # Most is of the start; the residual is of parameters that this motion does not excite.
         assert V[-1] < 0.25 * V[0]
         rises.append(max(np.diff(V).max(), 0.0))
     # A held torque is late by half a sample: V may rise by h^2 where its own rate is 0. Seen: 1e-5 of V at 1 ms.

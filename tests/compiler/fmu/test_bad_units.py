@@ -83,7 +83,7 @@ def test_a_file_without_a_unit_says_what_is_missing_and_a_base_with_an_underscor
     assert list(load_units(file)) == ["gain"]
 
 
-def test_all_that_is_wrong_is_in_one_message_and_what_python_raises_is_told_at_build(file):
+def test_all_that_is_wrong_is_in_one_message_and_what_python_raises_is_reported_at_build(file):
     file.write_text(HEAD + '    a = Parameter("Nm")\n    x = State("m")\n    b = Parameter("1", minimum=1.0)\n')
     with pytest.raises(UnitError) as caught:
         build_fmus(None, file.parent, units=[file])

@@ -51,7 +51,7 @@ def test_a_chosen_program_that_is_no_compiler_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize("program", OWN)
-def test_a_choice_is_told_and_has_its_own_objects(program, monkeypatch):
+def test_a_choice_is_reported_and_has_its_own_objects(program, monkeypatch):
     job, here = Compilation("Small", SMALL, platforms.this_platform()), platforms.this_platform()
     by_default = job.key
     monkeypatch.setenv("VDFMU_COMPILER", program)

@@ -73,6 +73,7 @@ def test_fmpy_finds_no_problem(fmus, robot_name, unit_name):
     assert validate_fmu(str(fmus[robot_name][unit_name])) == []
 
 
+@pytest.mark.few(5)
 @EACH
 def test_native_plants_have_model_exchange_and_states(root, interface, form, unit_name):
     description = read(root)

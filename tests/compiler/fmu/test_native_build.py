@@ -143,7 +143,7 @@ def test_a_damaged_cache_is_made_anew(damage, cold):
     assert compile_library(SMALL, this_platform(), name="Small") == first
 
 
-def test_a_missing_compiler_is_told_with_the_way_out(planar, tmp_path, cold, monkeypatch):
+def test_a_missing_compiler_is_reported_with_the_fix(planar, tmp_path, cold, monkeypatch):
     monkeypatch.setattr(platforms, "find_spec", lambda name: None)
     monkeypatch.setattr(platforms.shutil, "which", lambda name: None)
     kept = platforms.zig, platforms._compiler
@@ -201,7 +201,7 @@ def test_unknown_names_are_refused_with_the_known_ones(planar, tmp_path, options
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_machine_without_native_fmus_is_told(monkeypatch):
+def test_a_machine_without_native_fmus_is_reported(monkeypatch):
     monkeypatch.setattr(platforms.machine, "machine", lambda: "riscv64")
     with pytest.raises(FmuError, match=r"for this machine, riscv64-linux. There are: x86_64-linux"):
         platforms.chosen_platforms(None)
@@ -216,7 +216,7 @@ def test_a_cache_that_cannot_be_written_costs_time_alone(tmp_path, monkeypatch):
     assert compile_library(SMALL, this_platform(), name="Small")
 
 
-def test_a_full_disk_is_told(monkeypatch, cold):
+def test_a_full_disk_is_reported(monkeypatch, cold):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 

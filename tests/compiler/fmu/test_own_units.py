@@ -110,6 +110,7 @@ def test_a_filter_follows_its_closed_form(instance, form):
         assert np.ravel(unit.get("y")) == pytest.approx(2.0 - 1.5 * np.exp(-unit.time / 0.02), abs=1e-8)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 0.4137])
 def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(instance, form, size, start):
@@ -128,6 +129,7 @@ def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(ins
         assert np.array_equal(unit.get("y"), late), k
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("way", [0, 1, 2])
 @pytest.mark.parametrize("inverted", [False, True])
 def test_choices_and_switches_decide_what_runs(instance, form, way, inverted):

@@ -117,7 +117,7 @@ def test_a_sample_is_taken_once_however_often_events_are_iterated(unit):
     assert samples(unit) == 0.25 + 6 * PERIOD and unit.get("count") == 3.0
 
 
-def test_a_saved_state_knows_which_samples_were_taken(unit):
+def test_a_saved_state_has_the_samples_that_were_taken(unit):
     samples(at(unit, 0.25 + PERIOD))
     data = unit.complete()
     samples(at(unit, 0.25 + 3 * PERIOD))

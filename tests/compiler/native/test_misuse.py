@@ -52,6 +52,7 @@ def test_discard_where_the_standard_says_so(native, version):
     assert same_bits(unit.states(x).derivatives(), twin.derivatives())
 
 
+@pytest.mark.few(40)
 @pytest.mark.parametrize(("point", "size", "words"), [
     *((H, size, rf"a finite positive communication step, got {size} s\.") for size in (0.0, -0.0, -H, NAN, INF)),
     *((point, H, r"the communication point t = 0.001 s, .*, got t = \S+ s\.")

@@ -20,6 +20,7 @@ from vdfmu.engine.fmu.description import inspect_description
 from vdfmu.engine.package.archive import Archive
 
 
+@pytest.mark.few(5)
 def test_the_validator_of_fmpy_has_nothing_to_say_and_an_fmu_holds_what_the_standard_says(
     native_fmu, unit_name, version, robot_name
 ):

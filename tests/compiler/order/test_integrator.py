@@ -63,6 +63,7 @@ def test_error_is_proportional_to_the_tolerance(planar, plant_function, friction
     assert (np.array(errors) < 100.0 * tolerances).all()
 
 
+@pytest.mark.few(1)
 def test_error_is_within_the_tolerance_for_every_robot(robot, plant_function):
     robot = robot.with_parameters(eps=0.05)
     integrator = integrator_of(robot, 1e-8)

@@ -50,7 +50,7 @@ F_E = np.array([40.0, 30.0, -20.0, 8.0, -6.0, 9.0])
 def smooth_state(robot):
     """Return a state and motor torques where the plant is smooth on the scale of 10 milliseconds."""
     # Friction: every rotor turns at 1 rad/s, 1000 times eps and at least 5 times v_s. There tanh is 1 and the Stribeck
-    # term exp(-25) of itself, so what is left is viscous. Springs: D has a kink in its second derivative at zero
+    # term exp(-25) of itself, so the rest is viscous. Springs: D has a kink in its second derivative at zero
     # torque, by sgn(tau), so no torque may come near zero. The wrench F_E loads all of them; they start in balance
     # with it, so that the elastic modes are barely excited and no sign changes.
     n = robot.n

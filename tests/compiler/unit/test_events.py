@@ -133,3 +133,28 @@ def test_wrong_declarations_are_refused(members, words):
 def test_efmi_refuses_events(tmp_path):
     with pytest.raises(UsageError, match=re.escape("has events; an eFMU is a sampled or memoryless unit")):
         build_fmus(None, tmp_path, units=[Relay], target="efmi")
+
+
+class Sentinel(Unit):
+    """Clock that starts again, with a number that jumps between infinite values."""
+
+    x = State("s", text="time since the last event")
+    x_dot = Derivative(x)
+    count = Held("1", text="number of events")
+    full = Event("1", text="whether the time is over")
+
+    def derivatives(self) -> None:
+        self.x_dot = 1.0
+
+    def events(self) -> None:
+        self.full = np.where(self.x > 0.5, 1e200 * (1.0 + self.x) * 1e200, -1.0)
+
+    def at_full(self) -> None:
+        self.x, self.count = 0.0, self.count + 1.0
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+def test_a_number_that_jumps_to_infinity_is_an_event_where_it_jumps():
+    solution = Sentinel().simulate(stop=2.25, step=0.75, tolerance=1e-12)
+    np.testing.assert_allclose(solution["x"], [0.0, 0.25, 0.5, 0.25], atol=1e-9)  # 1e-12 of 24 parts
+    assert np.array_equal(solution["count"][[0, 1, 3]], [0.0, 1.0, 4.0])

@@ -31,6 +31,18 @@ class Net(Unit):
         self.y = SECOND @ np.tanh(self.z)
 
 
+class Rows(Unit):
+    """The same net by rows, as its weights are in other libraries; an input whose name begins as the states' do."""
+
+    x_seen = Input("1", 48, "features")
+    y = Output("1", 40, "predictions")
+    z = Output("1", 64, "first layer, before its law")
+
+    def outputs(self) -> None:
+        self.z = self.x_seen @ FIRST.T
+        self.y = np.tanh(self.z) @ SECOND.T
+
+
 class Flow(Unit):
     """Motion by a net."""
 
@@ -59,14 +71,15 @@ def jacobian(u):
     return SECOND @ (np.diag(1.0 - np.tanh(FIRST @ u) ** 2) @ FIRST)
 
 
-def test_the_trace_calls_the_products():
+@pytest.mark.parametrize("cls", [Net, Rows])
+def test_the_trace_calls_the_products(cls):
     """48 arguments, 64 + 40 results of calls twice, and 64 tangents, where scalar sums alone would be 11,264."""
-    function = Interface(Net, None).functions.casadi_function("net_outputs")
+    function = Interface(cls, None).functions.casadi_function(f"{cls.__name__.lower()}_outputs")
     assert function.n_instructions() < 400
     u = RNG.normal(size=48)
-    made = [each(Interface(Net, None)) for each in (Traced, Plain)]
+    made = [each(Interface(cls, None)) for each in (Traced, Plain)]
     for unit in made:
-        unit.group("u")[:] = u
+        unit.group("u" if cls is Net else "x_seen")[:] = u
         unit.outputs()
     # 64 terms of less than 1, of which each sum has a rounding
     np.testing.assert_allclose(made[0].group("y"), made[1].group("y"), rtol=0, atol=64 * 2e-16)

@@ -173,7 +173,7 @@ def test_some_points_are_compared_with_the_fmus_and_the_page_says_so(tmp_path):
     ({"plant.mass[1]": "1, 2"}, {"algorithm": "iterative"}, "algorithm: expected gauss-seidel or jacobi"),
 ])  # fmt: skip
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):
-    with pytest.raises(UsageError, match=f"engine: batch: {words}(.|\n)*Take the engine fmu"):
+    with pytest.raises(UsageError, match=f"engine: batch: {words}(.|\n)*Choose the engine fmu"):
         make_plan("planar_tracking", over, **options, engine="batch")
     values = [1.0 + k / 20 for k in range(20)]
     many = {**over, "controller.K_v[1]": values}

@@ -130,7 +130,7 @@ def test_intervals_cover_the_truth_where_torques_go_through_zero(tmp_path):
     log = read_log(tmp_path / "results.csv", slider)
     exact = identify(log, slider)
     values, true = named(exact, slider)
-    # without noise what is left is the method's, as of the planar arm; with the law of filtered torques it was 11 %
+    # without noise the residual is the method's, as of the planar arm; with the law of filtered torques it was 11 %
     assert values["I_m[1]"] == pytest.approx(true["I_m[1]"], rel=0.01)
     np.testing.assert_allclose(exact.stiffness, true_stiffness(slider, exact), rtol=0.005)
     inside: list[bool] = []

@@ -119,7 +119,7 @@ def test_a_linear_arm_is_identified_within_its_interval_with_its_delay_and_paylo
     fit = identify_stiffness(log, robot, plan.excitation)
     for level in fit.levels:
         assert level.identifiable.all()
-        # no nonlinearity: what is left is the noise, far below the floor of 0.75 %
+        # no nonlinearity: the residual is the noise, far below the floor of 0.75 %
         np.testing.assert_allclose(level.stiffness, drives.stiffness, rtol=3e-3)
         assert abs(level.delay - 1.5e-3) < 1e-5
         assert abs(level.drives.payload - 0.4) < 0.05

@@ -42,6 +42,7 @@ def write(log, path, t=1.0, kappa=1.0, q=1.0, tau=1.0, friction=0.0):
     return path
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("ell", "prior", "state", "words"), [
     ([100, 100], 0.2, GOOD, "residual torque"),
     pytest.param([105, 105], 0.2, GOOD, "residual torque", marks=pytest.mark.heavy),

@@ -79,5 +79,5 @@ def test_it_takes_the_offset_of_a_wrong_mass_in_a_run():
             "planar_tracking", units={"controller": law}, parameters=heavier, stop=2.5, reference=False, out=False
         )
         ends[law] = np.abs(results["trajectory.q_d"] - results["plant.q"])[-1].max()
-    # with integral action what is left is the spring's: links measured, rotors driven; friction lets it creep
+    # with integral action the remaining error is the spring's: links measured, rotors driven; friction lets it creep
     assert ends["disturbance_observer"] < 0.1 * ends["controller"], ends

@@ -134,7 +134,7 @@ def test_poles_of_one_joint_are_those_of_the_closed_form(law):
     K = 1.0 / (1.0 / robot.K_f0[0] + 1.0 / (robot.ell[0] ** 2 * robot.K_w0[0]))
     M, J = vdfmu.dynamics.mass_matrix(robot, np.zeros(1))[0, 0], (robot.ell * robot.I_m)[0]
     share, k_p, k_v = 0.3, 90.0, 15.0
-    # gains of ell tau on q, q_dot, kappa, kappa_dot, and what is left of the rotor's inertia
+    # gains of ell tau on q, q_dot, kappa, kappa_dot, and the rest of the rotor's inertia
     gains, left, parameters = {
         "pd_gravity": ((0.0, 0.0, K_P, K_V), 1.0, {"K_p": K_P, "K_v": K_V}),
         "joint_torque": ((0.0, 0.0, K_P, K_V), share, {"K_p": K_P, "K_v": K_V, "share": share}),

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 import vdfmu
+from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import animate, write_report
-from vdfmu.study.report.shown_run import read_run, write_gallery
+from vdfmu.study.report.shown_run import read_run
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ ROOT = Path(vdfmu.__file__).resolve().parents[1]
 WEB = ROOT / "vdfmu" / "study" / "report" / "web"
 BUNDLES = WEB.parent / "bundles"
 TOOLS = ROOT / "requirements" / "web"
-PAGES = ("run.js", "sweep.js", "study.js", "robot.js", "master.js")
+PAGES = ("run.js", "sweep.js", "study.js", "robot.js", "gallery.js", "master.js")
 STYLES = ("report.css", "arm_alone.css")
 
 

@@ -67,6 +67,11 @@ def test_errors_of_two_runs_have_their_change_and_those_of_one_or_three_have_not
     order = ['<p class="verdict">first is better in', "What differs", "What they do", "Position RMS", 'id="arm"']
     places = [page.index(words) for words in order]
     assert places == sorted(places)
+    assert 'class="sortable"' not in page
+    three = report_page([*runs, runs[0]]).decode()
+    listed = three[three.index('<table class="sortable">') :]
+    margin = runs[1].summary["key_figures"]["margin"]["value"]
+    assert listed[: listed.index("</table>")].count("<tr>") == 4 and f'<data value="{margin!r}">' in listed
 
 
 def run_of(state="good", **figures):

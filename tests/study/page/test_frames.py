@@ -32,7 +32,7 @@ def test_an_arm_that_moves_for_2_of_300_s_is_drawn_where_it_is():
     blocks = -(-30_001 // content.BLOCK)
     assert len(t) <= FRAMES + 1 + 500 + 2 * blocks
     shown = np.array([np.interp(results.time, t, row) for row in q])
-    # The motion has 200 rows, fewer than the 500 that are kept between the even ones, 0.3 s apart. What is left is the
+    # The motion has 200 rows, fewer than the 500 that are kept between the even ones, 0.3 s apart. The error is the
     # smallest that counts, 1e-5 rad, and single precision.
     assert np.abs(shown - results["plant.q"].T).max() < 1e-5 + 2.0**-24
     # as they were, 1000 rows at equal distances in time, h = 0.3 s: off by up to 5.78 / 4 * 0.09 / 8 = 0.016 rad

@@ -9,9 +9,11 @@ import pytest
 
 import vdfmu
 from tests.conftest import ran, refused
+from tests.study.page.browser import show
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.verdict import headline_of
-from vdfmu.study.report.shown_run import gallery_page, is_gallery, read_run
+from vdfmu.study.report.gallery import gallery_page, write_gallery
+from vdfmu.study.report.shown_run import is_gallery, read_run
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +103,30 @@ def test_the_newest_run_is_first_and_the_command_writes_the_list(results, tmp_pa
     assert (results / "index.html").exists()
     ran("report", results, "--out", tmp_path / "all.html")
     assert b'href="results/first%20run/report.html"' in (tmp_path / "all.html").read_bytes()
+
+
+@pytest.mark.heavy
+def test_a_click_on_a_heading_sorts_by_numbers_and_a_second_click_turns_the_order(results, browser, quiet, tmp_path):
+    for name, margin in {"nine": 0.9, "tenth": 0.1, "small": 3e-7}.items():
+        shutil.copytree(results / "first run", results / name)
+        figure = {"value": margin, "joint": 1, "place": "joint 1", "at_s": 0.0}
+        changed(results / name, key_figures={"margin": figure})
+    shutil.rmtree(results / "first run")
+    show(browser, write_gallery(results, tmp_path / "index.html"), 1280, 800)
+    names = "[...document.querySelectorAll('table tr td:first-child')].map(e => e.textContent)"
+    button = "[...document.querySelectorAll('th button')].find(e => e.textContent === 'modulus margin')"
+    for order, expected in (("ascending", ["small", "tenth", "nine"]), ("descending", ["nine", "tenth", "small"])):
+        browser.run(f"{button}.click()")
+        assert browser.run(names) == [*expected, "package"]  # which has no margin
+        assert browser.run(f"{button}.parentElement.getAttribute('aria-sort')") == order
+
+
+def test_the_list_has_key_figures_as_numbers(results):
+    figure = read_run(results / "first run").summary["key_figures"]["margin"]
+    page = gallery_page(results, results)
+    assert b"<th>modulus margin</th>" in page and b"<th>date</th></tr>" in page
+    assert f'<data value="{figure["value"]!r}">' in rows(page)["first run"]
+    assert rows(page)["package"].count("<td></td>") == page.decode().count("<th>") - 4  # link, verdict, system, date
 
 
 def test_a_failed_run_has_a_page_and_a_row(results, monkeypatch):

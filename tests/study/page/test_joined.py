@@ -1,5 +1,6 @@
 """The page of FMUs of any tool: diagram, figures by unit of measurement, what the FMUs are, and the verdict."""
 
+import re
 from html import escape
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from tests.engine.reference import models
 from tests.study.run.conftest import members
 from tests.warm import command
+from vdfmu.base.errors import UsageError
 from vdfmu.base.files import pack_zip
 from vdfmu.base.option import declared
 from vdfmu.engine.options import SystemOptions
@@ -16,6 +18,7 @@ from vdfmu.engine.run import Interrupted, Simulator, simulate
 from vdfmu.study import judgement
 from vdfmu.study.joined import run_joined
 from vdfmu.study.report.shown_run import read_run
+from vdfmu.study.sweeps.sweep import Sweep, sweep
 
 
 @pytest.fixture(scope="module", name="place")
@@ -87,10 +90,50 @@ def test_an_algebraic_loop_is_solved_by_the_algorithm_that_the_message_names(pla
     assert results["a.y"] == pytest.approx(2.0) and results["b.y"] == pytest.approx(2.0)  # y = y/2 + 1
 
 
-def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
+def with_a_fault(place) -> dict[str, bytes]:
+    """Write ``odd.fmu``, whose description breaks a rule; return the members of the FMU that is right."""
     content = members(place[1])
     faulty = content["modelDescription.xml"].replace(b"<ScalarVariable ", b'<ScalarVariable colour="red" ')
     pack_zip(place[0] / "odd.fmu", content | {"modelDescription.xml": faulty})
+    return content
+
+
+def test_a_sweep_of_fmus_has_the_options_of_their_run(place):
+    with_a_fault(place)
+    studied = ("--vary", "odd.u=1, 2", "--measure", "end=final(odd.x)", "--step", "0.01", "--workers", "1")
+    span = ("--start", "0.5", "--stop", "1")
+    refused = command("sweep", "odd.fmu", *studied, *span, "--out", "study", cwd=place[0])
+    assert refused.returncode == 2 and "--run-anyway" in refused.stderr and not (place[0] / "study").exists()
+    words = (*span, "--run-anyway", "--out")
+    done = command("sweep", "odd.fmu", *studied, *words, "study", cwd=place[0])
+    assert done.returncode == 0, done.stderr
+    command("run", "odd.fmu", "--set", "odd.u=2", "--step", "0.01", *words, "point", cwd=place[0])
+    point = read_run(place[0] / "point").results
+    assert point.time[0] == 0.5 and Sweep(place[0] / "study")["end"][1] == point["odd.x"][-1]
+    small = command("sweep", "odd.fmu", *studied, *words, "other", "--unpack-limit", "1K", cwd=place[0])
+    assert small.returncode == 2 and "limit" in small.stderr
+
+
+def test_a_sweep_of_a_package_runs_the_variant_that_is_named(place):
+    content = members(place[0] / "results" / "system" / "system.ssp")
+    cut = re.sub(
+        rb"<(?:ssd:)?Connections>.*</(?:ssd:)?Connections>", b"", content["SystemStructure.ssd"], flags=re.DOTALL
+    )
+    assert cut != content["SystemStructure.ssd"]
+    pack_zip(place[0] / "two.ssp", content | {"apart.ssd": cut})
+    options = {"measure": ["end=final(b.x)"], "stop": 1.0, "step": 0.01, "workers": 1}
+    ends = [
+        sweep(place[0] / "two.ssp", {"a.u": [1.0]}, out=place[0] / f"ends_{k}", **options, **chosen)["end"][0]
+        for k, chosen in enumerate(({}, {"variant": "apart.ssd"}))
+    ]
+    assert ends[0] > 0.0 and ends[1] == 0.0  # nothing feeds b
+    for wrong in ({"start": 0.5}, {"variant": "apart.ssd"}):
+        with pytest.raises(UsageError, match="expected a package or FMUs, got the scenario planar_tracking"):
+            sweep("planar_tracking", {"controller.K_p": [1.0]}, out=place[0] / "no", **wrong)
+
+
+def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
+    content = with_a_fault(place)
     words = ("run", "odd.fmu", "--stop", "1", "--step", "0.1", "--out", "odd")
     refused = command(*words, cwd=place[0])
     assert refused.returncode == 2 and "The FMUs can run in spite of this: --run-anyway." in refused.stderr
@@ -104,13 +147,13 @@ def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     assert command("run", "none.fmu", "--run-anyway", cwd=place[0]).returncode == 2
 
 
-def test_a_judged_run_keeps_its_results_if_it_cannot_be_judged(place):
-    words = ("run", "gain.py", "--stop", "1", "--step", "0.1", "--judge", "1", "--out", "alone")
+def test_a_run_without_connected_signals_is_refused_before_it_runs_if_it_is_to_be_judged(place):
+    words = ("run", "gain.py", "--stop", "1e3", "--step", "1e-3", "--judge", "1", "--out", "alone")
     (place[0] / "gain.py").write_text(GAIN)
     command("build", "gain.py", "--out", ".", cwd=place[0])
     done = command(*["Gain.fmu" if word == "gain.py" else word for word in words], cwd=place[0])
-    assert done.returncode != 0 and "judge needs connected signals" in done.stderr
-    assert len(read_run(place[0] / "alone").results) == 11
+    assert done.returncode == 2 and "judge needs connected signals" in done.stderr
+    assert not (place[0] / "alone").exists()
 
 
 def test_a_run_that_is_stopped_while_it_is_judged_keeps_its_own_rows(place, tmp_path, monkeypatch):

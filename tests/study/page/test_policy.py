@@ -14,9 +14,10 @@ from tests.study.page.browser import show
 from vdfmu.base import page as frame
 from vdfmu.base.files import read_member
 from vdfmu.engine.results.results import Signal
+from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
 from vdfmu.study.report.robot_page import robot_page
-from vdfmu.study.report.shown_run import ShownRun, write_gallery
+from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scene import arm_of
 
 INERT = ("application/json", "text/plain")

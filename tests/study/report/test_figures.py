@@ -154,6 +154,7 @@ def test_a_width_is_a_length(text):
         inches("width", text)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("exponent", range(-14, 8))
 def test_tick_labels_in_the_unit_of_the_label_are_the_values(exponent):
     @style.styled

@@ -182,7 +182,10 @@ def test_a_limit_of_the_user_replaces_that_of_the_table_and_says_whose_it_is():
 
 @pytest.mark.parametrize("key", LIMITS)
 def test_each_limit_judges_just_inside_and_just_outside(key):
-    row, places = LIMITS[key], dict.fromkeys(set(re.findall(r"{(\w+)}", LIMITS[key].sentence)) - {"value"}, "x")
+    row, places = (
+        LIMITS[key],
+        dict.fromkeys(set(re.findall(r"{(\w+)}", LIMITS[key].sentence)) - {"value", "samples"}, "x"),
+    )
     inside, outside = (1.0 + (1e-9 if row.at_least == above else -1e-9) for above in (True, False))
     assert [row.check(row.value * factor, **places).state for factor in (inside, outside)] == ["good", row.beyond]
     assert row.check(math.nan, **places).state != "good" and row.by

@@ -46,7 +46,7 @@ def test_a_page_has_every_limit_and_says_whose_it_is():
 def close_to_limits():
     """Return rows with numbers that round to their limit, and the sentences about them."""
     for row in ROWS:
-        places = dict.fromkeys(set(re.findall(r"{(\w+)}", row.sentence)) - {"value"}, "x")
+        places = dict.fromkeys(set(re.findall(r"{(\w+)}", row.sentence)) - {"value", "samples"}, "x")
         for limit in {row.value, row.failed} - {math.inf}:
             for apart in (1e-2, 1e-4, 1e-6):
                 value = limit * (1.0 - apart if row.at_least else 1.0 + apart)
@@ -56,6 +56,8 @@ def close_to_limits():
 def test_a_number_that_rounds_to_its_limit_has_the_digits_that_show_the_difference():
     delay = LIMITS["delay"].check(0.9962, place="joint 5", time="0.164 s")
     assert delay.sentence == "delay margin of 0.996 samples at joint 5, 0.164 s (limit 1)"
+    one_sample = LIMITS["delay"].check(1.0, place="joint 6", time="0.888 s")
+    assert one_sample.sentence == "delay margin of 1 sample at joint 6, 0.888 s"
     for row, value, _, sentence in close_to_limits():
         before, limit = sentence.rstrip(")").split("limit ")
         assert limit == row.shown(row.failed if value > row.failed else row.value)
@@ -64,9 +66,12 @@ def test_a_number_that_rounds_to_its_limit_has_the_digits_that_show_the_differen
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is needed for scripts")
 def test_the_page_writes_the_same_sentences():
-    cases = [(row_of(row), value, places) for row, value, places, _ in close_to_limits()]
+    judged = [*close_to_limits()]
+    row, places = LIMITS["delay"], {"place": "joint 6", "time": "0.888 s"}
+    judged.append((row, 1.0, places, row.check(1.0, **places).sentence))
+    cases = [(row_of(row), value, places) for row, value, places, _ in judged]
     script = f"""import {{ check }} from {json.dumps((WEB / "verdict.js").as_uri())};
     console.log(JSON.stringify({json.dumps(cases)}.map((one) => check(...one).sentence)));"""
     command = ["node", "--input-type=module", "--eval", script]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, timeout=60)
-    assert json.loads(done.stdout) == [sentence for *_, sentence in close_to_limits()]
+    assert json.loads(done.stdout) == [sentence for *_, sentence in judged]

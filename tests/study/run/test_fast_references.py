@@ -66,6 +66,7 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(("scenario", "step", "stop", "parameters"), [
     ("planar_tracking", 1e-3, 0.3, {}),
     ("two_joint", 1e-3, 0.3, {}),  # four joints stand still: stiff
@@ -126,6 +127,16 @@ def test_a_compiled_solution_that_is_not_that_of_scipy_is_no_reference(own_cache
     monkeypatch.setattr(tables, "B", tables.B * (1.0 + 1e-5))  # of some 1e-3 in an interval, for 2e-10
     with pytest.raises(VdfmuError, match=r"from t = 0 s to 0.001 s its compiled solver and scipy's differ by \d"):
         reference("sampled", described("planar_tracking"), step=1e-3, stop=0.05)
+
+
+def test_a_long_run_without_states_has_nothing_to_solve_again(own_cache, monkeypatch):
+    monkeypatch.setattr(solution, "SCIPY_ALONE", 0.0)
+    whole = load_scenario("planar_tracking")
+    parts = {"trajectory": whole.system.parts["trajectory"]}
+    system = dataclasses.replace(whole.system, parts=parts, connections={}, shared={})
+    alone = dataclasses.replace(whole, system=system, sections={"trajectory": whole.sections["trajectory"]})
+    solved = reference("sampled", SystemDescription(alone, system_values(alone)), step=1e-3, stop=0.05)
+    assert solved.repeated.intervals == 0 and np.ptp(solved["trajectory.q_d"]) > 0.0
 
 
 def test_a_damaged_solution_is_solved_again(own_cache):

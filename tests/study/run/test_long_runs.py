@@ -111,9 +111,17 @@ def test_a_comparison_with_references_may_end_before_the_run():
     # the same rows up to then, so the same numbers
     assert part["reference"] == short["reference"] and part["reference_stop"] == 0.1 and "reference_stop" not in short
     (check,) = [each for each in part["verdict"]["checks"] if each["key"] == "reference"]
-    assert check["sentence"].endswith("of the largest error, compared over the first 0.1 s")
-    with pytest.raises(UsageError, match="reference_stop must be at least one step, 0.001 s, got 0"):
-        vdfmu.run("planar_tracking", stop=0.1, out=False, reference_stop=0.0)
+    assert check["sentence"].endswith("of the peak error, compared over the first 0.1 s")
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"reference_stop": 0.0}, "must be finite and at least one step, 0.001 s, got 0"),
+    ({"reference_stop": float("inf")}, "must be finite and at least one step, 0.001 s, got inf"),
+    ({"reference_stop": 0.1, "reference": False}, "needs the references"),
+])  # fmt: skip
+def test_an_end_of_the_comparison_that_has_no_effect_is_refused(options, message):
+    with pytest.raises(UsageError, match=f"reference_stop {message}"):
+        vdfmu.run("planar_tracking", stop=0.2, out=False, **options)
 
 
 def test_a_reference_that_takes_much_longer_than_its_run_is_named_once(monkeypatch):

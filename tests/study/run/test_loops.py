@@ -39,6 +39,6 @@ def test_the_results_of_a_loop_are_kept_and_say_why_there_is_no_reference(tmp_pa
         (tmp_path / name).write_text(text)
     results = vdfmu.run(tmp_path / "scenario.toml", out=tmp_path / "out", backend="python")
     assert "algebraic loop" in results.summary["no_reference"] and results.summary["reference"] == {}
-    # y = 2 solves the loop; each step halves what is left of the first difference of at most 2
+    # y = 2 solves the loop; each step halves the first difference of at most 2
     assert abs(results["a.y"][-1] - 2.0) < 2.0 * 0.5**40
     assert (tmp_path / "out" / "results.csv").is_file()

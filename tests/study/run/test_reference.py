@@ -128,7 +128,7 @@ def positions(scenario, times):
 
 @pytest.mark.heavy
 def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
-    """What is left is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up."""
+    """The difference is the solver's; against q_d_dot, the feedback pulls by the rate at which the springs wind up."""
     # The error of LSODA, 1e-11 of states of up to 30 N m in each of some thousand steps, meets stiffnesses of 1e4 N
     # m/rad and more: 1e-8 rad bounds it, seen 8e-10. The pull is ``K_v (kappa_dot_d - q_d_dot) / K_p``, seen 1.06e-5
     # rad.
@@ -209,7 +209,9 @@ def test_a_run_that_differs_by_what_its_solvers_may_is_doubtful_and_by_more_it_h
     summary = {"max_position_error_deg": [np.degrees(1e-8)], "position_units": ["deg"], "tolerance": 1e-7}
     (check,) = calculated_checks({**summary, "reference": {"sampled": sampled}})
     assert check.state == state
-    advised = re.fullmatch(r"(\S+) % of the largest error may be solver noise: try --tolerance (\S+)", check.sentence)
+    advised = re.fullmatch(
+        r"a difference of (\S+) % of the peak error may be solver noise: try --tolerance (\S+)", check.sentence
+    )
     assert bool(advised) is (state == "doubtful")
     if advised:  # a hundredth of the tolerance at most leaves a hundredth of the difference
         assert float(advised[1]) == 1.0 and float(advised[2]) <= 1e-8

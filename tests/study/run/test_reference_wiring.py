@@ -158,6 +158,7 @@ def by_hand(name, period):
     return np.array(rows)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("sensor", [Sensor, PlainSensor])
 @pytest.mark.parametrize("period", [0.02, 0.015, 0.004])
 @pytest.mark.parametrize("name", ["sampled", "sampled-delayed", "continuous"])

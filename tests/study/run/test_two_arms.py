@@ -73,7 +73,7 @@ def positions(results, scenario):
 
 @pytest.mark.heavy
 def test_without_sampling_they_are_one_arm(both):
-    """Apparent mass and wrench are exact: what is left is LSODA's 1e-12 on states of up to 1e2, over elastic modes."""
+    """Apparent mass and wrench are exact: they differ by LSODA's 1e-12 on states of up to 1e2, over elastic modes."""
     q = []
     for scenario in both:
         description = SystemDescription(scenario, system_values(scenario))

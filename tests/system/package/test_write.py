@@ -1,4 +1,4 @@
-"""The package that is written: valid, complete, and read back as it was meant."""
+"""The package that is written: valid, complete, and read back with the same content."""
 
 import zipfile
 

@@ -15,6 +15,7 @@ from vdfmu.arm.imports.tree import MOVING, Body, few
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.measure import unit_of
+from vdfmu.base.text import amount
 from vdfmu.base.toml_file import toml_value
 
 ROUNDING = 1e-16
@@ -38,7 +39,7 @@ def robot_text(
     """
     sources: list[dict[str, str]] = []
     lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
-    description = f"From {file}: {len(arm.bodies)} joints from {arm.base} to {arm.tip}"
+    description = f"From {file}: {amount(len(arm.bodies), 'joint')} from {arm.base} to {arm.tip}"
     lines += [f"name = {_text(name[:100])}", f"description = {_text(description)}"]
     whole = {"gravity": arm.gravity, "tip": arm.tool.placement.p}
     if np.abs(arm.tool.placement.R - np.eye(3)).max() > 1e-9:

@@ -7,6 +7,7 @@ turn into SX matrices. A `Symbol` refuses ``float()`` unless it is constant, and
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from functools import partial
@@ -231,8 +232,11 @@ _COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
 
 def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     """Call an elementwise function of numpy on symbols and their arrays."""
-    if function is np.matmul and method == "__call__" and not kwargs and _is_large(*inputs):
-        return _with_symbols(from_sx(matrix_function(np.asarray(inputs[0], float))(to_sx(inputs[1]))))
+    if function is np.matmul and method == "__call__" and not kwargs:
+        a, b = inputs
+        matrix, column = (a, b) if np.ndim(b) == 1 else (np.transpose(b), a)  # of a row, x @ W is W.T @ x
+        if _is_large(matrix, column):
+            return _with_symbols(from_sx(matrix_function(np.asarray(matrix, float))(to_sx(column))))
     if function in _COMPARISONS:
         kwargs["dtype"] = object
     if "out" in kwargs:
@@ -319,16 +323,15 @@ _LARGE = 2_048
 """Fewest numbers of a matrix whose product is a call: 45 rows and columns. Smaller ones are scalar operations."""
 
 
-def _is_large(*factors: Any) -> bool:
+def _is_large(a: Any, b: Any) -> bool:
     """Whether factors are a large matrix of numbers and a column.
 
     A column of states has scalar operations whatever the size: then the Jacobian of a linear system is of numbers.
     """
-    a, b = factors
     if not (isinstance(a, np.ndarray) and a.dtype.kind in "fiu" and a.ndim == 2 and a.size >= _LARGE):
         return False
     leaves = [each.sx for each in b.flat if isinstance(each, Symbol) and each.sx.is_symbolic()] if np.ndim(b) else []
-    return np.ndim(b) == 1 and not any(leaf.name().startswith("x_") for leaf in leaves)
+    return np.ndim(b) == 1 and not any(re.fullmatch(r"x_\d+", leaf.name()) for leaf in leaves)
 
 
 def matrix_function(matrix: np.ndarray) -> ca.Function:

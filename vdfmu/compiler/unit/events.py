@@ -94,7 +94,8 @@ def _located(
     low, below, above, side, k = begin, level(begin, start).max(), level(end, state).max(), 0, 0
     while end - low > (close := 2.0 * margin(end)):
         k += 1
-        straight = below < 0.0 and k % 3  # each third time bisection, since a level may jump
+        # each third time bisection, since a level may jump; always without a line, between infinite levels
+        straight = below < 0.0 and k % 3 and np.isfinite(above - below)
         middle = end - above * (end - low) / (above - below) if straight else 0.5 * (low + end)
         middle = float(min(max(middle, low + 0.5 * close), end - 0.5 * close))
         moved = motion(begin, start, np.array([middle]))[0]

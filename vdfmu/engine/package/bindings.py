@@ -110,7 +110,7 @@ class Bindings:
         fed = list(self.wiring.reach(key))
         for sink, hops, indices in fed:
             if any(indices):
-                text = f"is set, and {show(sink)} takes or gives a part of it; set {show(sink)} itself"
+                text = f"is set, but only a part of it is connected to {show(sink)}; set {show(sink)} itself"
                 text = f"{self._named(key, bound)}: {text}"
                 self.fatal.append(finding("SSP054", text, bound.entry.place))
             if sink in self._bound:

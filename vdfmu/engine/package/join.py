@@ -88,7 +88,7 @@ def join(
     pairs = [pair for start, end in ends_of(connections) for pair in ports.pairs(start, end)]
     bound: Starts = {}
     try:
-        bound = overrides(ports.descriptions, parameters or {})
+        bound = overrides(ports.descriptions, parameters or {}, {})
     except UsageError as error:
         ports.faults += str(error).splitlines()
     if ports.faults:

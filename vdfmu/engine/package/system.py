@@ -56,6 +56,16 @@ class UnitFactor:
         return above + below
 
 
+def factor_of(value: Any) -> float | None:
+    """Return the factor in the text ``*0.8``; None for any other value. ValueError for a factor without a number."""
+    if not isinstance(value, str) or not value.startswith("*"):
+        return None
+    try:
+        return float(value[1:])
+    except ValueError:
+        raise ValueError(f"expected a number behind the star, such as *0.8, got {value}") from None
+
+
 def spread(value: Any, names: Sequence[str]) -> list[Any]:
     """Return a value for each variable: a scalar for all, or the elements of a list or array in order.
 

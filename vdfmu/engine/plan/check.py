@@ -168,7 +168,7 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
     fed = {link.end: link.start for link in checked.links}
     starts = {name: {v.name: (v, value) for v, value in each} for name, each in checked.starts.items()}
     notes = [*checked.notes]
-    for name, values in overrides(checked.descriptions, parameters).items():
+    for name, values in overrides(checked.descriptions, parameters, starts).items():
         starts.setdefault(name, {}).update(values)
         without = {unfed(name, each) for each in values}
         notes = [each for each in notes if each not in without]

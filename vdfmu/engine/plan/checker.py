@@ -22,6 +22,7 @@ from vdfmu.engine.package.system import (
     Shape,
     UnitFactor,
     Value,
+    factor_of,
     spread,
 )
 from vdfmu.engine.package.wiring import CONVERT, fits, show_shape
@@ -32,8 +33,13 @@ Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 """Variables and their values by component and name."""
 
 
-def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, Value]) -> Starts:
-    """Resolve ``component.variable`` names of the user; without an index they are all elements."""
+def overrides(
+    descriptions: Mapping[str, Description], parameters: Mapping[str, Value], present: Starts | None = None
+) -> Starts:
+    """Resolve ``component.variable`` names of the user; without an index they are all elements.
+
+    A factor, ``*0.8``, multiplies a number in `present`, else its start value; without `present` it is refused.
+    """
     starts: Starts = {}
     problems: list[str] = []
     for full, value in parameters.items():
@@ -55,12 +61,23 @@ def overrides(descriptions: Mapping[str, Description], parameters: Mapping[str, 
                     variable = descriptions[owner].variables[name]
                     if not variable.settable:
                         raise ValueError(why_not(variable) + _start_of(name, descriptions[owner].variables))
+                    if present is not None and variable.type in ("Real", "Integer"):
+                        element = _multiplied(element, *present.get(owner, {}).get(name, (variable, variable.start)))
                     starts.setdefault(owner, {})[name] = (variable, variable.domain.read(element))
             except ValueError as error:
                 problems.append(f"parameter {full!r}: {error}.")
     if problems:
         raise UsageError("\n".join(problems))
     return starts
+
+
+def _multiplied(value: Value, variable: FmuVariable, present: Value) -> Value:
+    """Return the product of a factor and the present value of a variable; any other value as it is."""
+    if (factor := factor_of(value)) is None:
+        return value
+    if not isinstance(present, (int, float)):
+        raise ValueError(f"{variable.name} has no number to multiply. Set a value instead")
+    return factor * present
 
 
 def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]) -> str:

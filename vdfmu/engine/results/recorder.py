@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
+from vdfmu.base.errors import LOG
 from vdfmu.base.files import write_all
 from vdfmu.engine.masters.exchange import row_store
 from vdfmu.engine.plan.grid import Grid
@@ -95,6 +96,24 @@ class Blocks(RowsInMemory):
         if end > self._first:
             self._tap.block(self._times(self._first, end), self._rows[: end - self._first])
             self._first = end
+
+
+_LARGE = 1_000_000_000
+"""Size of a file [bytes] that is announced."""
+_REAL, _OTHER = 20, 3
+"""Bytes of a value in CSV with its comma: of a real number mostly 16 or 17 digits with point, exponent and sign."""
+
+
+def announce_size(paths: Sequence[Path], signals: Sequence[Signal], rows: int) -> None:
+    """Warn of a file of text that will be larger than 1 GB, before its first row."""
+    reals = sum(signal.kind == "real" for signal in signals) + 1  # and the time
+    size = rows * (_REAL * reals + _OTHER * (len(signals) + 1 - reals))
+    for path in paths:
+        if size > _LARGE and format_of(path).streams:
+            LOG.warning(
+                "%s will be about %.2g GB (%d signals at %d times). --format parquet takes about a third of that; "
+                "--record writes fewer signals.", path.name, 1e-9 * size, len(signals), rows,
+            )  # fmt: skip
 
 
 class Recorder(RowsInMemory):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.text import amount
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal, group_of
 
@@ -110,7 +111,7 @@ class Results(Recorded):
         about = self.summary.get("scenario") or self.summary.get("system")
         of = f" of {about}" if about else ""
         span = f" from {self.time[0]:g} to {self.time[-1]:g} s" if len(self) else ""
-        title = f"Results{of}: {len(self.names)} signals, {len(self)} rows{span}"
+        title = f"Results{of}: {amount(len(self.names), 'signal')}, {amount(len(self), 'row')}{span}"
         return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows)
 
     def to_pandas(self) -> Any:

@@ -27,7 +27,7 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.formats import format_of
-from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory, Tap
+from vdfmu.engine.results.recorder import ROWS, SECONDS, Blocks, Recorder, RowsInMemory, Tap, announce_size
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.isolated import Isolated
 
@@ -163,6 +163,7 @@ class RunPlan:
         self.stepper = session.components.couple(*coupling, grid.end - grid.begin, record)
         block, longest = (ROWS, SECONDS) if files and not paced else (grid.n + 1, np.inf)
         self.signals, *_ = kept = exchange.recorders(block, record)
+        announce_size(files, self.signals, grid.n + 1)
         self.rows = Recorder(files, *kept, grid.times, longest) if files else RowsInMemory(*kept[1:])
         self.blocks: list[Blocks] = []
         for tap in taps:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Unpack
 
 from vdfmu.base.option import Option
+from vdfmu.base.text import amount
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import ScenarioArgument
 from vdfmu.cli.studies import say_answer
@@ -48,7 +49,7 @@ def tune(
     for name, before, after in tuned.table():
         shown.add_row(name, f"{before:.4g}", f"{after:.4g}", units.get(name.partition("[")[0], ""))
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
-    tell(f"{tuned.evaluations} evaluations, {tuned.failed} failed runs.")
+    tell(f"{amount(tuned.evaluations, 'evaluation')}, {amount(tuned.failed, 'failed run')}.")
     page = study.report()
     say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.measure import number, quantity
+from vdfmu.base.page import table
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.results.verdict import FAILED, state_of
 from vdfmu.study.report.parts import sheet_html, value_of
@@ -24,6 +25,8 @@ _BETTER = {
 """Key figure to its words, and 1 if more is better, -1 if less is, 0 if neither is."""
 _SAME = 0.05
 """Share by which key figures that are the same differ at most."""
+_DO = "What they do"
+"""Heading of the key figures."""
 _LISTED = 3
 """Most different settings that the answer names."""
 
@@ -31,10 +34,13 @@ _LISTED = 3
 def comparison(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> Iterator[str]:
     """Yield different settings, key figures and errors of runs; the page adds figures above them."""
     summaries = [run.summary for run in runs]
-    sheets = [settings, figure_sheet(names, summaries), *joint_sheets(names, summaries)]
-    tables = "".join(
-        f"<div><h3>{escape(sheet.title)}</h3>{sheet_html(sheet, sheet.title)}</div>" for sheet in sheets if sheet
-    )
+    two = len(names) == 2
+    sheets = [settings, figure_sheet(names, summaries) if two else None, *joint_sheets(names, summaries)]
+    parts = [(sheet.title, sheet_html(sheet, sheet.title)) for sheet in sheets if sheet]
+    if not two:
+        figures = sortable(("run",), [[escape(name)] for name in names], summaries)
+        parts.insert(1, (_DO, f'<div class="wide">{figures}</div>'))
+    tables = "".join(f"<div><h3>{escape(title)}</h3>{html}</div>" for title, html in parts)
     yield f'<section id="comparison" class="card"><h2>Compared</h2><div class="tables">{tables}</div></section>'
 
 
@@ -76,18 +82,38 @@ def _listed(texts: Sequence[str]) -> str:
     return f"{', '.join(front)} and {last}" if front else last
 
 
+def sortable(heads: Sequence[str], rows: Iterable[Sequence[str]], summaries: Sequence[Summary], last: str = "") -> str:
+    """Return a table with a row for each run, which ``web/sort.js`` sorts: `rows` are its cells in HTML.
+
+    Key figures of the summaries stand behind the cells; with `last`, before the last cell, which has this head.
+    """
+    every: list[Summary] = [summary.get("key_figures") or {} for summary in summaries]
+    shown = {key: words for key, (words, _) in _BETTER.items() if any(key in figures for figures in every)}
+
+    def cell(key: str, figures: Summary) -> str:
+        if (figure := figures.get(key)) is None:
+            return ""
+        return f'<data value="{figure["value"]!r}">{escape(value_of(key, figure))}</data>'
+
+    front = len(heads)
+    cells = [
+        [*row[:front], *(cell(key, figures) for key in shown), *row[front:]]
+        for row, figures in zip(rows, every, strict=True)
+    ]
+    columns = (*heads, *shown.values(), *([last] if last else []))
+    return table(columns, cells, [""] * len(columns)).replace("<table>", '<table class="sortable">', 1)
+
+
 def figure_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> Sheet | None:
-    """Return the key figures that several runs have, of two runs with the change."""
+    """Return the key figures that two runs have, with the change."""
     every: list[Summary] = [summary.get("key_figures") or {} for summary in summaries]
     rows: list[tuple[str, ...]] = []
     for key, (words, _) in _BETTER.items():
-        figures_by_run = [figures.get(key) for figures in every]
-        if sum(figure is not None for figure in figures_by_run) > 1:
-            cells = [value_of(key, figure) if figure else _MISSING for figure in figures_by_run]
-            pair = [figure and figure["value"] for figure in figures_by_run]
-            rows.append((words.capitalize(), *cells, *([change(*pair)] if len(pair) == 2 else [])))
-    columns = ("Key figure", *names, *(["change"] if len(names) == 2 else []))
-    return Sheet("What they do", columns, rows, []) if rows else None
+        both = [figures[key] for figures in every if key in figures]
+        if len(both) == len(every):
+            cells = [value_of(key, figure) for figure in both]
+            rows.append((words.capitalize(), *cells, change(*(figure["value"] for figure in both))))
+    return Sheet(_DO, ("Key figure", *names, "change"), rows, []) if rows else None
 
 
 _MEASURED = (

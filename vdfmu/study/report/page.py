@@ -30,9 +30,10 @@ from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
+from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.parts import checks, components_table, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.sheets import LATEX, sheets, write_tables
-from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder, write_gallery
+from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.report.simulation import simulation_of
 from vdfmu.study.run.key_figures import cut_figures
 from vdfmu.study.run.scene import wired_arm

@@ -94,7 +94,7 @@ def data_element(content: Mapping[str, Any]) -> str:
 
 def scripts_of(name: str) -> list[str]:
     """Return the script of a page by the name of its module in ``web``, and the libraries that it adds to the page."""
-    return [bundle(f"{name}.js"), *([] if name == "study" else [bundle(_LIBRARIES)])]
+    return [bundle(f"{name}.js"), *([] if name in ("study", "gallery") else [bundle(_LIBRARIES)])]
 
 
 def bundle(name: str) -> str:

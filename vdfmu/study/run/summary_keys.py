@@ -122,6 +122,7 @@ _EXPECTED = Record(
     {"file": TEXT, "within": NUMBER, "signals": WHOLE, "problems": _LINES, "beyond": WHOLE,
      "differences": List(Record({"signal": TEXT, "share": NUMBER, "at_s": NUMBER, "value": NUMBER, "expected": NUMBER,
                                  "constant": FLAG}))},
+    {"until_s": NUMBER},
 )  # fmt: skip
 _PAPER = {"source": TEXT, **dict.fromkeys(TRACKING, _VECTOR)}
 KEYS: Mapping[str, Any] = {

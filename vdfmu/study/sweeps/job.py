@@ -17,8 +17,12 @@ from vdfmu.base.errors import CosimError, StorageError, UsageError, VdfmuError, 
 from vdfmu.base.files import storing
 from vdfmu.base.text import error_text, matching
 from vdfmu.engine.linear.growth import Poses
+from vdfmu.engine.package.archive import package_limit
+from vdfmu.engine.package.read import DEFAULT, load_ssp
+from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.inputs import InputTable
 from vdfmu.engine.results.results import Results
+from vdfmu.engine.rules import run_anyway
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.loops import TIED
 from vdfmu.study.sweeps.measures import Measure, measured
@@ -66,15 +70,17 @@ class WiredSystem:
     """A :class:`vdfmu.extras.batch.engine.BatchProgram`, or None."""
     name: str = "system.ssp"
     """File name of the package, for messages."""
+    variant: str = DEFAULT
+    """Its SSD."""
 
-    def written(self, folder: Path) -> Path:
-        """Return the package in a folder of its own, written if it is not there."""
+    def read(self, folder: Path) -> FlatSystem:
+        """Return the system of the package, which is written into a folder of its own if it is not there."""
         path = folder / self.name
         if not path.exists():
             with storing(path):
                 folder.mkdir(exist_ok=True)
                 path.write_bytes(self.content)
-        return path
+        return load_ssp(path, self.variant)
 
     def parameters(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Values by ``component.variable`` of the axes' variables."""
@@ -97,6 +103,10 @@ class Job:
     """Patterns of recorded signals that are kept."""
     compared: tuple[int, ...] = ()
     """Points that the FMUs run too, if a program runs them in lanes."""
+    limit: int | None = None
+    """See `package_limit`."""
+    anyway: bool = False
+    """See `run_anyway`."""
 
     @property
     def together(self) -> list[int]:
@@ -133,6 +143,10 @@ class Bench:
 
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
         """Run points of one system, `apart` each by the FMUs; failures are in their rows, except StorageError."""
+        with package_limit(self._job.limit), run_anyway(self._job.anyway):
+            return self._rows(tasks, apart)
+
+    def _rows(self, tasks: Sequence[Task], apart: bool) -> list[Row]:
         system = self._job.systems[tasks[0][1]]
         if apart or system.program is None:
             return [self._row(task, self._by_fmus) for task in tasks]
@@ -201,11 +215,11 @@ class Bench:
             if len(self._alive) == _ALIVE:
                 self._alive.popitem(last=False)[1][1].close()
             system = self._job.systems[number]
-            path = system.written(self._folder / str(number))
+            read = system.read(self._folder / str(number))
             with ExitStack() as stack:
                 simulator = stack.enter_context(
                     Simulator(
-                        path,
+                        read,
                         inputs=list(system.inputs),
                         input_hold=system.input_hold,
                         log=lambda message: None,

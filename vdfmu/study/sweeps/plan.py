@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -20,10 +21,12 @@ from vdfmu.base.progress import counted
 from vdfmu.base.text import close_to, matching
 from vdfmu.base.version import __version__
 from vdfmu.engine.options import CouplingOptions
-from vdfmu.engine.package.read import load_ssp
+from vdfmu.engine.package.archive import unpack_limit
+from vdfmu.engine.package.read import DEFAULT
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.engine.results.results import Results, Signal
+from vdfmu.engine.rules import runs_anyway
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes
 from vdfmu.study.sweeps.digest import function_digest
@@ -48,7 +51,7 @@ def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], di
             value = axis.values[0] if axis.values else axis.at(0.5).item()
             parameters |= system.bindings[axis.target].values(value)
     with temporary_folder("vdfmu_sweep_") as folder:
-        read = load_ssp(system.written(Path(folder, "system")))
+        read = system.read(Path(folder, "system"))
         checked = check_system(
             read, parameters, inputs=system.inputs, algorithm=system.options.get("algorithm"),
             repeats=system.options.get("adaptive") is not None,
@@ -189,7 +192,11 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
             f"{len(combinations)}; each is a package."
         )
     is_package = isinstance(scenario, (str, os.PathLike)) and Path(scenario).suffix.lower() == ".ssp"
-    wire = _of_package if is_package else of_scenario
+    start, variant = options["start"], options["variant"]
+    if not is_package and (start is not None or variant != DEFAULT):
+        wrong = "start" if start is not None else "variant"
+        raise UsageError(f"{wrong}: expected a package or FMUs, got the scenario {name_of(scenario)}. Leave it out.")
+    wire = partial(_of_package, start, variant) if is_package else of_scenario
     if engine is None:
         engine = "fmu" if count < _FEW * len(combinations) or options["backend"] == "python" else ""
     changes = pick(ScenarioOptions, options)
@@ -228,7 +235,8 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
         "engine": "batch" if any(system.program is not None for system in systems) else "fmu",
         "points": digest(*(column.astype(str).tobytes() for column in points.values())),
         "systems": [
-            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.digest for t in s.inputs]}
+            {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.digest for t in s.inputs],
+             **({} if s.variant == DEFAULT else {"variant": s.variant})}
             for s in systems
         ],
     }  # fmt: skip
@@ -236,7 +244,8 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
         facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
     compared = tuple(sorted({0, count // 2, count - 1}))
-    return Plan(points, chosen, Job(tuple(systems), tuple(measures), tuple(record), tuple(keep), compared), facts)
+    kept = tuple(systems), tuple(measures), tuple(record), tuple(keep), compared
+    return Plan(points, chosen, Job(*kept, unpack_limit(), runs_anyway()), facts)
 
 
 def _plain(value: Any) -> Any:
@@ -271,7 +280,13 @@ def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> 
 
 
 def _of_package(
-    package: Any, axes: Sequence[Axis], switched: Mapping[str, Any], options: ScenarioOptions, engine: str
+    start: float | None,
+    variant: str,
+    package: Any,
+    axes: Sequence[Axis],
+    switched: Mapping[str, Any],
+    options: ScenarioOptions,
+    engine: str,
 ) -> WiredSystem:
     """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
@@ -282,16 +297,20 @@ def _of_package(
     wrong += [name for name in ("backend",) if options.get(name) is not None]
     if wrong:
         raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
-    chosen: dict[str, Any] = {name: value for name, value in {**options, **switched}.items() if value is not None}
+    chosen: dict[str, Any] = {
+        name: value for name, value in {**options, "start": start, **switched}.items() if value is not None
+    }
     hold = bool(chosen.get("input_hold"))
     return WiredSystem(
         read_regular(Path(package)),
         {name: value for name, value in chosen.items() if name in _COUPLED},
-        {name: chosen[name] for name in ("step", "stop") if name in chosen},
+        ({} if start is None else {"start": start})
+        | {name: chosen[name] for name in ("step", "stop") if name in chosen},
         read_inputs(chosen.get("inputs"), hold),
         hold,
         {axis.target: AxisBinding((axis.target,)) for axis in axes},
         name=Path(package).name,
+        variant=variant,
     )
 
 
@@ -338,7 +357,7 @@ def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, 
         if not needed:
             return None
         lines = "\n".join(f"engine: batch: {line}" for line in str(error).splitlines())
-        raise UsageError(f"{lines}\nTake the engine fmu.") from None
+        raise UsageError(f"{lines}\nChoose the engine fmu.") from None
 
 
 def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> AxisBinding:

@@ -18,7 +18,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_json
 from vdfmu.base.foreign import read_arrow
 from vdfmu.base.option import renamed
-from vdfmu.base.text import close_to, elided
+from vdfmu.base.text import amount, close_to, elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.report.sheets import Sheet
 from vdfmu.study.run.summary_keys import ANY, NUMBER, TEXT, WHOLE, Keyed, List, Record, typed
@@ -140,7 +140,7 @@ class StudyTable:
 
     def __repr__(self) -> str:
         axes, measures = ", ".join(self.axes), ", ".join(self.measures)
-        return f"Study {self.folder}: {len(self)} points; axes {axes}; measures {measures}"
+        return f"Study {self.folder}: {amount(len(self), 'point')}; axes {axes}; measures {measures}"
 
     def __len__(self) -> int:
         return self.table(["point"]).num_rows if self._files else 0

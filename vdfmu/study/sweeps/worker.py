@@ -143,7 +143,10 @@ class Worker:
                     killed += 1
                     if killed < _TRIES:
                         continue
-                    rows = f"{KILLED} {killed} times: memory may be short, take fewer workers; a new start tries again"
+                    rows = (
+                        f"{KILLED} {killed} times: memory may be short, so use fewer workers. "
+                        "The same command tries again"
+                    )
                 if most > 1:
                     apart, killed = len(group), 0
                     continue

@@ -169,7 +169,8 @@ class SampledReference:
         are, and :meth:`repeat` compares intervals before the last `block` of these times with scipy.
         """
         rates = [run.get(f"rate_{i}") for i in range(len(self.moving))]
-        compiled = float(t[-1]) > SCIPY_ALONE and all(compiles(rate) for rate in rates if rate is not None)
+        compiled = float(t[-1]) > SCIPY_ALONE and self._system.x.size > 0  # without states nothing is solved
+        compiled = compiled and all(compiles(rate) for rate in rates if rate is not None)
         compiled = compiled and not any(unit.at_events for unit in self._system.units.values())
         movers = [
             _Mover(self._system, name, rates[i], run.get(f"update_{i}"), compiled) for i, name in enumerate(self.moving)

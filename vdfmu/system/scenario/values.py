@@ -14,7 +14,7 @@ from vdfmu.base.text import nearest
 from vdfmu.compiler.unit import Derivative, Unit
 from vdfmu.compiler.unit.evaluate import unmet
 from vdfmu.compiler.unit.interface import Interface, Variable, interface_of
-from vdfmu.engine.package.system import spread
+from vdfmu.engine.package.system import factor_of, spread
 from vdfmu.system.scenario.scenario import ResolvedSystem, Scenario, Variables, optional
 from vdfmu.system.scenario.system_file import SystemFile
 
@@ -78,13 +78,13 @@ def multiplied(
     """
     products: dict[str, Any] = {}
     for key, value in parameters.items():
-        if not isinstance(value, str) or not value.startswith("*"):
+        try:
+            factor = factor_of(value)
+        except ValueError as error:
+            raise UsageError(f"{key}: {error}.") from None
+        if factor is None:
             products[key] = value
             continue
-        try:
-            factor = float(value[1:])
-        except ValueError:
-            raise UsageError(f"{key}: expected a number behind the star, such as *0.8, got {value}.") from None
         for component, each in _set_all(resolved, {key: factor}).items():
             for v in resolved.tables[component]:
                 if v.name not in each:

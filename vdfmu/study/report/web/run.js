@@ -10,6 +10,7 @@ import { watchScrollers } from "./scrollers.js";
 import { commandOf, follow, pictureButton, shareButtons } from "./share.js";
 import { showSimulation } from "./simulation.js";
 import { FILES } from "./save.js";
+import { sortTables } from "./sort.js";
 import { recalled, remember, whenRecalled } from "./state.js";
 import { showSystem } from "./system.js";
 import { SimulationWorker, difference } from "./worker.js";
@@ -41,6 +42,7 @@ const charts = showFigures(section("figures"), more);
 const simulation = showSimulation(section("simulate"), section("found"));
 showSystem(section("system"));
 showComparison(section("comparison"));
+sortTables();
 watchScrollers();
 
 const title = document.querySelector("h1"),

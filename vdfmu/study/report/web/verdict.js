@@ -29,7 +29,8 @@ export function check(row, value, /** @type {Record<string, any>} */ places, mor
   let digits = 0;
   while (state !== GOOD && digits < 9 && shown(row, value, digits) === shown(row, limit, digits))
     digits += 1;
-  const words = { ...places, value: shown(row, value, digits) };
+  const said = shown(row, value, digits);
+  const words = { ...places, value: said, samples: said === "1" ? "sample" : "samples" };
   let sentence = row.sentence.replace(/\{(\w+)\}/g, (_, name) => words[name] ?? "");
   if (state !== GOOD) {
     const told = `limit ${shown(row, limit)}${row.own ? ` by ${row.by}` : ""})`;
