@@ -339,7 +339,7 @@ def test_faults_of_the_log_fail_the_command_and_files_that_are_not_written_are_n
         np.savetxt("log.csv", rows, delimiter=",", header=heads, comments="", fmt="%.12g")
         return "".join(ran(*words, "-o", "arm.toml", code=1).output.split())  # lines wrap anywhere
 
-    assert "theyarelink-side(limit10);say--columntau_link=NAME{}" in said(100.0 * log.tau)
+    assert "timestherobotfile's" in said(100.0 * log.tau)
     slow = said(log.tau, every=10)
     assert f"torquesgoupto{plan.excitation.lines[-1]:.4g}Hz,butthelog'srateshows45Hz" in slow
     assert "arm.tomlwasnotwritten,becausetheverdictisfailed" in slow
