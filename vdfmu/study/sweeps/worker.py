@@ -143,7 +143,9 @@ class Worker:
                     killed += 1
                     if killed < _TRIES:
                         continue
-                    rows = f"{KILLED} {killed} times: memory may be short, so use fewer workers. The same command tries again"
+                    rows = (
+                        f"{KILLED} {killed} times: memory may be short, so use fewer workers; a new start tries again"
+                    )
                 if most > 1:
                     apart, killed = len(group), 0
                     continue
