@@ -66,12 +66,12 @@ def test_a_number_that_rounds_to_its_limit_has_the_digits_that_show_the_differen
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is needed for scripts")
 def test_the_page_writes_the_same_sentences():
-    told = [*close_to_limits()]
+    judged = [*close_to_limits()]
     row, places = LIMITS["delay"], {"place": "joint 6", "time": "0.888 s"}
-    told.append((row, 1.0, places, row.check(1.0, **places).sentence))
-    cases = [(row_of(row), value, places) for row, value, places, _ in told]
+    judged.append((row, 1.0, places, row.check(1.0, **places).sentence))
+    cases = [(row_of(row), value, places) for row, value, places, _ in judged]
     script = f"""import {{ check }} from {json.dumps((WEB / "verdict.js").as_uri())};
     console.log(JSON.stringify({json.dumps(cases)}.map((one) => check(...one).sentence)));"""
     command = ["node", "--input-type=module", "--eval", script]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, timeout=60)
-    assert json.loads(done.stdout) == [sentence for *_, sentence in told]
+    assert json.loads(done.stdout) == [sentence for *_, sentence in judged]

@@ -30,7 +30,7 @@ def write_gallery(folder: Path, path: Path) -> Path:
 
 def gallery_page(folder: Path, place: Path) -> bytes:
     """Return the list of runs in a folder, newest first, by their summaries alone. Links are relative to `place`."""
-    runs, states, problems = list[_Row](), Counter[str](), list[str]()
+    runs, states, problems = list[_ListedRun](), Counter[str](), list[str]()
     for run in run_folders(folder):
         name = run.relative_to(folder).as_posix()
         try:
@@ -52,7 +52,7 @@ def gallery_page(folder: Path, place: Path) -> bytes:
     return page(f"Runs in {folder.resolve().name}", about, wide, 84, look(), scripts=script)
 
 
-class _Row(NamedTuple):
+class _ListedRun(NamedTuple):
     """A run of the list."""
 
     stamp: float
@@ -62,7 +62,7 @@ class _Row(NamedTuple):
     """Link, verdict, system and date."""
 
 
-def _row(folder: Path, link: str) -> _Row:
+def _row(folder: Path, link: str) -> _ListedRun:
     """Return the row of a run; VdfmuError for a broken summary."""
     file = folder / "summary.json"
     stamp = file.stat().st_mtime
@@ -73,7 +73,9 @@ def _row(folder: Path, link: str) -> _Row:
     names = [summary[key] for key in ("scenario", "robot") if summary.get(key)] or [summary.get("system", "system")]
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
     verdict = f'<span class="verdict {state_of(summary)}">{escape(headline_of(summary))}</span>'
-    return _Row(stamp, summary, [link, verdict, escape(" on ".join(names)), f'<data value="{stamp!r}">{date}</data>'])
+    return _ListedRun(
+        stamp, summary, [link, verdict, escape(" on ".join(names)), f'<data value="{stamp!r}">{date}</data>']
+    )
 
 
 def _link(folder: Path, place: Path, name: str) -> str:
