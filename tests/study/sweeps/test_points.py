@@ -130,7 +130,7 @@ def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
 
 @pytest.mark.parametrize(("over", "sample", "n", "words"), [
     (["a=lin(0, 1)"], "grid", None, "or their number"),
-    (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* leave it out"),
+    (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* Leave it out"),
     (["a=lin(0, 1)"], "lhs", None, "number of points"),
     (["a=lin(0, 1)"], "lhs", 0, "number of points"),
     ([], "grid", None, "^vary: expected at least one axis"),

@@ -144,8 +144,7 @@ class Worker:
                     if killed < _TRIES:
                         continue
                     rows = (
-                        f"{KILLED} {killed} times: memory may be short, so use fewer workers. "
-                        "The same command tries again"
+                        f"{KILLED} {killed} times: memory may be short, so use fewer workers; a new start tries again"
                     )
                 if most > 1:
                     apart, killed = len(group), 0
