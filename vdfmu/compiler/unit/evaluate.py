@@ -63,6 +63,11 @@ class Evaluation:
         self.x, self.x_dot = memory[interface.states], memory[interface.derivatives]
         self.levels = memory[interface.events]
 
+    def place(self, t: float, x: Floats) -> None:
+        """Set the time [s] and the continuous states (n_x,)."""
+        self.memory[-1] = t
+        self.x[:] = x
+
     def group(self, name: str) -> Floats:
         """Values of a group, in place."""
         return self.memory[self.interface.groups[name]]

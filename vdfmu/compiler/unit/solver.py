@@ -70,8 +70,7 @@ class Solver:
             self.events.take(end, x)
 
     def _place(self, t: float, x: Floats) -> None:
-        self.unit.memory[-1] = t
-        self.unit.x[:] = x
+        self.unit.place(t, x)
 
     def sample(self, t: float) -> None:
         """Update the sampled states at `t` [s]."""

@@ -37,6 +37,7 @@ from vdfmu.engine.masters.loop import (
     STEP,
     VALUES,
     Action,
+    CountedRows,
     Master,
     RowBlock,
     lacking,
@@ -77,7 +78,7 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
     return lacking()
 
 
-class CompiledSteps:
+class CompiledSteps(CountedRows):
     """The steps of a run on a `grid`, as `stepper` does them, with the rows of all `keepers`."""
 
     def __init__(self, stepper: Stepper, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
@@ -86,7 +87,8 @@ class CompiledSteps:
         self._eventful = stepper if isinstance(stepper, EventStepper) else None
         self._continuous = stepper if isinstance(stepper, ContinuousStepper) else None
         self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
-        self._run, self._exchange, self._grid = loop.do_steps, exchange, grid
+        super().__init__(exchange)
+        self._run, self._grid = loop.do_steps, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
         self.lasting = self._eventful is None and self._continuous is None
@@ -120,15 +122,6 @@ class CompiledSteps:
             row=addressof(exchange.row), running=addressof(exchange.running), event=self._next_event,
         )  # fmt: skip
         self._pointer, self.row = byref(self._master), 0
-
-    @property
-    def row(self) -> int:
-        """The last complete row."""
-        return self._exchange.row.value
-
-    @row.setter
-    def row(self, row: int) -> None:
-        self._exchange.row.value = row
 
     def run(self, end: int) -> int:
         """Do steps to row `end` at most; return the last complete row.

@@ -43,6 +43,22 @@ class Master(Structure):
     )  # fmt: skip
 
 
+class CountedRows:
+    """Steps whose last row is counted in the memory of an exchange, which another process may share."""
+
+    def __init__(self, exchange: Any) -> None:
+        self._exchange = exchange
+
+    @property
+    def row(self) -> int:
+        """The last complete row."""
+        return self._exchange.row.value
+
+    @row.setter
+    def row(self, row: int) -> None:
+        self._exchange.row.value = row
+
+
 @lru_cache
 def library() -> CDLL | None:
     """Return the compiled loop; None without a compiler or room."""

@@ -28,7 +28,7 @@ from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
-from vdfmu.engine.masters.loop import lacking
+from vdfmu.engine.masters.loop import CountedRows, lacking
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.options import Limits
 from vdfmu.engine.package.system import Value
@@ -252,7 +252,7 @@ class Isolated(Stepper):
         return code, peak
 
 
-class IsolatedSteps:
+class IsolatedSteps(CountedRows):
     """Steps of isolated components in C, which leave their rows in `windows`; see `CompiledSteps`."""
 
     lasting = False
@@ -260,17 +260,9 @@ class IsolatedSteps:
     def __init__(
         self, components: Isolated, grid: Grid, keepers: Sequence[RowsInMemory], windows: Sequence[Window]
     ) -> None:
+        super().__init__(components.exchange)
         self._components, self._grid = components, grid
         self._parts = list(zip(keepers, windows, strict=True))
-
-    @property
-    def row(self) -> int:
-        """The last complete row."""
-        return self._components.exchange.row.value
-
-    @row.setter
-    def row(self, row: int) -> None:
-        self._components.exchange.row.value = row
 
     def run(self, end: int) -> int:
         """Do steps to row `end` at most; return the last complete row. See `CompiledSteps.run`."""

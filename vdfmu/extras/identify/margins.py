@@ -63,7 +63,7 @@ def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) 
     The plant of the scenario gets the springs; what its controller knows stays. Uncertain are the springs alone, with
     links and torque constants as far off as the absolute intervals have it. UsageError for a scenario with another arm.
     """
-    system = scenario_of(scenario) if not isinstance(scenario, Scenario) else scenario
+    system = scenario_of(scenario)
     robot, shown = scaled_robot(fit)[0], fit.identifiable
     plant = _plant(system, robot)
     n = robot.n

@@ -22,6 +22,8 @@ from vdfmu.extras.identify.motor_side import Complex
 LEVELS = (2.5, 5.0)
 """RMS of the torques over the breakaway friction f_s: at twice it and above, friction no longer hides the springs."""
 REALISATIONS, SETTLING, USED = 3, 1, 3
+_PERIODS = REALISATIONS * (SETTLING + USED)
+"""Periods of a level."""
 PERIOD = 2.0
 """[s]: lines are 0.5 Hz apart."""
 _FIRST, _ALL = 1.0, 40.0
@@ -53,12 +55,12 @@ class PeriodicTorques:
     def period(self) -> float:
         """[s]."""
         step = (self.t[-1] - self.t[0]) / (len(self.t) - 1)
-        return step * len(self.t) / (self.levels * REALISATIONS * (SETTLING + USED))
+        return step * len(self.t) / (self.levels * _PERIODS)
 
     @property
     def lines(self) -> Floats:
         """Frequencies (f,) [Hz] at which any motor is excited."""
-        period = self.torque[: round(len(self.t) / (self.levels * REALISATIONS * (SETTLING + USED)))]
+        period = self.torque[: round(len(self.t) / (self.levels * _PERIODS))]
         size = np.abs(np.fft.rfft(period, axis=0)).sum(axis=1)
         return np.flatnonzero(size > 1e-3 * size.max()) / self.period
 
@@ -136,13 +138,12 @@ def periods_of(log: Log, plan: PeriodicTorques, robot: Robot, begin: int) -> lis
     places = np.rint(plan.lines * plan.period).astype(int)
     places = places[places < NYQUIST * rows]
     resolution = _resolution(log.kappa)
-    count = REALISATIONS * (SETTLING + USED)
     levels: list[Periods] = []
     for k in range(plan.levels):
-        here = slice(begin + k * count * rows, begin + (k + 1) * count * rows)
+        here = slice(begin + k * _PERIODS * rows, begin + (k + 1) * _PERIODS * rows)
         kappa, tau = log.kappa[here], log.tau[here] * robot.ell
-        if len(kappa) < count * rows:  # the last row of a log may be that of the last step
-            kappa, tau = (np.concatenate([each, each[-1:]])[: count * rows] for each in (kappa, tau))
+        if len(kappa) < _PERIODS * rows:  # the last row of a log may be that of the last step
+            kappa, tau = (np.concatenate([each, each[-1:]])[: _PERIODS * rows] for each in (kappa, tau))
 
         def spectra(signal: Floats) -> Complex:
             each = signal.reshape(REALISATIONS, SETTLING + USED, rows, -1)[:, SETTLING:]

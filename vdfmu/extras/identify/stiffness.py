@@ -80,10 +80,14 @@ class StiffnessLevel:
         return self.drives.stiffness
 
     @property
+    def explained(self) -> npt.NDArray[np.bool_]:
+        """(n,): Joints whose torques the model explains, with a rotor near the robot file's."""
+        return (self.share > SHARE) & (np.abs(np.log(self.rotor)) < ROTOR)
+
+    @property
     def identifiable(self) -> npt.NDArray[np.bool_]:
         """(n,): Joints whose stiffness the log shows."""
-        seen = (self.share > SHARE) & (np.abs(np.log(self.rotor)) < ROTOR)
-        return seen & (self.deviation < SURE) & (self.antiresonance <= self.f[-1])
+        return self.explained & (self.deviation < SURE) & (self.antiresonance <= self.f[-1])
 
 
 class Stiffness(NamedTuple):

@@ -56,19 +56,23 @@ class StiffnessExperiment:
         return missing(self.antiresonance, self.excitation.lines[-1], self.torque, self.breakaway)
 
 
-def missing(antiresonance: Floats, highest: float, torque: Floats, breakaway: Floats) -> list[str]:
+def missing(antiresonance: Floats, highest: float, torque: Floats | None, breakaway: Floats) -> list[str]:
     """Return for each joint the frequency and the torque that an excitation lacks; empty for none.
 
-    `highest` is the highest line [Hz], `torque` the RMS (n,) and `breakaway` the friction (n,), motor-side [N.m].
+    `highest` is the highest line [Hz], `torque` the RMS (n,), None without excitation, and `breakaway` the friction
+    (n,), motor-side [N.m].
     """
     texts: list[str] = []
-    for f, tau, friction in zip(antiresonance, torque, breakaway, strict=True):
+    for i, (f, friction) in enumerate(zip(antiresonance, breakaway, strict=True)):
         lacks: list[str] = []
         if f > highest:
             rate = BEYOND * f / NYQUIST
             lacks.append(f"frequencies up to {BEYOND * f:.3g} Hz, logged at {rate:.4g} Hz or faster")
-        if tau < LEAST * friction:
-            lacks.append(f"a torque of {LEAST * friction:.3g} N.m RMS, not {tau:.2g} N.m")
+        least = LEAST * friction
+        size = 0.0 if torque is None else torque[i]
+        if size < least:
+            instead = "" if torque is None else f", not {size:.2g} N.m"
+            lacks.append(f"a torque of {least:.3g} N.m RMS{instead}")
         texts.append(" and ".join(lacks))
     return texts
 

@@ -22,7 +22,7 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, SIGNS, Check, c
 from vdfmu.extras.identify.fit import NORMAL_95
 from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import effective_stiffness
-from vdfmu.extras.identify.stiffness import ROTOR, SHARE, Stiffness
+from vdfmu.extras.identify.stiffness import Stiffness
 from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, missing
 
 _AROUND = 2.0
@@ -48,7 +48,7 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
             text = f"the stiffness of {place} is not identifiable"
             if lacks:
                 advice = f"log {lacks}"
-            elif level.share[i] > SHARE and abs(np.log(level.rotor[i])) < ROTOR:
+            elif level.explained[i]:
                 advice = f"+- {_per_cent(level.deviation[i])}: log more periods, or larger torques"
             else:
                 advice = (
@@ -71,7 +71,7 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
     """
     checks = list(log.checks)
     rate = 1.0 / log.step
-    lacks = missing(plan.antiresonance, 0.5 * rate, np.zeros(robot.n), np.array(robot.f_s) / robot.ell)
+    lacks = missing(plan.antiresonance, 0.5 * rate, None, plan.breakaway)
     for i, f in enumerate(plan.antiresonance):
         band = f / _AROUND, min(f * _AROUND, 0.5 * rate)
         size = _band_rms(log.tau[:, i], log.step, band)
@@ -89,8 +89,7 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
         else:
             text = f"the antiresonance of joint {i + 1} at {f:.3g} Hz is beyond the log"
             more = "its stiffness is not identifiable"
-        lacking = lacks[i].replace(", not 0 N.m", "")
-        checks.append(Check("stiffness", "Stiffness", FAILED, text, f"{more}: log {lacking}"))
+        checks.append(Check("stiffness", "Stiffness", FAILED, text, f"{more}: log {lacks[i]}"))
     return verdict_of(checks)
 
 

@@ -74,7 +74,7 @@ class _Mover:
         self.is_compiled = is_compiled and run is not None
         if self.is_compiled:
             self._compiled = CompiledDop853(run, self._unit.x, self._unit.x_dot, **SHORT)
-        self._events = UnitEvents([self._unit], self._place, lambda: self._unit.x.copy())
+        self._events = UnitEvents([self._unit], self._unit.place, lambda: self._unit.x.copy())
         self._events.begin()
         if run is not None:
             self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
@@ -99,10 +99,6 @@ class _Mover:
                 self._switch(t, to - t, to)
             elif self._unit.at_events:  # at communication points, as in its FMU
                 self._events.take(to, self._unit.x)
-
-    def _place(self, t: float, x: Floats) -> None:
-        self._unit.memory[-1] = t
-        self._unit.x[:] = x
 
     def _switch(self, t: float, duration: float, to: float | None = None) -> None:
         for first, last, crossing in switchings(self._unit.left, t, t + duration if to is None else to):
