@@ -40,7 +40,7 @@ _COST = re.compile(r"^ *([\d,]+) \([ \d.]+%\)  (\S+:\S+)", re.MULTILINE)
 
 def library_of(folder: Path) -> tuple[Path, str]:
     """Compile the plant as a run has it, with the names of its functions; return the library and its GUID."""
-    fmu = build_fmus(vdfmu.load_robot(ROBOT), folder, units={"plant": Plant}, folded=True)["plant"]
+    fmu = build_fmus(vdfmu.load_robot(ROBOT), folder, units=Plant, folded=True)["plant"]
     guid = str(read_model_description(fmu).guid)
     with ZipFile(fmu) as archive:
         archive.extractall(folder)
