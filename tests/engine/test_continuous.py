@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import vdfmu
 from tests.engine.files import edited
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.fmu.instance import Instance
@@ -71,18 +70,6 @@ def test_iterative_is_the_trapezoidal_rule_and_units_outside_a_loop_step_once(lo
     assert set(summary["order"][2:4]) == {"error", "controller"}
     first_step_learns = 3
     assert 3 * 16 + 5 * 16 <= summary["communication"]["unit_steps"] <= 3 * 16 + 5 * 2 * 16 + 5 * first_step_learns
-
-
-def test_two_states_that_read_each_other(pack):
-    path = pack(["a Plant u:input y:output", "b Plant u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
-    results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-13, parameters={"a.x0": 1.0})
-    # trapezoidal rule for x' = [0 1; 1 0] x
-    J = 0.125 * np.array([[0.0, 1.0], [1.0, 0.0]])
-    x = [np.array([1.0, 0.0])]
-    for _ in range(4):
-        x.append(np.linalg.solve(np.eye(2) - J, (np.eye(2) + J) @ x[-1]))
-    y = np.column_stack([results["a.y"], results["b.y"]])
-    np.testing.assert_allclose(y, x, rtol=0, atol=4 * 1e-13 + ROUNDING)
 
 
 @pytest.mark.heavy
@@ -341,14 +328,3 @@ def test_the_energy_residual_has_the_order_of_the_coupling_and_is_the_integral_o
     bond = tap.summary()["power_bond"]
     np.testing.assert_allclose(bond["residual_energy_j"], exact, rtol=0.02)
     np.testing.assert_allclose(bond["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
-
-
-@pytest.mark.heavy
-def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
-    summary = vdfmu.run(
-        "planar_tracking", stop=0.1, step=0.01, out=tmp_path, backend="python", algorithm="iterative", adaptive=1e-5
-    ).summary
-    assert list(summary["reference"]) == ["continuous"]
-    assert summary["adaptive"] == 1e-5
-    assert summary["communication"]["steps"] > 10
-    assert set(summary["power_bond"]) == {"residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"}

@@ -135,16 +135,6 @@ def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_an_integer_outside_the_mapping_is_kept(pack, xml):
-    table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
-             '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
-    path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", table)])
-    results = simulate(
-        path, stop=4.0, step=1.0, record=["*"]
-    )  # SSP 1.0, 4.3: values without an entry are kept unchanged
-    assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
-
-
 @pytest.mark.parametrize(("options", "message"), [
     ({"step": 0.3}, r"stop: expected a multiple of step = 0\.3 s, got 1 s\. The nearest is 0\.9 s"),
     ({"step": 0.0}, "step: expected a positive finite time, got 0 s"),

@@ -20,25 +20,6 @@ def test_every_unit_runs_with_defaults(fmus, unit_name):
     assert all(np.all(np.isfinite(result[name])) for name in result.dtype.names)
 
 
-def test_the_trajectory_goes_from_start_to_end_and_a_signal_reaches_the_controller(fmus):
-    result = simulate(
-        fmus["planar_2dof"]["trajectory"],
-        start_values={"q_start[1]": -0.2, "q_end[1]": 0.4, "T": 2.0, "t_start": 0.5},
-        stop_time=3.0,
-        output_interval=0.5,
-    )
-    q = result["q_d[1]"]
-    assert q[0] == q[1] == -0.2
-    # the middle of the motion is the middle of the way; two sines of pi, each exact to 1e-16
-    assert q[3] == pytest.approx(0.1, abs=1e-15)
-    assert q[-1] == q[-2] == pytest.approx(0.4, abs=1e-15)
-    assert abs(result["q_d_dot[1]"][-1]) < 1e-15
-    signal = np.array([(0.0, 0.1), (1.0, 0.1)], dtype=[("time", float), ("q_d[2]", float)])
-    result = simulate(fmus["planar_2dof"]["controller"], input=signal, stop_time=0.01, start_values={"K_p[2]": 300.0})
-    assert result["tau_e[2]"][-1] == pytest.approx(30.0, rel=1e-15)
-    assert result["tau_e[1]"][-1] == 0.0
-
-
 FREE = {f"{name}[{i}]": 0.0 for name in ("f_c", "f_s", "f_v") for i in (1, 2)}
 """No friction."""
 

@@ -15,7 +15,6 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.loops import margins_along
 
 STEP, STOP, K, D, START = 0.01, 0.6, 30.0, 4.0, 0.2
 UNITS = '''
@@ -276,21 +275,6 @@ def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, algorit
     assert np.abs(poles[len(wanted) :]).max() < 1e-3
     assert np.abs(wanted).max() < 1.0
     assert not any("constant" in note for note in linear.notes)
-
-
-@pytest.mark.parametrize("n", [1, 2, 5])
-def test_margins_are_those_of_the_sampled_loop(scenario, n):
-    """By the transfer function of cart and controller, on a grid of its own; samples come at every n-th point."""
-    settings, T = {"control.period": n * STEP}, n * STEP
-    (margin,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], parameters=settings).margins
-    E = expm(T * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
-    z = np.exp(1j * np.linspace(1e-4, np.pi, 200_001))
-    cart = [(np.linalg.inv(each * np.eye(2) - E[:2, :2]) @ E[:2, 2])[0] for each in z[::100]]
-    loop = (K + D / T * (1 - 1 / z[::100])) * np.array(cart)
-    # the smallest distance is flat around its place: squares of the grids' distances, 1e-2 of it
-    assert margin.modulus[0] == pytest.approx(np.abs(1 + loop).min(), rel=1e-3)
-    if n == 1:
-        assert np.exp(margin.rate * STEP) == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
 
 
 def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):
