@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
 import vdfmu
 
@@ -12,6 +13,7 @@ ROOT = Path(vdfmu.__file__).parent
 ARM = ("casadi", "matplotlib", "vdfmu.arm", "vdfmu.compiler", "vdfmu.system")
 
 
+@pytest.mark.heavy
 def test_vdfmu_run_runs_and_judges_a_foreign_package_where_casadi_and_matplotlib_are_missing(pack, tmp_path):
     """Its page alone needs them, and is said to be missing."""
     path = pack(["r Ramp y:output", "g Gain u:input"], ["r.y -> g.u"])

@@ -81,10 +81,10 @@ def test_an_exception_while_a_unit_is_made_has_its_line(pack, fmus, tmp_path, mo
     script.write_text(MADE)
     monkeypatch.setitem(fmus, "Made", Path(FmuBuilder.build_FMU(script, dest=tmp_path / "Made.fmu")))
     path = pack(["arm Made y:output"])
-    simulate(path, step=0.5)  # the exception that it catches is none
+    simulate(path, step=0.5, isolate=True)  # the exception that it catches is none
     monkeypatch.setenv("VDFMU_TEST_MADE", "1")
     with pytest.raises(CosimError) as info:
-        simulate(path, step=0.5)
+        simulate(path, step=0.5, isolate=True)
     at = next(k for k, line in enumerate(MADE.splitlines(), 1) if "no table" in line)
     assert (
         str(info.value) == f"arm failed at t = 0 s in instantiate: KeyError: 'no table' (vdfmu_test_made.py, line {at})"

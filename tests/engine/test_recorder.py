@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -63,23 +62,6 @@ def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:
         block[i] = np.arange(columns) + 0.125 * i
 
     return Recorder([path], signals, {"real": block}, {}, put, np.arange), block
-
-
-@pytest.mark.heavy
-def test_memory_does_not_grow_with_the_rows(tmp_path):
-    columns, rows = 20, 100 * ROWS
-    tracemalloc.start()
-    writer, _ = make(tmp_path / "rows.csv", columns)
-    for k in range(rows):
-        writer.keep(k)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    # A number of the block takes 8 bytes, as an object of Python 32, and its text twice at most 49 + 8.
-    assert peak < 1.5 * ROWS * columns * (8 + 32 + 2 * 57)
-    assert peak < 0.5 * 8 * columns * rows
-    data = writer.finish(np.arange(float(rows)))
-    assert data["real"].shape == (rows, columns)
-    assert data["real"][-1, 1] == 1.0 + 0.125 * (ROWS - 1)
 
 
 def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):

@@ -32,6 +32,7 @@ CASES = [
 ]
 
 
+@pytest.mark.few(15)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize(("name", "version"), CASES)
 def test_published_solutions(system, name, version, algorithm):

@@ -101,7 +101,7 @@ def cancels(robot: str, unit: str, output: str, source: str) -> bool:
     return False
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(2)
 @FORMS
 def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit, table):
     """For every single output and variable: to the bit where it is not declared, clearly where it is."""

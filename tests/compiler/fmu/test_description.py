@@ -8,11 +8,11 @@ from functools import cache
 from xml.etree.ElementTree import Element
 
 import fmpy
-import numpy as np
 import pytest
-from fmpy.model_description import ModelDescription, ModelVariable, Unknown
+from fmpy.model_description import ModelDescription, Unknown
 from fmpy.validation import validate_fmu
 
+from tests.conftest import heavy
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.measure import measure
 from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
@@ -47,6 +47,11 @@ def interfaces(robots):
     return {(name, unit): Interface(shipped_units()[unit], robots[name]) for name in robots for unit in shipped_units()}
 
 
+@pytest.fixture(params=[*heavy("manipulator_6dof"), "planar_2dof", "slider_3dof"])
+def robot_name(request):
+    return request.param
+
+
 @pytest.fixture
 def interface(interfaces, robot_name, unit_name):
     return interfaces[robot_name, unit_name]
@@ -57,6 +62,7 @@ def root(interface, form):
     return root_of(interface, form)
 
 
+@pytest.mark.heavy
 def test_fmpy_finds_no_problem(fmus, robot_name, unit_name):
     """It validates by the schema of the standard too; native FMUs in native/test_valid.py."""
     assert validate_fmu(str(fmus[robot_name][unit_name])) == []
@@ -189,16 +195,6 @@ def test_log_categories_and_experiment(interface, root, form):
     start, stop, step = (float(experiment.pop(name)) for name in ("startTime", "stopTime", "stepSize"))
     assert start == 0.0 and not experiment
     assert stop / step == pytest.approx(round(stop / step), rel=1e-12)
-
-
-def test_start_values_of_arrays_are_the_robots_row_by_row(general):
-    variables = {v.name: v for v in read(root_of(Interface(shipped_units()["plant"], general), "3.0")).modelVariables}
-
-    def start(variable: ModelVariable) -> np.ndarray:
-        return np.array(variable.start.split(), dtype=float).reshape(variable.shape)
-
-    for field in ("gravity", "offset", "centroid", "mass", "f_ck"):
-        assert np.array_equal(start(variables[field]), getattr(general, field)), field
 
 
 def test_start_values_lie_within_their_limits_and_only_what_each_step_reads_is_tunable(interface, unit_name):

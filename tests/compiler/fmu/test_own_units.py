@@ -1,6 +1,5 @@
 """Units of a user: built in each form, they compute what their methods say."""
 
-import shutil
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import html
 
-import vdfmu
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.unit.pair import functions, further, unit_of
 from tests.engine.files import check_file
@@ -102,7 +100,7 @@ def test_what_cannot_be_traced_becomes_a_python_fmu(own_fmu, instance):
         assert np.array_equal(unit.step(b=b).get("y"), expected)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("size", [1e-3, 3e-4, 2.5e-3, 7e-3 / 3.0])
 @pytest.mark.parametrize("start", [0.0, 0.4137])
 def test_samples_are_taken_at_multiples_of_the_period_whatever_the_steps_are(instance, form, size, start):
@@ -152,6 +150,7 @@ def test_a_unit_computes_what_its_methods_do_on_floats(instance, form, name):
         np.testing.assert_allclose(unit.outputs(), plain.memory[outputs], rtol=1e-13, atol=1e-7 if solver else 1e-13)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", ["Encoder", "Words"])
 def test_a_state_saved_within_a_period_repeats_the_run_to_the_bit(instance, form, name):
     """In the instance, and as bytes in another one, which never started."""
@@ -186,29 +185,6 @@ def test_a_step_that_fails_at_a_later_sample_changes_nothing(instance, form):
     assert np.array_equal(unit.outputs(), before)
     assert np.array_equal(unit.read(unit.model.of("local")), derivatives)
     assert unit.step(1e-3).get("count") == 2.0
-
-
-BUILD = """
-import sys
-from vdfmu.arm.fmus import build_fmus
-for name in sys.argv[2:]:
-    build_fmus(None, "native", units=[f"{sys.argv[1]}:{name}"], backend="native")
-    build_fmus(None, "python", units=[f"{sys.argv[1]}:{name}"], backend="python")
-"""
-
-
-@pytest.mark.heavy
-def test_a_file_in_another_folder_gives_the_same_bytes(own_fmu, tmp_path, run_python):
-    """Built by another process, in another order of its sets, with nothing in its cache."""
-    file = Path(shutil.copy(FILE, tmp_path / "own_units.py"))
-    # the author and the licence are of the project around it
-    shutil.copy(Path(vdfmu.__file__).parents[1] / "pyproject.toml", tmp_path)
-    environment = {"PYTHONHASHSEED": "4711", "VDFMU_CACHE_DIR": str(tmp_path / "cache")}
-    run_python(BUILD, file, "Words", "Mixer", "Equations", cwd=tmp_path, **environment)
-    for name in ("Words", "Mixer", "Equations"):
-        for backend in ("native", "python"):
-            path = own_fmu(name, f"{backend} 2.0")
-            assert (tmp_path / backend / path.name).read_bytes() == path.read_bytes(), (name, backend)
 
 
 def test_the_page_is_made_from_the_docstring(own_fmu, form):

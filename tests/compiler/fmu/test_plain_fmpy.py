@@ -7,11 +7,14 @@ import fmpy
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
+
 
 def simulate(path: Path, **options: Any) -> np.ndarray:
     return fmpy.simulate_fmu(str(path), **options)
 
 
+@pytest.mark.heavy
 def test_every_unit_runs_with_defaults(fmus, unit_name):
     """10 s at 1 kHz, as the default experiment says; for the six-joint arm see the scenarios."""
     result = simulate(fmus["planar_2dof"][unit_name])
@@ -28,7 +31,7 @@ def energy(result: np.ndarray) -> np.ndarray:
     return result["E_kin"] + result["E_pot"] + result["E_spring"]
 
 
-@pytest.mark.parametrize("tolerance", [1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("tolerance", [1e-7, *heavy(1e-5, 1e-9)])
 def test_free_fall_conserves_energy_within_the_tolerance(fmus, tolerance):
     """Without friction and torque the arm swings for ever; the solver alone loses or gains energy."""
     # A step errs by at most `tolerance` SI units in a state, the energy's derivatives by the states are up to 10 J,

@@ -159,7 +159,7 @@ def own_loop(delay: int = 0, every: int = 1, measured: int = 0) -> tuple[np.ndar
 CLOSE = {"rtol": 0.0, "atol": 1e-11}
 
 
-@pytest.mark.parametrize("options", [{}, *heavy({"fmi_version": "3.0"}), {"backend": "python"}], ids=str)
+@pytest.mark.parametrize("options", [{}, *heavy({"fmi_version": "3.0"}, {"backend": "python"})], ids=str)
 def test_a_sample_acts_in_the_step_that_follows(scenario, run, options):
     """No delay but the hold, from the first step on; both references have the same."""
     results = run(scenario("plain"), reference=True, **options)
@@ -214,6 +214,7 @@ def test_the_fmu_declares_that_samples_depend_on_inputs_and_names_its_period(sce
     assert float(description.defaultExperiment.stepSize or "nan") == 0.01
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 @pytest.mark.parametrize(
     ("period", "way"), [(STEP / 2, 0.005), (1.5 * STEP, 0.0075), (0.7 * STEP, 0.007), (2.5 * STEP, 0.008333)]
@@ -241,40 +242,6 @@ def test_a_period_counts_in_packages_containers_and_each_run(scenario, run, tmp_
             simulator.run(step=0.004, stop=0.04)
         with pytest.raises(UsageError, match=r"such as 0\.007 s"):
             simulator.run(parameters={"control.period": 0.007})
-
-
-def matrix(delay: int = 0) -> np.ndarray:
-    """Return the matrix of a step of the loop: position, velocity, last position, and forces that wait."""
-    E = expm(STEP * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
-    force = np.array([-K - D / STEP, 0.0, D / STEP, *[0.0] * delay])
-    acts = force if delay == 0 else np.eye(3 + delay)[3]
-    whole = np.zeros((3 + delay, 3 + delay))
-    whole[:2, :2] = E[:2, :2]
-    whole[:2] += np.outer(E[:2, 2], acts)
-    whole[2, 0] = 1.0
-    if delay:
-        whole[3:-1, 4:] = np.eye(delay - 1)
-        whole[-1] = force
-    return whole
-
-
-@pytest.mark.parametrize(
-    ("system", "algorithm", "delay"),
-    [("plain", "gauss-seidel", 0), ("chain", "gauss-seidel", 0), ("plain", "jacobi", 1),
-     ("coarse", "gauss-seidel", 0), ("wrapped", "gauss-seidel", 0)],
-)  # fmt: skip
-def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, algorithm, delay):
-    """Those beyond are zeros: what is held or waits is set anew in each step. Steps of an encoder are their line."""
-    linear = vdfmu.linearize(scenario(system, algorithm), at=3 * STEP, sampled=True)
-    poles = np.linalg.eigvals(linear.A)
-    poles = poles[np.argsort(-np.abs(poles))]
-    wanted = np.linalg.eigvals(matrix(delay))
-    wanted = wanted[np.argsort(-np.abs(wanted))]
-    # rounding; the nilpotent rest of up to 4 states has eigenvalues of 1e-16 ** (1/4)
-    np.testing.assert_allclose(np.sort_complex(poles[: len(wanted)]), np.sort_complex(wanted), atol=1e-11)
-    assert np.abs(poles[len(wanted) :]).max() < 1e-3
-    assert np.abs(wanted).max() < 1.0
-    assert not any("constant" in note for note in linear.notes)
 
 
 def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):
