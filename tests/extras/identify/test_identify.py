@@ -14,7 +14,6 @@ from vdfmu.arm.equations.harmonic_drive import deformation
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import FAILED
-from vdfmu.extras.identify.commands import _difference
 from vdfmu.extras.identify.excitation import multisine
 from vdfmu.extras.identify.fit import Identified, identified_robot, identify, robot_text, score
 from vdfmu.extras.identify.log import Log, read_log
@@ -304,14 +303,6 @@ def test_columns_motions_and_options_that_do_not_fit_are_named(tmp_path, robot, 
     ):
         with pytest.raises(UsageError, match=message):
             call()
-
-
-def test_a_truth_with_other_joints_is_refused_with_what_differs():
-    arm = vdfmu.load_robot("planar_2dof")
-    other = dataclasses.replace(arm, ell=np.array([100.0, 120.0]))
-    assert _difference(arm, other) == "gear ratios [100.0, 120.0] instead of [100.0, 100.0]"
-    assert _difference(arm, vdfmu.load_robot("slider_3dof")).startswith("types ['revolute', 'prismatic'")
-    assert _difference(arm, dataclasses.replace(arm, mass=2.0 * arm.mass)) == ""
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
