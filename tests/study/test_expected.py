@@ -11,7 +11,7 @@ from tests.warm import command
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.results.verdict import FAILED, GOOD
-from vdfmu.study.expected import expected_checks, read_expected
+from vdfmu.study.expected import expected_check, read_expected
 
 TIME = np.arange(11) / 10
 
@@ -36,7 +36,7 @@ def _check(tmp_path):
         (recorded or rows()).write(path)
         path.write_text(edit(path.read_text()) if text is None else text)
         entry = read_expected(path, within).compare(run)
-        (verdict,) = expected_checks(json.loads(json.dumps({"expected": entry})))
+        verdict = expected_check(json.loads(json.dumps(entry)))
         return verdict
 
     return check
