@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of, read_settings
+from vdfmu.cli.analysis import read_numbers
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import OverwriteOption, Positional, refuse, target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
@@ -95,20 +96,25 @@ def identify(
     unfit = of_design if design is None else of_log
     refuse(unfit, "goes with --design" if design is None else "goes with a log")
     if purpose is not None:
-        _stiffness(log, design, robot, columns=column or {}, time=time, excitation=excitation, pose=pose, step=step,
-                   files={"plot": plot, "page": page, "out": out}, overwrite=overwrite, margins=margins, unfit={
-                       "--band": band, "--score": other, "--residuals": residuals,
-                       "--duration": duration, "--bits": bits, "--noise": noise, "--no-links": no_links,
-                   })  # fmt: skip
-        return
+        refuse({"--band": band, "--score": other, "--residuals": residuals, "--duration": duration, "--bits": bits,
+                "--noise": noise, "--no-links": no_links}, "does not go with --for stiffness")  # fmt: skip
+    if log is not None and robot is None:
+        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
+    if purpose is not None:
+        from vdfmu.extras.identify.stiffness_commands import design_stiffness, show_stiffness
+
+        if design is not None:
+            start = None if pose is None else read_numbers("--pose", pose)
+            return design_stiffness(design, start, step, out, overwrite)
+        assert log is not None and robot is not None
+        files = {"plot": plot, "page": page, "out": out}
+        return show_stiffness(log, robot, column or {}, time, excitation, files, overwrite, margins)
     refuse({"--excitation": excitation, "--page": page, "--margins": margins}, "goes with --for stiffness")
     if design is not None:
         sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
         _design(design, duration, pose, sensors, band, prior, out, overwrite)
         return
-    assert log is not None
-    if robot is None:
-        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
+    assert log is not None and robot is not None
     arm = load_robot(robot)
     wanted = [path for path in (plot, residuals, out) if path is not None]
     targets = {path: target_file(path, "", overwrite) for path in wanted}
@@ -166,27 +172,6 @@ def identify(
         raise SystemExit(1)
 
 
-def _stiffness(
-    log: Path | None, design: str | None, robot: str | None, *, columns: dict[str, str], time: str,
-    excitation: Path | None, pose: str | None, step: float | None, files: dict[str, Path | None], overwrite: bool,
-    margins: str | None, unfit: dict[str, Any],
-) -> None:  # fmt: skip
-    """Design or identify for springs from the motors' side; `unfit` are options that it does not have."""
-    from vdfmu.base.errors import UsageError
-    from vdfmu.cli.analysis import read_numbers
-    from vdfmu.extras.identify.stiffness_commands import design_stiffness, show_stiffness
-
-    refuse(unfit, "does not go with --for stiffness")
-    if design is not None:
-        start = None if pose is None else read_numbers("--pose", pose)
-        design_stiffness(design, start, step, files["out"], overwrite)
-        return
-    assert log is not None
-    if robot is None:
-        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
-    show_stiffness(log, robot, columns, time, excitation, files, overwrite, margins)
-
-
 def _design(
     robot: str, duration: float | None, pose: str | None, sensors: dict[str, Any], band: float | None, prior: float,
     out: Path | None, overwrite: bool,
@@ -194,7 +179,6 @@ def _design(
     """Choose a motion, write it, and print the expected intervals."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
-    from vdfmu.cli.analysis import read_numbers
     from vdfmu.extras.identify.motion_choice import SensorNoise, design
 
     arm = load_robot(robot)
