@@ -76,7 +76,6 @@ def guess(robot):
 
 
 @pytest.mark.heavy
-@pytest.mark.heavy
 def test_the_toolbox_finds_the_arm(robot, guess, monkeypatch):
     """With stand-ins for two packages with which the toolbox prints, which the tests do not install."""
     for name in [name for name in sys.modules if name.startswith("mujoco.sysid")]:
