@@ -237,7 +237,7 @@ def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None
             cells += [f"{true[i]:.5g}", error]
         shown.add_row(*cells)
     console.print(shown)
-    drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title=" ")
+    drives = table("joint", "residual", "of torque", "%", "deformation residual", "stiffness", "95 %", title=" ")
     for i in range(fit.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (fit.torque_error, fit.torque))
         bent = fit.deformation_error if fit.seen[i] else None
@@ -278,7 +278,7 @@ def _weak(fit: Identified) -> list[str]:
             f"{len(links)} of {len(fit.base.names)} base parameters of the links"
         )
     return [
-        f"weak, near the robot file's values, since the log says little about them: {', '.join(names)}; {advice}"
+        f"weak, near the robot file's values, because the log does not excite them: {', '.join(names)}; {advice}"
         for advice, names in by_advice.items()
     ]
 
@@ -289,10 +289,10 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     unit = " or ".join(dict.fromkeys(units))
     angle = " or ".join(dict.fromkeys("m" if each == "N" else "rad" for each in units))
     shown = table(
-        "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "links held\n%", "5 terms\n%",
-        f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
-        title=f"\n{name}, link-side: root mean squares and largest residuals; in % also with "
-        "the robot file's links, and of five terms of a rigid model",
+        "joint", f"torque\n{unit}", f"residual\n{unit}", "resid.\n%", f"max.\n{unit}", "links held\n%", "5 terms\n%",
+        f"deform.\n{angle}", f"residual\n{angle}", "resid.\n%", f"max.\n{angle}",
+        title=f"\n{name}, link-side: RMS values and largest residuals; in % also with the robot file's links, and "
+            f"for a rigid model with five terms per joint",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:

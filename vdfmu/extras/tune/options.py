@@ -25,7 +25,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
         "functions of the results, whose positive values violate the limit.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
-        "Say 'plant.mass[3]=*normal(1, 0.1)'. Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
+        "Say 'plant.mass[3]=*normal(1, .1)'. Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
         "Uncertain parameters, as in a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
     spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are drawn as a Latin hypercube.",
         default=8)]
