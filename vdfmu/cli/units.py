@@ -63,7 +63,7 @@ def new(
 
 @app.command("examples", example="vdfmu unit examples")
 def examples(folder: Annotated[Path, Positional("Folder to write them to.")] = Path("units")) -> None:
-    """Write the example units, with a system and a scenario that use them."""
+    """Write the example units, and a system and scenario that use them."""
     from vdfmu.compiler.unit.new import copy_examples
 
     say_written(*copy_examples(folder))

@@ -213,8 +213,8 @@ def test_without_a_verdict_there_is_no_line_and_numbers_that_are_not_known_have_
     # at the last clause of the second half
     ("joint 1: ratio 120, not 100: the link moves 0.833 times as far as the rotor (limit 5 %), 10 others",
      "Failed: joint 1: ratio 120, not 100: the link moves 0.833 times as far as the rotor …"),
-    ("joint 2: a drive that oscillates at 0.335 Hz looks like a stiffness per arc minute. Drives have 10 to 100 Hz",
-     "Failed: joint 2: a drive that oscillates at 0.335 Hz looks like a stiffness per arc minute …"),
+    ("joint 2: a drive that swings at 0.335 Hz looks like a stiffness per arc minute. Drives have 10 to 100 Hz",
+     "Failed: joint 2: a drive that swings at 0.335 Hz looks like a stiffness per arc minute …"),
     # a comma before a number is that of a list
     ("the robot file's links predict the torque better at each of the joints 1, 2, 3, 4, 5, 6, 7, 8",
      "Failed: the robot file's links predict the torque better at each of the joints 1, 2, 3, …"),

@@ -112,7 +112,7 @@ def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturb
         return whole(place)
 
     monkeypatch.setattr(ledger, "replacing", full)
-    with pytest.raises(VdfmuError, match="No space left on device.*free space, and give the same command again"):
+    with pytest.raises(VdfmuError, match="No space left on device.*free space, and repeat the command"):
         study(wild, tmp_path / "study")
     assert len(parts(tmp_path / "study")) == 3
     monkeypatch.setattr(ledger, "replacing", whole)

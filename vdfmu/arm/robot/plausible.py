@@ -77,7 +77,7 @@ CHECKS = (
     ),
     Plausibility(
         lambda robot: _frequency(robot, 1.0 / deformation_derivative(robot, np.zeros(robot.n))), _SOFT, math.inf,
-        "a drive that oscillates at {:.3g} Hz",
+        "a drive that swings at {:.3g} Hz",
         f"looks like a stiffness per arc minute. {_DRIVES}", "",
     ),
     Plausibility(

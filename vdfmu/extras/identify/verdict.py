@@ -126,7 +126,7 @@ def _springs(robot: Robot, score: LogScore) -> Iterator[Check]:
     vain = [place for place, (low, _) in gains.items() if low <= 0.0]
     if vain:
         text = f"a rigid joint with a delay fits as well as the spring at {_joined(vain)}"
-        yield Check("springs", "Springs", DOUBTFUL, text, "the log does not support a stiffness there")
+        yield Check("springs", "Springs", DOUBTFUL, text, "the log does not determine a stiffness there")
     else:
         yield Check("springs", "Springs", GOOD, "springs explain the deformations better than rigid joints")
 
