@@ -118,7 +118,7 @@ def test_a_start_without_margin_is_noted(tmp_path):
         out=tmp_path,
     )
     first, second, *_ = search.notes
-    assert first == "margin: a mode grows at the start, so same demands that none grows faster."
+    assert first == "margin: a mode grows at the start, so 'same' requires that none grows faster."
     assert second.startswith("joint 6 is unstable from 0.3") and search.after.feasible
 
 
