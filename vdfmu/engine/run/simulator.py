@@ -181,6 +181,12 @@ class Simulator:
         UsageError, CosimError, Interrupted, VdfmuError
             See :func:`vdfmu.engine.run.simulate`; UsageError outside the block, too.
         """
+        return self.run_with(options, parameters, taps)
+
+    def run_with(
+        self, options: RowOptions, parameters: Mapping[str, Value] | None = None, taps: Sequence[Tap] = ()
+    ) -> Results:
+        """Run the system as :meth:`run`, with options whose types were checked."""
         grid, stream = self.grid(options["start"], options["stop"], options["step"]), options["stream"]
         files = [stream] if isinstance(stream, Path) else list(stream or ())
         for path in files:
