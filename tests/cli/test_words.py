@@ -75,8 +75,6 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
 
 @pytest.mark.parametrize(("words", "close", "command"), [
     ("sweep tracking --varry x=1", "'--retry', '--vary'", "sweep run"),
-    ("run --algoritm jacobi", "'--algorithm'", "run"),
-    ("run x.ssp --wait-limmit 3", "'--unpack-limit', '--wait-limit'", "run"),
     pytest.param("rum", "'run'", "", marks=pytest.mark.skipif(CLICK < (8, 4), reason="click suggests no command")),
 ])  # fmt: skip
 def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one(words, close, command):

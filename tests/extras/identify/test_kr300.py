@@ -53,6 +53,7 @@ def at_rest(model, q):
     return data.qfrc_inverse.copy()
 
 
+@pytest.mark.heavy
 def test_mujoco_has_the_same_rigid_arm_and_the_spring_near_dead_centre(kr):
     log = rigid_log(kr.with_parameters(f_c=0.0), 1)
     moved = kr300.Motion(log, None, log.kappa, np.gradient(log.kappa, H, axis=0), None, None)

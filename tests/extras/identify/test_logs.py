@@ -244,13 +244,7 @@ def test_a_log_without_a_whole_row_has_its_sentences_alone(robot, data, tmp_path
     assert len(lines) == 2 and all(any(start in line for line in lines) for start in starts)
 
 
-def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
-    path = write(tmp_path / "log.csv", table((np.rad2deg(data[0] * 0.1), data[1], data[2])))
-    arm = robot.__class__(**{**robot.__dict__, "limits": True, "q_min": np.full(2, -2.0), "q_max": np.full(2, 2.0)})
-    with pytest.raises(UsageError, match=r"kappa\[1\]: expected less than 4 from end to end, as the robot's stops are"):
-        read_log(path, arm)
-
-
+@pytest.mark.few(1)
 @pytest.mark.parametrize("amplitude", [0.3, 1.0])
 @pytest.mark.parametrize("name", ["planar_2dof", "manipulator_6dof"])
 def test_positions_in_degrees_are_named_with_and_without_links_and_torques_of_rotors_are_not(name, amplitude, tmp_path):

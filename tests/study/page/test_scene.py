@@ -104,16 +104,6 @@ def test_the_path_ends_at_the_tool_and_leads_through_where_it_was(browser, tmp_p
     assert asked(browser, "arms[0].path.points.length") > 100
 
 
-def test_the_slider_goes_by_time(browser, tmp_path):
-    results = still_and_quick(30_001, 300.0)
-    show(browser, write_report([ShownRun("run", results, results.summary, Path("none.ssp"))], tmp_path / "arm.html"))
-    browser.run(
-        "(s => { s.value = 150; s.dispatchEvent(new Event('input')) })(document.querySelector('.transport input'))"
-    )
-    assert browser.run("report.view.time") == 150.0
-    assert browser.run("document.querySelector('.clock').textContent") == "150.00 s"
-
-
 def test_a_wall_is_in_the_plane_of_contact_and_the_arrow_is_the_force(folders, browser):
     show(browser, folders["wall"] / "report.html")
     summary = vdfmu.Results.read(folders["wall"] / "results.csv")

@@ -31,7 +31,7 @@ def identify(
     log: Annotated[Path | None, Positional("Log of a motion.",
         more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.")] = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot",
-        "Robot to start from: kinematics, ratios, the rest.")] = None,
+        "Robot to start from: kinematics, ratios, guesses.")] = None,
     column: Annotated[dict[str, str] | None, Option("Column of the log: 'tau=I{} [-1.81 N.m]'.", flag="--column",
         metavar="WHAT=NAME", typed=TEXTS,
         read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
@@ -39,20 +39,21 @@ def identify(
         "follow in brackets, with a factor.")] = None,
     time: Annotated[str, Option("Column of the times.", metavar="NAME",
         more="s, ms, us or ns may follow in brackets.")] = "",
-    band: Annotated[float | None, Option("Band of the equations in Hz.", more="Default: from the motion.")] = None,
-    prior: Annotated[float, Option("How far the links of the robot may be off.", metavar="SHARE",
-        more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
-        "nothing is known.")] = 0.2,
-    other: Annotated[Path | None, Option("Another log, to score the model with.", flag="--score",
+    band: Annotated[float | None, Option("Band of the equations in Hz.", more="By default it follows from the "
+        "motion.")] = None,
+    prior: Annotated[float, Option("Uncertainty of the robot's links.", metavar="SHARE",
+        more="As a fraction of masses and moments of inertia, and of the radius of gyration for centres of mass; inf "
+            "if nothing is known.")] = 0.2,
+    other: Annotated[Path | None, Option("Another log to validate the model on.", flag="--score",
         metavar="LOG")] = None,
     plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
     residuals: Annotated[Path | None, Option("Picture of the residuals over speed, load, ..",
-        more="Over speed, load, position and time, of the other log if there is one.")] = None,
+        more="Over speed, load, position and time, for the validation log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
-    purpose: Annotated[str | None, Option("Identify springs from the motors' side: stiffness.", flag="--for",
-        metavar="WHAT", choices=("stiffness",), more="From a log of periodic torques of the motors, without encoders "
-        "behind the gears; with --design it chooses the torques.")] = None,
-    excitation: Annotated[Path | None, Option("Torques that were played, by --design.", metavar="CSV",
+    purpose: Annotated[str | None, Option("Identify springs from motor-side logs: stiffness.", flag="--for",
+        metavar="WHAT", choices=("stiffness",), more="It needs a log of periodic motor torques and no encoders "
+            "behind the gears; with --design it chooses the torques.")] = None,
+    excitation: Annotated[Path | None, Option("Excitation torques, as written by --design.", metavar="CSV",
         more="For --for stiffness.")] = None,
     margins: Annotated[str | None, Option("Scenario whose margins to judge over the springs.", metavar="SCENARIO",
         more="For --for stiffness: the smallest modulus margin over the springs that fit the log.")] = None,
@@ -60,19 +61,20 @@ def identify(
         more="Verdict, table and frequency responses in one file.")] = None,
     overwrite: OverwriteOption = False,
     design: Annotated[str | None, Option("Choose the best motion to log for this robot.", group=_DESIGN,
-        metavar="ROBOT", more="It determines the parameters best; the width of their intervals is predicted.")] = None,
+        metavar="ROBOT", more="It is the motion that determines the parameters best; the widths of their intervals "
+            "are predicted.")] = None,
     duration: Annotated[float | None, Option("Duration of the motion in s (default 60).", group=_DESIGN)] = None,
     pose: Annotated[str | None, Option("Pose about which joints move (default several).", group=_DESIGN,
-        metavar="'Q1 Q2 ...'", more="Default: several about the middle.")] = None,
+        metavar="'Q1 Q2 ...'", more="The default is several poses about the middle of the range.")] = None,
     step: Annotated[float | None, Option("Step of the log in s (default 0.002).", group=_DESIGN)] = None,
     bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
-    noise: Annotated[float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN,
+    noise: Annotated[float | None, Option("Torque noise over the peak (default 0.005).", group=_DESIGN,
         metavar="SHARE")] = None,
     no_links: Annotated[bool, Option("Assume no encoders behind the gears.", group=_DESIGN)] = False,
 ) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
-    These are drives, friction, springs and base parameters. The exit code is 1 if the verdict is failed; then no robot
+    These are drives, friction, springs and base parameters. If the verdict is failed, the exit code is 1 and no robot
     file is written.
     """
     from vdfmu.arm.robot import load_robot
@@ -209,7 +211,7 @@ def _print(fit: Identified, labels: list[str]) -> None:
         width = "kept" if name in fit.held else f"+- {1.96 * deviation:.2g}"
         shown.add_row(name, f"{value:.5g}", f"{width} weak" if name in fit.weak else width, unit, f"{nominal:.5g}")
     console.print(shown)
-    drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title=" ")
+    drives = table("joint", "residual", "of torque", "%", "deformation residual", "stiffness", "95 %", title=" ")
     for i in range(fit.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (fit.torque_error, fit.torque))
         bent = fit.deformation_error if fit.seen[i] else None
@@ -241,7 +243,7 @@ def _weak(fit: Identified) -> list[str]:
             f"{len(links)} of {len(fit.base.names)} base parameters of the links"
         )
     return [
-        f"weak, near the robot file's values, since the log says little about them: {', '.join(names)}; {advice}"
+        f"weak, near the robot file's values, because the log does not excite them: {', '.join(names)}; {advice}"
         for advice, names in by_advice.items()
     ]
 
@@ -252,10 +254,10 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     unit = " or ".join(dict.fromkeys(units))
     angle = " or ".join(dict.fromkeys("m" if each == "N" else "rad" for each in units))
     shown = table(
-        "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "links held\n%", "5 terms\n%",
-        f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
-        title=f"\n{name}, link-side: root mean squares and largest residuals; in % also with "
-        "the robot file's links, and of five terms of a rigid model",
+        "joint", f"torque\n{unit}", f"residual\n{unit}", "resid.\n%", f"max.\n{unit}", "links held\n%", "5 terms\n%",
+        f"deform.\n{angle}", f"residual\n{angle}", "resid.\n%", f"max.\n{angle}",
+        title=f"\n{name}, link-side: RMS values and largest residuals; in % also with the robot file's links, and "
+            f"for a rigid model with five terms per joint",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:

@@ -13,12 +13,12 @@ import scipy
 
 from vdfmu.arm.drive.limits import motor_rectangle
 from vdfmu.arm.dynamics import inverse_dynamics
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.joint_space import check_points, limit
 from vdfmu.arm.motion.polynomial import DEGREE, Motion, spline
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 _GRID = 200
 """toppra's grid in each interval between waypoints."""
@@ -40,7 +40,7 @@ Load = Callable[[Floats, Floats, Floats], Floats]
 """Positions, speeds and accelerations to torques, link-side."""
 
 
-@of_numbers
+@checks_types
 def fastest(
     points: npt.ArrayLike,
     velocity: npt.ArrayLike | None = None,
