@@ -143,6 +143,10 @@ LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 """Limits by name."""
 
 
+OF_SCENARIO = "[limits] of the scenario"
+"""Whose the limits in a scenario's file are."""
+
+
 def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:
     """Return the limits that are not of the table: by name their ``value``, and ``by`` whom."""
     return {key: {"value": row.value, "by": row.by} for key, row in limits.items() if row.by != LIMITS[key].by}
