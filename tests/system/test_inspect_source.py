@@ -44,9 +44,9 @@ def test_what_is_right_has_no_problems(path, kind):
     ("x.toml", SYSTEM + '"plant.q" = ["plant.tau"]\n', "system",
      "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m."),
     ("x.toml", SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n', "system",
-     "x.toml: connections: plant.tau: expected one output that feeds it, got plant.tau_s and controller.tau."),
+     "x.toml: connections: plant.tau: expected one connected output, got plant.tau_s and controller.tau."),
     ("x.toml", SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n', "system",
-     "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q."),
+     "x.toml: connections: controller.q: expected one connected output, got plant.q and plant.q."),
     ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
     ("x.toml", SCENARIO + '[joints]\ndrive = "none.py"\n', "scenario", "none.py"),  # the joints of a robot are a list
     ("x.py", UNIT, "unit", "y"),
@@ -90,7 +90,7 @@ def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkey
         report = json.loads(text)
         assert (report["ran"], [f["rule"] for f in report["findings"]]) == (False, ["RUN006"])
     text = said()
-    assert int(Path("ran").read_text()) != os.getpid()  # in a process of its own
+    assert int(Path("ran").read_text()) != os.getpid()  # in a separate process
     if option == "--json":
         report = json.loads(text)
         assert (report["ran"], report["findings"]) == (True, [])

@@ -89,7 +89,7 @@ def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
 
 
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
-    """Raise UsageError for inputs that nothing feeds, unless they are among the `names` that are set.
+    """Raise UsageError for unconnected inputs, unless they are among the `names` that are set.
 
     Those of a plant may keep their start values, such as a wrench at its tool, unless a unit left out what fed them.
     """

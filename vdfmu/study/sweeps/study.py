@@ -98,8 +98,8 @@ class LocalWorkers:
 class Study:
     """Points of a job, run by at most `most` workers that live as long as the study, and kept in a ledger.
 
-    `ask` runs points: a sweep asks for all, a search for a generation. Rows in the ledger survive the process: the same
-    study asks for the other points.
+    `ask` runs points: a sweep requests all of them, a search one generation. Rows in the ledger survive the process:
+    the same study only runs the other points.
     """
 
     def __init__(
