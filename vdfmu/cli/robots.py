@@ -237,7 +237,7 @@ def list_drives(
     as_json: JsonOption = False,
 ) -> None:
     """List the gears and motors that a robot file can name."""
-    from vdfmu.arm.robot.catalogue import catalogue, fit_spring
+    from vdfmu.arm.robot.catalogue import catalogue, spring_residual
     from vdfmu.base.errors import UsageError
     from vdfmu.base.text import nearest
 
@@ -258,8 +258,7 @@ def list_drives(
         return say_json({"gears": gears, "motors": motors})
     shown = table("gear", "rated\nN.m", "repeated\nN.m", "K1\nN.m/rad", "K3\nN.m/rad", "fit off by")
     for key, gear in gears.items():
-        K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear[f"T{i}"] for i in (1, 2)]
-        _, residual, share = fit_spring(gear["ratio"], K, T, gear["repeated"])
+        residual, share = spring_residual(gear)
         numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
         shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
     console.print(shown)

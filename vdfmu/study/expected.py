@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -149,11 +149,8 @@ def _largest(
     }
 
 
-def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
-    """Yield the check of a run against recorded results, if its summary has one."""
-    entry: Mapping[str, Any] | None = summary.get("expected")
-    if entry is None:
-        return
+def expected_check(entry: Mapping[str, Any]) -> Check:
+    """Return the check of a run against recorded results, from the entry ``expected`` of its summary."""
     file, within, signals = Path(entry["file"]).name, entry["within"], entry["signals"]
     problems, beyond = entry["problems"], entry["beyond"]
     allowed = f"{number(100.0 * within)} %"
@@ -173,4 +170,4 @@ def expected_checks(summary: Mapping[str, Any]) -> Iterator[Check]:
     equal = f"equals {file} in {many} to {number(100.0 * share)} % of the range (allowed {allowed}){until}"
     first, *rest = sentences or [equal]
     state = FAILED if sentences else GOOD
-    yield Check("expected", "Recorded results", state, first, "; ".join(rest), share, within, "the option within")
+    return Check("expected", "Recorded results", state, first, "; ".join(rest), share, within, "the option within")

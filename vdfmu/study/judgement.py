@@ -22,7 +22,7 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.engine.linear.system import cut
-from vdfmu.engine.options import SimulatorOptions
+from vdfmu.engine.options import RowOptions, SimulatorOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
@@ -162,10 +162,15 @@ def judge(
     sampled, how = options["sampled"], pick(SimulatorOptions, options)
     check_wanted(wanted, sampled, how["adaptive"])
     flat = system if isinstance(system, FlatSystem) else load_ssp(Path(system))
-    if flat.experiment.adaptive is not None:
-        flat = replace(flat, experiment=replace(flat.experiment, adaptive=None))
-    checked = check_connected(flat, how)
-    grid = Simulator(flat, **how).grid(options["start"], options["stop"], options["step"])
+    return judge_connected(check_connected(flat, how), wanted, sampled, pick(RowOptions, options), how)
+
+
+def judge_connected(
+    checked: Checked, wanted: float, sampled: bool | None, rows: RowOptions, how: SimulatorOptions
+) -> Judgement:
+    """Return the judgement of a system of :func:`check_connected`; for arguments and errors see :func:`judge`."""
+    flat = replace(checked.system, experiment=replace(checked.system.experiment, adaptive=None))
+    grid = Simulator(flat, **how).grid(rows["start"], rows["stop"], rows["step"])
     try:
         return _judged(_Case(checked, wanted, grid, how), flat, sampled)
     except Interrupted as error:  # its time and rows belong to a run of which the caller is not aware

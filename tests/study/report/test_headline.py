@@ -266,6 +266,7 @@ def planar(tmp_path_factory):
     return vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False), folder
 
 
+@pytest.mark.heavy
 def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):
     short: dict[str, Any] = {"stop": 0.05, "out": False, "reference": False}
     rigid = planar[0].summary["key_figures"]["mode"]["value"]

@@ -13,7 +13,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD
 from vdfmu.study.sweeps import answer as answers
 from vdfmu.study.sweeps import page
-from vdfmu.study.sweeps.candidates import JudgedPoint, best_of, candidates, neighbours
+from vdfmu.study.sweeps.candidates import JudgedPoint, neighbours
 from vdfmu.study.sweeps.sweep import Sweep
 
 GRID = {"f.a": "lin(0, 4, 5)", "f.b": "*lin(1, 5, 5)"}
@@ -174,21 +174,6 @@ def test_the_best_point_is_the_best_good_one(tmp_path, monkeypatch, runs, headli
         wrong = sum(point in runs for point in judged[judged.index(best) + 1 :])
         said = "Its 4 neighbours in the grid are good too, with a modulus margin of 0.7 or more."
         assert (said if not wrong else f"{wrong} of its 4 neighbours in the grid") in text
-
-
-@pytest.mark.parametrize("first", [0, 3, 9, 300, 50_000])
-def test_a_good_point_among_many_is_found_by_few_runs(monkeypatch, first):
-    """After eight, half of the ranks up to the next are left out; three halvings find a good one within an eighth."""
-    runs = []
-
-    def judge(study, point, value, without=()):
-        runs.append(point)
-        return JudgedPoint(point, value, GOOD if point >= first else DOUBTFUL)
-
-    monkeypatch.setattr("vdfmu.study.sweeps.candidates.judge_point", judge)
-    judged = candidates({"point": np.arange(100_000)}, np.linspace(1.0, 2.0, 100_000))
-    assert len(runs) <= 25 and [each.point for each in judged] == sorted(runs)
-    assert (best := best_of(judged)).state == GOOD and first <= best.point <= 1.125 * first
 
 
 def test_neighbours_in_a_grid_are_a_step_of_one_axis_away(tmp_path):

@@ -9,12 +9,12 @@ import numpy.typing as npt
 import scipy
 
 from vdfmu.arm.dynamics import forward_kinematics, jacobian
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.joint_space import limit
 from vdfmu.arm.motion.polynomial import Motion, joined, spline
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 Pose = tuple[Floats, Floats]
 """Position (3,) [m] and rotation (3, 3) of {O} in {I}."""
@@ -44,7 +44,7 @@ _PULL = 0.5
 """Rate, over the path, of a redundant arm to the middle between its end stops."""
 
 
-@of_numbers
+@checks_types
 def line(
     robot: Robot,
     start: npt.ArrayLike,
@@ -101,7 +101,7 @@ def line(
     return joined(parts)
 
 
-@of_numbers
+@checks_types
 def circle(
     robot: Robot,
     start: npt.ArrayLike,
@@ -141,10 +141,7 @@ def circle(
             f"angle: expected at most {_MOST_TURNS} turns, {_MOST_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As "
             f"degrees it is {np.radians(angle):.4g} rad; join several circles for more turns."
         )
-    turning = isinstance(orientation, str) and orientation == "turn"
-    kind, fixed = ("turn", None) if turning else _orientation(robot, orientation)
-    if fixed is not None:
-        raise UsageError("orientation: expected keep, turn or free for a circle, got a rotation.")
+    kind = "turn" if orientation == "turn" else _orientation(robot, orientation)[0]
     p_0, R_0 = forward_kinematics(robot, q)
     z = z / np.linalg.norm(z)
     c = c + z * float(z @ (p_0 - c))

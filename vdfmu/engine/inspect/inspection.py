@@ -141,22 +141,16 @@ def _require(path: Path, suffix: str) -> None:
 
 
 def _pack(ssd: Path, package: Path) -> None:
-    """Pack an SSD with the sources next to it, and with the sources of SSDs among these."""
+    """Pack an SSD with its sources next to it."""
     members = {DEFAULT: ssd.read_bytes()}
     home = ssd.parent.resolve()
-    waiting = [("", members[DEFAULT])]
-    while waiting:
-        base, text = waiting.pop()
-        for value in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", text):
-            source = unquote(html.unescape(value.decode(errors="replace"))).partition("#")[0]
-            name = posixpath.normpath(posixpath.join(base, source)) if source else ""
-            if name in members or not is_inside(name):
-                continue  # the check reports sources outside
-            file = (home / name).resolve()
-            if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
-                members[name] = file.read_bytes()
-                if name.lower().endswith(".ssd"):
-                    waiting.append((posixpath.dirname(name), members[name]))
+    for value in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", members[DEFAULT]):
+        name = posixpath.normpath(unquote(html.unescape(value.decode(errors="replace"))))
+        if name in members or not is_inside(name):
+            continue  # the check reports sources outside
+        file = (home / name).resolve()
+        if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
+            members[name] = file.read_bytes()
     pack_zip(package, members)
 
 

@@ -51,7 +51,7 @@ def tune(
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
     tell(f"{amount(tuned.evaluations, 'evaluation')}, {amount(tuned.failed, 'failed run')}.")
     page = study.report()
-    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)
+    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet")), page)
 
 
 COMMANDS = {

@@ -1,4 +1,4 @@
-"""`tune`: searches by differential evolution and a trust region, and their output: values, tables, a picture."""
+"""`tune`: searches by differential evolution and a trust region, and their output: values and tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import doing, report, with_progress
+from vdfmu.base.progress import report, with_progress
 from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
 from vdfmu.engine.results.parquet import needed
@@ -147,8 +147,7 @@ class Tuned:
     """The results of a search."""
 
     folder: Path
-    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs; and
-    ``tuning.png``."""
+    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs."""
     parameters: dict[str, Any]
     """The values, as `vdfmu.run` accepts them."""
     before: Score
@@ -256,16 +255,12 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             least, rate = min(loop.least for loop in late), max(loop.rate for loop in late)
             result = f"the modulus margin is {least:.2g}" if least else f"a mode grows by {rate:.2g} 1/s"
             tuned.notes.append(f"with one more sample of delay in all loops, as in most importers, {result}.")
-        with doing("picture"):
-            _write(tuned, evaluations.scores)
+        _write(tuned, evaluations.scores)
     return tuned
 
 
 def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
-    """Write the values, the comparison and the picture."""
-    from vdfmu.base.style import save
-    from vdfmu.extras.tune.drawings import draw_tuning
-
+    """Write the values and the comparison."""
     sections: dict[str, dict[str, Any]] = {}
     for name, value in tuned.parameters.items():
         component, _, group = name.partition(".")
@@ -279,13 +274,10 @@ def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
             "infeasible": [point for score in scores if not score.feasible for point in score.points],
         },
     }  # fmt: skip
-    start = scores[0]
-    history = [objective(score, start) for score in scores]
     try:
         for name, text in (("tuned.toml", toml_text(sections)), (TUNED, json.dumps(content, indent=1) + "\n")):
             with replacing(tuned.folder / name) as file:
                 file.write(text.encode())
-        save(draw_tuning(history, tuned.table()), tuned.folder / "tuning.png")
     except OSError as error:
         raise VdfmuError(
             f"{tuned.folder}: cannot be written: {error.strerror or error}. All runs are kept: free space, and "
