@@ -73,7 +73,7 @@ def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
      "joint k: expected a joint with its own drive, got one that mimics j."),
     (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
      '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
-     "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
+     "bar: expected links of one chain, got a loop: it connects b to world in addition to the joints. An arm must"),
     ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
 ])  # fmt: skip
 def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):

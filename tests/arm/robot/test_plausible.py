@@ -24,7 +24,7 @@ MISTAKES: list[tuple[Any, dict[str, Any], str]] = [
     (ARM, {"tool_offset": [300.0, 0, 0]}, "tool_offset[1] = 300 m looks like mm."),
     (ARM, {"inertia": 1e4 * ARM.inertia}, "joint 1: the inertia of a body 14.1 m wide looks like kg.cm2"),
     (ARM, {"K_f0": 1e3 * ARM.K_f0}, "joint 1: a rotor that oscillates on its flexspline at 1996 Hz"),
-    (ARM, {"I_m": ARM.I_m / ARM.ell}, "with 631.2 Hz looks like K_f0 in N.mm/rad, I_m without its factor ell"),
+    (ARM, {"I_m": ARM.I_m / ARM.ell}, "at 631.2 Hz looks like K_f0 in N.mm/rad, I_m without its factor ell"),
     (ARM, {"K_f0": ARM.K_f0 / 3438, "K_w0": ARM.K_w0 / 3438}, "Hz looks like a stiffness per arc minute"),
     (LIMITED, {"I_m": LIMITED.I_m * LIMITED.ell}, "by 719 rad/s2 looks like I_m with ell twice. Motors reach 5e3"),
     (LIMITED, {"tau_stall": LIMITED.tau_stall * LIMITED.ell}, "by 7.19e+06 rad/s2 looks like tau_stall of the"),

@@ -100,6 +100,6 @@ def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) 
             fitting = " or ".join(scenario.system.unfed.get(end, ()))
             such = f", such as {fitting}" if fitting else ""
             ways = f"--connect OUTPUT={end} connects it, --set {end}=VALUE sets it, --unfed ok keeps its start value."
-            lines.append(f"{end}: expected an output that feeds it{such}, got none. {ways}")
+            lines.append(f"{end}: expected a connected output{such}, got none. {ways}")
     if lines:
         raise UsageError("\n".join(lines))
