@@ -131,7 +131,7 @@ class Study:
         self._missing = len(points)
         self._workers.run(chunks, self.tell, advance)
         if self._missing:
-            raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: give the same command again.")
+            raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: repeat the command.")
 
     def tell(self, rows: list[Row]) -> None:
         """Keep the rows of consecutive points."""
