@@ -59,7 +59,7 @@ class System:
     connections : list of str
         ``a.y -> b.u``; ``a.q -> b.q (6)`` of vectors.
     inputs, outputs, parameters : list of str
-        ``component.variable``: inputs that nothing feeds, outputs, and parameters.
+        ``component.variable``: unconnected inputs, outputs, and parameters.
     notes : list of str
         Remarks of the check, such as inputs that keep their start values.
     """

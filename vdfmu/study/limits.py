@@ -1,6 +1,6 @@
 """The limits of all verdicts: what is measured, how far it may go, who says so, and the sentence about it.
 
-Runs, studies, logs and the page of a run are judged by this one table. A scenario sets limits of its own in
+Runs, studies, logs and the page of a run are judged by this one table. A scenario sets its own limits in
 ``[limits]``, ``--limit margin=0.3`` sets one for a run.
 """
 
