@@ -24,12 +24,12 @@ from vdfmu.engine.results.parquet import needed
 from vdfmu.extras.tune.options import METHODS, ProblemOptions, TuneOptions
 from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.study.analysis.loops import Judged
+from vdfmu.study.limits import OF_SCENARIO, read_limits
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.study.run.prepare import prepare
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.study import check_workers
 from vdfmu.study.sweeps.table import TUNED
-from vdfmu.study.limits import OF_SCENARIO, read_limits
 from vdfmu.study.verdict import loop_sentences
 from vdfmu.system.scenario.values import group_value
 
