@@ -109,6 +109,7 @@ def test_ci_runs_heavy_tests_that_exist():
         assert f"def {name}(" in (ROOT.parent / file).read_text(encoding="utf-8"), line
 
 
+@pytest.mark.heavy
 def test_no_test_file_imports_from_another():
     """What two files of tests share is a fixture, or in a module of its own."""
     for path, tree in _trees("tests").items():

@@ -75,7 +75,7 @@ def test_the_whole_tracking_run_matches_its_sampled_reference(folder, algorithm)
     case.require_same(algorithm, 1e-3, 10.0)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("velocity", ["q_dot", "mixed"])
 def test_each_choice_of_the_derivative_term_matches_its_reference(folder, velocity, algorithm):
