@@ -111,7 +111,7 @@ def test_the_estimate_is_the_error_of_a_closed_form(lags, algorithm, step):
 def test_the_step_that_it_advises_is_right(lags):
     judged = lags.judge(0.001, step=0.05)
     assert judged.verdict == WRONG
-    assert str(judged).startswith("Not right: about 16 % of the swing of c.y (step 50 ms; wanted 0.1 %). Iterative, or")
+    assert str(judged).startswith("Not right: about 16 % of the range of c.y (step 50 ms; wanted 0.1 %). Iterative, or")
     advised = float(str(judged).partition("a step of ")[2].split()[0]) * 1e-3
     assert lags.judge(0.001, step=advised).verdict == RIGHT
 
@@ -359,7 +359,7 @@ def test_what_is_met_is_named(kind, signal):
 
 
 def test_the_scale_is_the_swing_of_a_signal():
-    """Two rooms in kelvin: an error of 0.46 K is 31 % of a swing of 1.48 K, not 0.16 % of 294 K."""
+    """Two rooms in kelvin: an error of 0.46 K is 31 % of a range of 1.48 K, not 0.16 % of 294 K."""
     t = np.linspace(0.0, 1.0, 33)
     runs = [(293.0 + 1.48 * t + off * t)[:: 4 // 2**k, None] for k, off in enumerate((0.46, 0.23, 0.115))]
     seen = differences(runs, ["room.T"])

@@ -106,7 +106,7 @@ def test_a_tool_on_the_last_axis_is_noted_unless_it_was_chosen(urdf):
 
 @pytest.mark.parametrize(("options", "expected"), [
     ({"tool": [0.3]}, "tool: expected 3 numbers in m, or 6"),
-    ({"tool": "a b c"}, "tool: expected 3 numbers in m, or 6"),
+    ({"tool": "a b c"}, "tool: expected a number, or a list or rows of them"),
     ({"tool": [0, 0, np.inf]}, "tool: expected 3 numbers in m, or 6"),
     ({"tool": [0, 0, 1], "tool_frame": "fore"}, "tool_frame: expected neither tool nor tip beside it"),
     ({"tip": "fore", "tool_frame": "fore"}, "tool_frame: expected neither tool nor tip beside it"),

@@ -77,7 +77,7 @@ def test_amplitudes_shrink_to_keep_limits_and_say_so():
     ({"lines": [2, 2]}, "lines: expected whole numbers of at least 1, each once"),
     ({"periods": np.nan}, "periods: expected a whole number"),
     ({"seed": -1}, "seed: expected a whole number of at least 0"),
-    ({"seed": np.nan}, "seed: expected a whole number of at least 0, got nan"),
+    ({"seed": np.nan}, "seed: expected a whole number, got nan"),
     ({"start": []}, "start: expected a position for each joint"),
     ({"amplitude": np.inf}, "amplitude: expected one above 0"),
 ])  # fmt: skip

@@ -33,7 +33,7 @@ def test_poses_are_those_of_the_equations(run, browser):
     poses = np.array(browser.run("""(() => {
         const run = report.runs[0], chain = new report.Chain(run.arm), motion = new report.Motion(run);
         return Array.from(motion.time, (_, k) => {
-            const p = chain.toolAt(motion.row("q", k));
+            const p = (chain.set(motion.row("q", k)), chain.tool.getWorldPosition(chain.tool.position.clone()));
             return [...p, ...chain.tool.matrixWorld.elements];
         });
     })()"""))  # fmt: skip

@@ -195,6 +195,6 @@ def test_a_run_that_differs_by_what_its_solvers_may_is_doubtful_and_by_more_it_h
 
 
 def test_a_reference_that_was_not_asked_for_or_cannot_be_solved_lowers_no_verdict():
-    for summary, why in (({}, "not asked for"), ({"reference": {}, "no_reference": "an FMU"}, "an FMU")):
+    for summary, why in (({}, "not requested"), ({"reference": {}, "no_reference": "an FMU"}, "an FMU")):
         (check,) = calculated_checks(summary)
         assert check.state == "not judged" and check.sentence == f"no scipy reference: {why}"

@@ -165,7 +165,7 @@ def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
 def test_friction_that_excites_itself_is_doubtful_and_python_fmus_are_judged_by_their_native_twins():
     split = run("tracking_split", stop=1.0)
     assert checks(split)["friction"].state == "doubtful" and checks(split)["stability"].state == "good"
-    assert headline_of(split.summary).startswith("Doubtful: friction excites itself, most at joint ")
+    assert headline_of(split.summary).startswith("Doubtful: friction-induced oscillation, growing fastest at joint ")
     native, python = (run("planar_tracking", stop=0.05, backend=backend) for backend in ("native", "python"))
     assert checks(python)["margin"] == checks(native)["margin"] and checks(python)["margin"].state == "good"
 

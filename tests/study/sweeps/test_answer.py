@@ -38,14 +38,14 @@ def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(t
     # 1 + 2 + 0.1, 1 + 2 at b = 1, 2, 3
     assert rest == [
         "The ranking is clear: the next, point 11, has 10 % more.",
-        "f.a matters most: it moves the mean of y from 1.2 rad to 5.15 rad, f.b from 2.9 rad to 3.1 rad.",
+        "f.a matters most: it changes the mean of y from 1.2 rad to 5.15 rad, f.b from 2.9 rad to 3.1 rad.",
         "2 of 25 points failed: it broke (2).",
     ]
 
 
 @pytest.mark.parametrize(("over", "function", "words"), [
     ({"f.a": "lin(0, 1, 5)"}, lambda a: 1 - a, "y falls as f.a grows."),
-    ({"f.a": "lin(0, 1, 5)"}, lambda a: 1 - a, "It is at the upper end of f.a: a better point may be beyond."),
+    ({"f.a": "lin(0, 1, 5)"}, lambda a: 1 - a, "It is at the upper end of f.a: a better point may lie beyond it."),
     ({"f.a": "lin(0, 1, 5)"}, lambda a: a * 0 + 3.0, "y is 3 rad at each point."),
     ({"f.a": "lin(-2, 2, 5)"}, lambda a: a**2 + 1, "The ranking is clear: the next, point 1, has 100 % more."),
     ({"f.a": "lin(-2, 1, 4)"}, lambda a: 1 + 1e-3 * a**2, "3 other points tie with it, within 1 %."),
@@ -129,7 +129,7 @@ def test_a_search_without_a_feasible_point_is_doubtful_and_a_damaged_file_is_an_
 
 
 @pytest.mark.parametrize(("after", "begin"), [
-    (8.95, "nothing better found than the start, cost 9"),  # 0.6 % less
+    (8.95, "no better values found than the start, cost 9"),  # 0.6 % less
     (8.9, "cost 8.9, 1.1 % less than the cost at the start, 9"),
 ])  # fmt: skip
 def test_a_search_that_gains_less_than_a_per_cent_has_found_nothing_better(tmp_path, after, begin):

@@ -1,0 +1,121 @@
+"""Ways to identify a measured arm, on made-up logs of a rigid one; no assertion on any time."""
+
+import logging
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.io
+
+from benchmarks import kr300
+from vdfmu.arm.drive.counterbalance import counterbalance_torque
+from vdfmu.arm.equations.rigid_body import body_parameters
+from vdfmu.arm.robot import load_robot
+from vdfmu.base.files import data_path
+from vdfmu.extras.identify.log import Log, read_log
+from vdfmu.extras.identify.problem import regressor
+
+H = 0.01
+T = H * np.arange(1501)
+
+
+def rigid_log(robot, seed):
+    """Return a log of a rigid arm with rotors, Coulomb and viscous friction, along sines of 0.1 to 0.5 Hz."""
+    random = np.random.default_rng(seed)
+    w = 2 * np.pi * np.array([0.1, 0.2, 0.3, 0.5])[:, None, None]
+    size, phase = random.uniform(0.2, 0.5, (4, 1, robot.n)), random.uniform(0.0, 6.0, (4, 1, robot.n))
+    angle = w * T[:, None] + phase
+    q, q_dot, q_ddot = (
+        (size * each).sum(axis=0) for each in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
+    )
+    tau = regressor(robot, q, q_dot, q_ddot, 0.0 * q, 0.0 * q).links @ body_parameters(robot)
+    tau += robot.I_m * robot.ell * q_ddot + robot.f_c * np.tanh(q_dot / robot.eps) + robot.f_v * q_dot
+    return Log("made up", T, q, tau / robot.ell, None)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("planar_2dof")
+
+
+@pytest.fixture(scope="module")
+def kr():
+    return load_robot(data_path("examples") / "kr300" / "nominal.toml")
+
+
+def at_rest(model, q):
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_inverse(model, data)
+    return data.qfrc_inverse.copy()
+
+
+@pytest.mark.heavy
+def test_mujoco_has_the_same_rigid_arm_and_the_spring_near_dead_centre(kr):
+    log = rigid_log(kr.with_parameters(f_c=0.0), 1)
+    moved = kr300.Motion(log, None, log.kappa, np.gradient(log.kappa, H, axis=0), None, None)
+    moved = moved._replace(q_ddot=np.gradient(moved.q_dot, H, axis=0))
+    spec = kr300.rigid_spec(kr.with_parameters(f_c=0.0))
+    inner = slice(2, -2)
+    # differences of second order of sines of at most 0.5 Hz: (2 pi 0.5 H)^2 / 3 of each acceleration, 3.3e-4
+    tau = log.tau * kr.ell
+    off = np.abs(kr300.inverse_dynamics(spec.compile(), moved) - tau)[inner].max(axis=0)
+    assert np.all(off < 1e-3 * np.abs(tau).max(axis=0))
+    q = np.array([0.3, 0.1 - kr.delta_cb[1], 0.2, 0.1, -0.4, 0.5])
+    none, spring = (at_rest(kr300.rigid_spec(kr, each).compile(), q) for each in kr300.COUNTERBALANCES[:2])
+    # its force is the first two terms of F / (1 - s): s = 0.0023 of the gas's length at 0.1 rad, s^2 = 5e-6
+    np.testing.assert_allclose(spring - none, -counterbalance_torque(kr, q), rtol=1e-5, atol=1e-9 * np.abs(none).max())
+
+
+@pytest.fixture
+def guess(robot):
+    return robot.with_parameters(mass=1.1 * robot.mass, f_v=0.8 * robot.f_v)
+
+
+@pytest.mark.heavy
+def test_the_toolbox_finds_the_arm(robot, guess, monkeypatch):
+    """With stand-ins for two packages with which the toolbox prints, which the tests do not install."""
+    for name in [name for name in sys.modules if name.startswith("mujoco.sysid")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "absl", SimpleNamespace(logging=logging))
+    monkeypatch.setitem(sys.modules, "tabulate", SimpleNamespace(tabulate=str))
+    said = []
+    fits = kr300.study(guess, rigid_log(robot, 1), rigid_log(robot, 2), said.append, 5)[-3:]
+    torques, near, positions = fits
+    assert [text.partition(":")[0] for text in said] == [fit.method for fit in fits]
+    # the true arm leaves 2.4e-3 in MuJoCo, whose friction has another slope about standstill than the log
+    assert np.max([torques.left, near.left]) < 5e-3
+    # steps of 10 ms, of first order: 0.5 H of a change of torques over 0.3 s, 1.6e-2
+    assert np.max(positions.left) < 1.6e-2
+    # ten of each body, armature, damping and friction of each joint; constants for torques
+    assert [fit.parameters for fit in fits] == [28, 28, 26]
+
+
+def test_a_log_from_a_public_record_counts_from_its_start(tmp_path, capfd):
+    """Positions in degrees from the pose 0, -90, 90, 0, 0, 0; encoders behind the gears of axes 1 to 3 only."""
+    arm, random, t = load_robot("kr_6dof"), np.random.default_rng(0), 0.004 * np.arange(600)
+    mot = np.cumsum(np.cumsum(random.normal(size=(6, 600)), axis=1), axis=1) * 1e-3
+    rec = {
+        "time_cont": t,
+        "act_pos_mot_deg": mot,
+        "act_pos_se_deg": mot,
+        "act_torque_abs_nm": random.normal(size=(6, 600)),
+    }
+    record, made = tmp_path / "data.mat", tmp_path / "log.csv"
+    script = [sys.executable, data_path("examples") / "kr300" / "log.py", record, made]
+    scipy.io.savemat(record, {"rec": rec})
+    subprocess.run(script, check=True)
+    log = read_log(made, arm)
+    start = np.deg2rad([0, -90, 90, 0, 0, 0])
+    np.testing.assert_allclose(log.kappa, np.deg2rad(mot.T) + start, rtol=1e-14, atol=1e-16)
+    np.testing.assert_allclose(log.q[:, :3], log.kappa[:, :3], rtol=1e-14)
+    assert np.isnan(log.q[:, 3:]).all()
+    np.testing.assert_array_equal(log.tau, rec["act_torque_abs_nm"].T)  # motor-side, as it is
+    motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * arm.ell
+    ratios = {"para": {"u": arm.ell}, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}}
+    scipy.io.savemat(record, {"rec": rec, **ratios})
+    assert subprocess.run(script).returncode == 1
+    assert "expected a start at [  0. -90.  90." in capfd.readouterr().err
