@@ -106,7 +106,7 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     assert np.linalg.norm(drawn[-1]) < np.linalg.norm(positions[-1])  # 0 is the middle
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("keys", "words"), [
     ({"points": [0.5, 0.0]}, "points: expected positions of three finite numbers"),
     ({"orientation": "up"}, "orientation: expected keep, free or a rotation"),
