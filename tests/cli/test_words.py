@@ -56,6 +56,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         assert options(ALL[name])[word].metavar == values
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("words", "said"), [
     ("sweep tracking --varry x=1", "No such option"),
     ("run --mastre jacobi", "No such option"),

@@ -147,8 +147,8 @@ def test_the_structure_is_that_of_the_layout(interface, root, form):
         sources: dict[str, set[str]] = {}
         for i, variable in enumerate(interface.memory):
             if variable.causality in causalities:
-                known = [k for k in dependencies(i) if form == "3.0" or k != interface.time]
-                shown = {owners[k] for k in known if interface.memory[k].causality not in hidden}
+                listed = [k for k in dependencies(i) if form == "3.0" or k != interface.time]
+                shown = {owners[k] for k in listed if interface.memory[k].causality not in hidden}
                 sources[owners[i]] = sources.get(owners[i], set()) | shown
         return [*sources.items()]
 

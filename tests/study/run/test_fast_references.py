@@ -67,7 +67,7 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("scenario", "step", "stop", "parameters"), [
     ("planar_tracking", 1e-3, 0.3, {}),
     ("two_joint", 1e-3, 0.3, {}),  # four joints stand still: stiff
