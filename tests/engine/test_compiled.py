@@ -194,6 +194,7 @@ def test_rows_come_from_another_process_block_by_block(packaged, tmp_path, monke
     assert tap.values == expected["m.x0"].tolist()
 
 
+@pytest.mark.heavy
 def test_a_unit_of_version_3_ends_the_simulation(system, both):
     """The stair ends it at 9 s. Components with their own steps have no events."""
     hints = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}

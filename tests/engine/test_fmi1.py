@@ -82,6 +82,7 @@ def test_it_runs_as_in_fmpy(pack, xml, first, tmp_path):
     assert "f.minus_y" not in got.names
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("isolate", [False, True])
 def test_it_is_coupled_with_units_of_fmi_2(looped, isolate):
     got = simulate(looped, stop=1.0, step=0.25, isolate=isolate)

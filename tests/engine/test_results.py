@@ -224,9 +224,6 @@ def test_runs_over_each_other_in_one_picture(tmp_path):
     assert first.startswith(b"%PDF")
     with pytest.raises(UsageError, match=r"expected a picture \.png, \.svg, \.pdf, got \.jpg"):
         mine.plot(path=tmp_path / "q.jpg")
-    for ask in (mine.plot, mine.members, mine.__getitem__):
-        with pytest.raises(UsageError, match=r"expected the name of a signal, got \['a\.p'\]\. Give several names one"):
-            ask(["a.p"])
     with pytest.raises(UsageError, match=r"no signal 'a\.x'"):
         mine.plot("a.x")
     for wrong in (other, {"twice": "q.csv"}):

@@ -238,17 +238,6 @@ def test_intermediate_updates_see_events_and_their_inputs_cause_them(instance):
     np.testing.assert_allclose(unit.get("w"), np.add(2.0, 2.0 * np.array([4.0, 1.0])), rtol=1e-12)
 
 
-@pytest.mark.parametrize("form", FORMS[:2])
-def test_descriptions_have_the_indicators(built, form):
-    description = fmpy.read_model_description(str(built("Thermostat", form)))
-    assert description.numberOfEventIndicators == 2
-    kinds = {v.name: (v.causality, v.variability) for v in description.modelVariables}
-    assert kinds["on"] == kinds["switched"] == ("output", "discrete")
-    assert kinds["hot"] == kinds["cold"] == ("output", "continuous")
-    if form == "3.0":
-        assert [each.variable.name for each in description.eventIndicators] == ["hot", "cold"]
-
-
 # ------------------------------------------------------------------ sanitizers
 
 
