@@ -77,6 +77,7 @@ def test_a_ball_bounces_in_model_exchange(built, form):
     assert np.array_equal(rows["bounces"], expected[:, 2])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("solver", [0, 3])
 @pytest.mark.parametrize("form", FORMS[:2])
 def test_a_thermostat_switches(built, form, solver):
@@ -89,6 +90,7 @@ def test_a_thermostat_switches(built, form, solver):
     assert np.array_equal(rows["switched"], expected[:, 2])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("form", FORMS)
 def test_a_clutch_locks_and_an_input_breaks_it(instance, form):
     unit = instance("Clutch", form).start()
@@ -120,6 +122,7 @@ def test_an_event_may_cause_another_at_the_same_time(instance, form):
     assert (unit.get("a"), unit.get("b")) == (1.0, 1.0)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("width", [1e-5, 1e-3, 0.5])
 def test_two_changes_in_an_internal_step_are_found(instance, form, width):

@@ -80,6 +80,7 @@ def test_commands_work(inside, words):
     assert "obot" not in done.output
 
 
+@pytest.mark.heavy
 def test_the_linearization_is_that_of_the_matrices_and_a_margin_needs_no_torque(inside):
     system = vdfmu.linearize("motor.toml", 0.0)
     assert system.states == ("controller.e", "motor.i", "motor.w")
