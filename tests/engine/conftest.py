@@ -15,7 +15,7 @@ from tests.engine.files import hard_results
 from tests.engine.reference import models
 from tests.engine.texts import connection, connector_list
 from tests.wild import write_strict
-from vdfmu.engine.run import Results, session
+from vdfmu.engine.run import Results, simulator
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
 
@@ -258,8 +258,8 @@ IN_PROCESS = {
 def in_process(request, monkeypatch):
     """Run components in this process where nothing is said of isolation, for the tests of `IN_PROCESS`."""
     if request.module.__name__.rpartition(".")[2] in IN_PROCESS:
-        plain = session.unpack_units
-        monkeypatch.setattr(session, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False))
+        plain = simulator.unpack_units
+        monkeypatch.setattr(simulator, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False))
 
 
 @pytest.fixture

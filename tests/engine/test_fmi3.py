@@ -67,8 +67,7 @@ def test_texts_and_binary_values_arrive(system):
     """Of components that can only be asked: their last values, before they are freed."""
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.fmu.messages import MessageBox
-    from vdfmu.engine.masters.components import Components
-    from vdfmu.engine.run.session import unpack_units
+    from vdfmu.engine.masters.components import Components, unpack_units
 
     path = system(
         {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")},

@@ -142,7 +142,7 @@ def test_names_that_are_taken_or_that_tools_and_c_cannot_take_are_refused(words)
         with pytest.raises(UnitError, match=f"Bad: {words.format(name)}"):
             Interface(type("Bad", (Unit,), {name: Input("1")}), None)
     for name in ("_Gain", "My__Gain", "Gain_", "Größe"):
-        with pytest.raises(UnitError, match=f"a unit cannot be called {name}: expected a letter, then letters, digits"):
+        with pytest.raises(UnitError, match=f"a unit cannot be named {name}: expected a letter, then letters, digits"):
             Interface(type(name, (Unit,), {"u": Input("1")}), None)
 
 
