@@ -230,7 +230,8 @@ def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, m
     assert len(said) < SHOWN + KEPT + 100  # the sentence between them
 
 
-@pytest.mark.parametrize("algorithm", ["iterative", *heavy("gauss-seidel", "jacobi", "extrapolated")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("algorithm", ["iterative", "gauss-seidel", "jacobi", "extrapolated"])
 def test_isolated_components_compute_the_same_bits(arm_package, algorithm):
     here, apart = (
         simulate(arm_package(), algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True)
