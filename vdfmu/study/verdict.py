@@ -99,9 +99,9 @@ def explain(error: CosimError | Interrupted, poses: Poses | None) -> dict[str, A
     return figures
 
 
-def loop_sentences(figures: Summary, limits: Limits = LIMITS) -> tuple[str, list[str]]:
+def loop_sentences(figures: Summary) -> tuple[str, list[str]]:
     """Return the state of loops with these figures, and the sentences of the checks that are not good."""
-    checks = [*loop_checks({"key_figures": figures}, limits)]
+    checks = [*loop_checks({"key_figures": figures})]
     state = max((check.state for check in checks), key=STATES.index, default=GOOD)
     sentences = [check.sentence for check in checks if check.state != GOOD]
     return state, [*sentences, *filter(None, [_at_half_step(figures)])]
