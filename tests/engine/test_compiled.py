@@ -133,7 +133,7 @@ def both():
     return run
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(6)
 @pytest.mark.parametrize(("name", "algorithm"), [
     *((name, algorithm) for name in NAMES for algorithm in HELD),
     *((name, "extrapolated") for name in NAMES if not name.startswith(SAMPLED)),
@@ -156,7 +156,7 @@ def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
      *heavy(("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
             ("discard", "too long"),  # a step that is discarded and does not end the simulation
             ("inf_from", "y is -inf")),
-     ("nan_from", "y is nan"), ("end", "")],
+     *heavy(("nan_from", "y is nan"), ("end", ""))],
 )  # fmt: skip
 def test_failures_and_ends_name_component_call_and_time(packaged, both, fault, said):
     package, _ = packaged("strict")
@@ -194,6 +194,7 @@ def test_rows_come_from_another_process_block_by_block(packaged, tmp_path, monke
     assert tap.values == expected["m.x0"].tolist()
 
 
+@pytest.mark.heavy
 def test_a_unit_of_version_3_ends_the_simulation(system, both):
     """The stair ends it at 9 s. Components with their own steps have no events."""
     hints = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}

@@ -5,8 +5,8 @@ import ctypes as ct
 import numpy as np
 import pytest
 
-from tests.compiler.native.arguments import Calls, functions
 from tests.compiler.native.binding import DISCARD, ERROR, OK
+from tests.compiler.native.calls import Calls, functions
 from tests.compiler.native.phases import CASES, bring
 
 

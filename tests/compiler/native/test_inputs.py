@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.compiler.native.arguments import Calls
 from tests.compiler.native.binding import ERROR, Instance, doubles, references, same_bits
+from tests.compiler.native.calls import Calls
 
 Native = Callable[..., Instance]
 H = 1e-3

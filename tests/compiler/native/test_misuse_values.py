@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.compiler.conftest import EACH
-from tests.compiler.native.arguments import Calls
 from tests.compiler.native.binding import references
+from tests.compiler.native.calls import Calls
 from tests.compiler.native.phases import CASES, bring
 
 TYPES = {

@@ -1,4 +1,4 @@
-"""Arguments of every function of FMI, for a plant that is there."""
+"""Calls of every function of the standards, with arguments that are right."""
 
 import ctypes as ct
 
