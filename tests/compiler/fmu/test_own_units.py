@@ -13,7 +13,6 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import html
 
-import vdfmu
 from tests.compiler.native.binding import Instance, Model
 from tests.compiler.unit.pair import functions, further, unit_of
 from tests.engine.files import check_file
@@ -257,8 +256,6 @@ for name in sys.argv[2:]:
 def test_a_file_in_another_folder_gives_the_same_bytes(own_fmu, tmp_path, run_python):
     """Built by another process, in another order of its sets, with nothing in its cache."""
     file = Path(shutil.copy(FILE, tmp_path / "own_units.py"))
-    # the author and the licence are of the project around it
-    shutil.copy(Path(vdfmu.__file__).parents[1] / "pyproject.toml", tmp_path)
     environment = {"PYTHONHASHSEED": "4711", "VDFMU_CACHE_DIR": str(tmp_path / "cache")}
     run_python(BUILD, file, "Words", "Mixer", "Equations", cwd=tmp_path, **environment)
     for name in ("Words", "Mixer", "Equations"):

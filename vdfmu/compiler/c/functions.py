@@ -23,14 +23,8 @@ from vdfmu.compiler.c.grouping import Operation, grouped
 from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
 from vdfmu.compiler.functions.chain import LOCAL
-from vdfmu.compiler.functions.derivatives import (
-    DIRECTIONS,
-    has_roundings,
-    instructions,
-    lookup_table,
-    matrix_numbers,
-    matrix_of,
-)
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, lookup_table, matrix_numbers, matrix_of
+from vdfmu.compiler.functions.operations import instructions
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
