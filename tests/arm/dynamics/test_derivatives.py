@@ -10,7 +10,6 @@ from tests.compiler.native.compiled import results_of
 from vdfmu.arm.robot import check_robot
 from vdfmu.arm.robot.physical import requirements
 from vdfmu.base.errors import KernelError, ModelError
-from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.operations import c_derivatives
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
@@ -61,16 +60,12 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
     np.testing.assert_allclose(tangent, difference, rtol=0, atol=1e-9 * scale)
 
 
-@pytest.mark.few(6)
-@pytest.mark.parametrize("form", ["whole", "in parts"])
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "name",
     ["plant_derivatives", "feedforward_outputs_vdc", "trajectory_outputs", "controller_outputs_mixed", "margins"],
 )
-def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form, tmp_path, monkeypatch):
-    if form == "in parts":
-        monkeypatch.setattr(c_code, "WHOLE", 37)
-        monkeypatch.setattr(c_code, "_PART", 37)
+def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, tmp_path):
     if name == "margins":
         (function,) = traced_margins(robot)
     else:
