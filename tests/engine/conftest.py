@@ -15,7 +15,7 @@ from tests.engine.files import hard_results
 from tests.engine.reference import models
 from tests.engine.texts import connection, connector_list
 from tests.wild import write_strict
-from vdfmu.engine.run import Results, session
+from vdfmu.engine.run import Results, simulator
 from vdfmu.system.package.write import cached_fmus, write_ssp
 from vdfmu.system.scenario import load_scenario
 
@@ -246,10 +246,10 @@ def component(name: str, fmu: str, connectors: str = "", bindings: str = "", att
 
 
 IN_PROCESS = {
-    "test_algorithms", "test_clocks", "test_compiled", "test_continuous", "test_derivatives", "test_ends",
-    "test_events", "test_experiment", "test_fmi3", "test_inputs", "test_loops", "test_model_exchange", "test_multirate",
-    "test_observer", "test_picture", "test_recorder", "test_reference_models", "test_signal_fixtures",
-    "test_simulator", "test_systems",
+    "test_algorithms", "test_check", "test_clocks", "test_compiled", "test_continuous", "test_derivatives",
+    "test_ends", "test_events", "test_experiment", "test_failures", "test_fmi3", "test_foreign", "test_inputs",
+    "test_linear", "test_loops", "test_model_exchange", "test_multirate", "test_observer", "test_picture",
+    "test_recorder", "test_reference_models", "test_simulator", "test_systems",
 }  # fmt: skip
 """Tests of signals and steps, which are the same in this process and in one of their own, except for its start."""
 
@@ -258,8 +258,8 @@ IN_PROCESS = {
 def in_process(request, monkeypatch):
     """Run components in this process where nothing is said of isolation, for the tests of `IN_PROCESS`."""
     if request.module.__name__.rpartition(".")[2] in IN_PROCESS:
-        plain = session.unpack_units
-        monkeypatch.setattr(session, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False))
+        plain = simulator.unpack_units
+        monkeypatch.setattr(simulator, "unpack_units", lambda checked, folder: (plain(checked, folder)[0], False))
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.package.join import join
@@ -16,7 +17,7 @@ from vdfmu.engine.run import ALGORITHMS, simulate
 LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
 
 
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_all_scalar_types_pass_through(system, algorithm, isolate):
     path = system(
@@ -66,8 +67,7 @@ def test_texts_and_binary_values_arrive(system):
     """Of components that can only be asked: their last values, before they are freed."""
     from vdfmu.base.files import temporary_folder
     from vdfmu.engine.fmu.messages import MessageBox
-    from vdfmu.engine.masters.components import Components
-    from vdfmu.engine.run.session import unpack_units
+    from vdfmu.engine.masters.components import Components, unpack_units
 
     path = system(
         {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")},

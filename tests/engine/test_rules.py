@@ -136,13 +136,11 @@ BROKEN = {
     "SSP012": lambda: package(component(source="http://a/m.fmu")),
     "SSP013": lambda: package('<ssd:Component name="c"/>', version="2.0"),
     "SSP014": lambda: package(component(attributes='type="text/plain"')),
-    "SSP015": lambda: package(component(source="#none")),
     "SSP016": lambda: package(
         '<ssd:System name="s"><ssd:Elements>' * 40 + component() + "</ssd:Elements></ssd:System>" * 40
     ),
     "SSP017": lambda: package(component() * 2),
     "SSP018": lambda: package(component(connectors="u:input u:input")),
-    "SSP019": lambda: package(component(connectors="w:input", source="#s") + '<ssd:System name="s" id="s"/>'),
     "SSP020": lambda: package(DICTIONARY),
     "SSP021": lambda: package(
         component("a.b") + f'<ssd:System name="a"><ssd:Elements>{component("b")}</ssd:Elements></ssd:System>'

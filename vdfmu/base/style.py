@@ -38,6 +38,9 @@ WIDTH = 8.0
 """Width of a figure [in]."""
 COLORS = LIGHT
 DASHES = ("-", "--", "-.", ":")
+BACK: dict[str, Any] = {"color": COLORS[5], "linewidth": 3.2}
+ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
+"""Looks of two curves that may coincide: broad, and dashed on top."""
 _GREY = "#555555"
 _MARGIN = 0.1
 _CAPTION_CHARACTERS = 15.6  # that fit into an inch

@@ -155,13 +155,11 @@ SSP009 note | The schemas of the version are at hand | `pip install pyssp_standa
 SSP010 | The default experiment, steps and the master that annotations name make sense | correct the value
 SSP011 | Files that are named are in the package | add the file, or name another
 SSP012 | Sources are relative paths inside the package | put the file into it and name it by its path
-SSP013 | A component has a source | name an FMU, a package or a system
-SSP014 | A component is an FMU, a package or an SSD, as its type says | set the type
-SSP015 | A reference to a system leads to one, not in a circle | name the id of another system
+SSP013 | A component has a source | name an FMU
+SSP014 | A component is an FMU, as its type says | set the type, or write the system into the SSD
 SSP016 | A system keeps the limits of size and depth | split or join systems
 SSP017 | Elements of a system have different names | rename one
 SSP018 | Connectors of an element have different names | rename one
-SSP019 | A component and its system have the same connectors | correct either
 SSP020 | No element refers to a signal dictionary, which is not read | connect the components
 SSP021 note | Dotted names of components and variables are unique | rename a component
 SSP022 | Units are defined in the file that names them, by finite numbers | define the unit in `Units`

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial as bound
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from vdfmu.base.errors import LOG, CosimError
 from vdfmu.base.option import pick
 from vdfmu.base.progress import doing
-from vdfmu.engine.options import LoadedOptions, SpanOptions, SystemOptions
+from vdfmu.engine.options import RowOptions, SimulatorOptions, SystemOptions
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.folder import PAGE, RUN_OUTPUTS
@@ -18,6 +20,9 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import GOOD, verdict_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.expected import Expected
+
+if TYPE_CHECKING:
+    from vdfmu.study.judgement import Judgement
 
 
 def run_joined(
@@ -31,7 +36,7 @@ def run_joined(
 ) -> Results:
     """Run a package of any tool, judge the run and write its page, all in a folder.
 
-    It is judged by the largest error `wanted`, a share of each swing, and by `expected` results, unless these are None.
+    It is judged by the largest error `wanted`, a share of each range, and by `expected` results, unless these are None.
 
     The run needs the engine alone: where CasADi is missing, it has no page. `source` is the name of a package that was
     made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
@@ -42,8 +47,8 @@ def run_joined(
         """Judge the run and write its page, so that all files replace those of an earlier run at once."""
         if source is not None:
             shutil.copyfile(package, partial / "system.ssp")
-        if wanted is not None:
-            results.summary["judgement"] = _judgement(package, results, wanted, sampled, options)
+        if judged is not None:
+            results.summary["judgement"] = judged().to_dict()
         if expected is not None:
             results.summary["expected"] = expected.compare(results)
         _judge(results.summary)
@@ -62,30 +67,14 @@ def run_joined(
 
             write_failed(package.stem, package, partial, error)
 
+    judged: Callable[[], Judgement] | None = None
     if wanted is not None:
-        from vdfmu.study.judgement import check_connected  # takes long to import
+        from vdfmu.study.judgement import check_connected, judge_connected  # takes long to import
 
-        check_connected(load_ssp(package, options["variant"]), options)
+        checked = check_connected(load_ssp(package, options["variant"]), options)
+        rows, how = pick(RowOptions, options), pick(SimulatorOptions, options)
+        judged = bound(judge_connected, checked, wanted, sampled, rows, how)
     return run_system(package, source, RUN_OUTPUTS, finish, failed, **{**options, "out": folder})
-
-
-def _judgement(
-    package: Path, results: Results, wanted: float, sampled: bool | None, options: SystemOptions
-) -> dict[str, Any]:
-    """Return the judgement of the coupling of a run."""
-    from vdfmu.study.judgement import judge  # takes long to import
-
-    judgement = judge(
-        load_ssp(package, options["variant"]),
-        wanted,
-        start=options["start"],
-        sampled=sampled,
-        algorithm=results.summary["algorithm"],
-        parameters=options["parameters"],
-        **pick(SpanOptions, options),
-        **pick(LoadedOptions, options),
-    )
-    return judgement.to_dict()
 
 
 def _judge(summary: dict[str, Any]) -> None:

@@ -29,6 +29,7 @@ def built(folder, backend="native", version="2.0"):
     return {name: root.get(name) for name in wanted if root.get(name) is not None}, texts
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("backend", "version"), FORMS)
 def test_a_unit_has_the_author_and_the_licence_of_its_class_or_none(tmp_path, backend, version):
     (tmp_path / "gain.py").write_text(UNIT)

@@ -13,7 +13,6 @@ from tests.engine.texts import SPACES, binding, component, elements, ssd
 from tests.hostile.packages import pack
 from tests.system.package.problems import problems, write
 from vdfmu.base.errors import SspError
-from vdfmu.engine.package import archive
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.read import load_ssp
 
@@ -140,20 +139,3 @@ def test_a_source_is_decoded_once(tmp_path):
     assert fault == "x.ssp: component 'a': the package has no '%2e%2e%2fout.fmu'"
     body = ssd(elements(component("a", "my%20arm.fmu")))
     assert load_ssp(write(tmp_path / "y.ssp", body, {"my arm.fmu": b""})).components[0].source == "my arm.fmu"
-
-
-def test_packages_inside_packages_have_a_limit_and_the_same_rules(tmp_path):
-    data = pack({"SystemStructure.ssd": ssd(elements(component())), "a.fmu": b""})
-    inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
-    for depth in range(archive.NESTING_LIMIT + 1):
-        path = write(tmp_path / f"{depth}.ssp", inner, {"in.ssp": data})
-        if depth == archive.NESTING_LIMIT - 1:
-            name = ".".join(["a"] * (archive.NESTING_LIMIT + 1))
-            assert [c.name for c in load_ssp(path).components] == [name]
-        data = path.read_bytes()
-    (fault,) = problems(path)
-    assert f"is a package inside {archive.NESTING_LIMIT} others; that is the limit" in fault
-    evil = pack({"SystemStructure.ssd": ssd(), "../evil": "x"})
-    inner = ssd(elements(component("a", "in.ssp", attributes='type="application/x-ssp-package"')))
-    (fault,) = problems(write(tmp_path / "x.ssp", inner, {"in.ssp": evil}))
-    assert fault.startswith("x.ssp: in.ssp: entry '../evil' points outside the package")

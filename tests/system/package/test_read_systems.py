@@ -1,4 +1,4 @@
-"""Systems in every form that SSP 1.0 has for them: nested, referenced, packed inside, in several files."""
+"""Systems in the forms of SSP 1.0: nested, with several SSDs; no references to systems of other files or by id."""
 
 from pathlib import Path
 
@@ -58,98 +58,26 @@ def test_systems_of_three_levels_are_flattened_with_their_connectors(pack):
     assert all(len(c.hops) == 4 for c in load_ssp(path).connections)
 
 
-def test_a_package_inside_the_package_is_a_system(pack):
-    """Its connections, its parameters, those of its component, which win, and its units."""
-    unit = '<ssd:Units><ssc:Unit name="angle"><ssc:BaseUnit rad="1" factor="{}"/></ssc:Unit></ssd:Units>'
-    inner = zipped(
-        {
-            "SystemStructure.ssd": ssd(GAIN, unit.format("0.01")).replace(
-                "<ssd:Elements>", values("g.k=1", "g.m=2") + "<ssd:Elements>", 1
-            ),
-            "f.fmu": b"inner",
-        }
-    )
-    arm = component("arm", "resources/arm.ssp", IO + values("g.k=5"), PACKAGE)
-    system = ssd(elements(component("a"), arm) + connections("a.y arm.u"), unit.format("1"))
-    path = pack({"SystemStructure.ssd": system, "f.fmu": b"", "resources/arm.ssp": inner})
-    loaded = load_ssp(path)
-    assert links(path) == ["a.y -> arm.g.u"]
-    assert [(c.name, c.source) for c in loaded.components] == [("a", "f.fmu"), ("arm.g", "resources/arm.ssp!/f.fmu")]
-    assert {p.name: p.value for p in loaded.component("arm.g").parameters} == {"k": 5.0, "m": 2.0}
-    assert loaded.units["angle"].factor == 1.0
-    assert loaded.units["angle of resources/arm.ssp!/SystemStructure.ssd"].factor == 0.01
-
-
-def test_a_package_inside_can_be_read_as_another_variant(pack):
-    inner = zipped({"SystemStructure.ssd": ssd(""), "B.ssd": ssd(GAIN), "f.fmu": b""})
-    arm = component("arm", "arm.ssp#B.ssd", IO, PACKAGE)
-    path = pack(
-        {"SystemStructure.ssd": ssd(elements(component("a"), arm) + connections("a.y arm.u")),
-         "f.fmu": b"", "arm.ssp": inner}
-    )  # fmt: skip
-    assert links(path) == ["a.y -> arm.g.u"]
-    path = pack(
-        {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssp#C.ssd", "", PACKAGE))), "arm.ssp": inner}
-    )
-    assert problems(path) == ["x.ssp: arm.ssp: the package has no 'C.ssd'; it has SystemStructure.ssd, B.ssd"]
-
-
-def test_a_component_that_names_another_ssd_is_a_system(pack):
-    """The paths in it start at its own folder, and may go up inside the package."""
-    sub = ssd(IO + elements(component("g", "../f.fmu"), component("h", "h.fmu")) + connections("u g.u", "h.y y"))
-    top = elements(component("arm", "sub/arm.ssd", IO, DEFINITION), component("a")) + connections(
-        "arm.y a.u", "a.y arm.u"
-    )
-    members = {"SystemStructure.ssd": ssd(top), "sub/arm.ssd": sub, "f.fmu": b"", "sub/h.fmu": b""}
-    assert links(pack(members)) == ["a.y -> arm.g.u", "arm.h.y -> a.u"]
-    assert [c.source for c in load_ssp(pack(members)).components] == ["f.fmu", "sub/h.fmu", "f.fmu"]
-    members["sub/arm.ssd"] = sub.replace("../f.fmu", "../../f.fmu")
-    (fault,) = problems(pack(members))
-    assert "source '../../f.fmu' is not a relative path inside the package" in fault
-
-
-def test_one_system_can_be_there_several_times_by_its_id(pack):
-    first = f'<ssd:System name="p" id="arm">{GAIN}</ssd:System>'
-    second = component("q", "#arm", IO + values("g.k=3"), DEFINITION)
-    path = pack({"SystemStructure.ssd": ssd(elements(first, second) + connections("p.y q.u")), "f.fmu": b""})
-    assert links(path) == ["p.g.y -> q.g.u"]
-    assert [p.value for p in load_ssp(path).component("q.g").parameters] == [3.0]
-    assert load_ssp(path).component("p.g").parameters == ()
-    assert problems(pack({"SystemStructure.ssd": ssd(elements(component("q", "#leg")))})) == [
-        "x.ssp: component 'q': source '#leg': the SSD has no system with that id"
-    ]
-
-
-def test_systems_that_hold_themselves_are_refused_and_connectors_held_against_their_system(pack):
-    path = pack({"SystemStructure.ssd": ssd(elements(component("a", "SystemStructure.ssd", "", DEFINITION)))})
-    (fault,) = problems(path)
-    assert "its system holds itself: SystemStructure.ssd" in fault
-    path = pack({"SystemStructure.ssd": ssd(elements(component("a", "#me")), attributes='id="me"')})
-    assert problems(path) == ["x.ssp: component 'a': source '#me' is a system that holds the component itself"]
-    wrong = IO.replace('name="y"', 'name="w"').replace('"u" kind="input"', '"u" kind="output"')
-    path = pack(
-        {"SystemStructure.ssd": ssd(elements(component("arm", "arm.ssd", wrong, DEFINITION))),
-         "arm.ssd": ssd(GAIN), "f.fmu": b""}
-    )  # fmt: skip
-    assert problems(path) == [
-        "x.ssp: component 'arm': connector 'u' is of kind output, its system says input",
-        "x.ssp: component 'arm': its system lacks connector 'w'; it has u, y",
-    ]
-
-
 def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
-    path = pack(
-        {
-            "SystemStructure.ssd": ssd(
-                elements(component("a", ""), component("b", "b.ssp"), component("c", "c.ssp", "", PACKAGE))
-            ),
-            "b.ssp": b"",
-        }
-    )
+    inner = f'<ssd:System name="e" id="e">{GAIN}</ssd:System>'
+    parts = [
+        component("a", ""),
+        component("b", "b.ssp"),
+        component("c", "c.ssp#B.ssd", "", PACKAGE),
+        component("d", "d.ssd", "", DEFINITION),
+        component("f", "#e", ""),
+        component("g", "g.fmu", ""),
+    ]
+    why = "is not an FMU (application/x-fmu-sharedlibrary); a system of another file, or by its id, is not read. "
+    why += "Write it into this SSD, as ssd:System"
+    path = pack({"SystemStructure.ssd": ssd(elements(inner, *parts)), "b.ssp": b"", "f.fmu": b""})
     assert problems(path) == [
         "x.ssp: component 'a': has no source to run; name an FMU",
-        "x.ssp: component 'b': 'b.ssp' is not an FMU; set the component's type to 'application/x-ssp-package'",
-        "x.ssp: component 'c': the package has no 'c.ssp'",
+        f"x.ssp: component 'b': 'b.ssp' of type 'application/x-fmu-sharedlibrary' {why}",
+        f"x.ssp: component 'c': 'c.ssp#B.ssd' of type 'application/x-ssp-package' {why}",
+        f"x.ssp: component 'd': 'd.ssd' of type 'application/x-ssp-definition' {why}",
+        f"x.ssp: component 'f': '#e' of type 'application/x-fmu-sharedlibrary' {why}",
+        "x.ssp: component 'g': the package has no 'g.fmu'",
     ]
 
 

@@ -147,7 +147,7 @@ def circle(
     c = c + z * float(z @ (p_0 - c))
     radius = float(np.linalg.norm(p_0 - c))
     if radius <= tolerance:
-        raise UsageError(f"centre: expected an axis away from the end effector's start at {p_0}.")
+        raise UsageError(f"centre: expected an axis that does not pass through the end effector's start at {p_0}.")
 
     def path(s: float) -> Pose:
         turned = scipy.spatial.transform.Rotation.from_rotvec(s * angle * z).as_matrix()
@@ -171,7 +171,7 @@ def _straight(
     p_0, R_0 = forward_kinematics(robot, q)
     turn = np.zeros(3) if R_1 is None else scipy.spatial.transform.Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
     if np.linalg.norm(p_1 - p_0) <= tolerance and np.linalg.norm(turn) <= tolerance:
-        raise UsageError(f"{where}: expected another place than that at which it starts, got {p_1}.")
+        raise UsageError(f"{where}: expected a point other than its start, got {p_1}.")
 
     def path(s: float) -> Pose:
         return p_0 + s * (p_1 - p_0), R_0 @ scipy.spatial.transform.Rotation.from_rotvec(s * turn).as_matrix()
@@ -189,9 +189,7 @@ def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple
     R = np.array(orientation, dtype=float)
     # numbers in files have some six digits
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-5) or np.linalg.det(R) < 0.0:
-        raise UsageError(
-            f"orientation: expected a rotation, three rows of unit length at right angles, got {orientation}."
-        )
+        raise UsageError(f"orientation: expected a rotation, three orthogonal rows of unit length, got {orientation}.")
     return "keep", scipy.spatial.transform.Rotation.from_matrix(R).as_matrix()
 
 

@@ -210,7 +210,7 @@ def spline(t: Floats, q: Floats) -> Motion:
 def rest(q: npt.ArrayLike, seconds: float) -> Motion:
     """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
     if not 0.0 < seconds < np.inf:
-        raise UsageError(f"dwell: expected one time above 0 s, got {seconds}.")
+        raise UsageError(f"dwell: expected one positive time in s, got {seconds}.")
     if np.ndim(q) != 1:
         raise UsageError(f"q: expected a position for each joint, got {q}.")
     coefficients = np.zeros((1, DEGREE + 1, np.size(q)))

@@ -58,7 +58,7 @@ class Solver:
             if self.unit.at_events:
                 self._advance_by_events(begin, to)
             else:
-                self.advance(begin, duration if duration is not None and whole else to - begin)
+                self.advance(begin, duration if duration is not None and whole else to - begin, to)
         self.unit.memory[-1] = end
 
     def _advance_by_events(self, t: float, end: float) -> None:
@@ -77,8 +77,26 @@ class Solver:
         self.unit.memory[-1] = t
         self.unit.update()
 
-    def advance(self, t: float, duration: float) -> None:
-        """Move the continuous states from `t` by `duration` [s]."""
+    def advance(self, t: float, duration: float, end: float | None = None) -> None:
+        """Move the continuous states from `t` by `duration` [s], to `end` if the sum is not exact."""
+        x = self.unit.x
+        for begin, to, crossing in switchings(self.left, t, t + duration if end is None else end) if x.size else ():
+            if crossing:
+                before = x.copy()
+                x[:] = before + (to - begin) * self.rate(begin, before)
+            else:
+                self.solve(begin, to)
+
+    def left(self, t: float) -> float:
+        """Return the time until the unit switches by time."""
+        return self.unit.left(t)
+
+    def rate(self, t: float, x: Floats) -> Floats:
+        """Return the rates of the continuous states."""
+        raise NotImplementedError
+
+    def solve(self, t: float, to: float) -> None:
+        """Move the continuous states from `t` to `to` [s], between which nothing switches."""
         raise NotImplementedError
 
 
@@ -124,29 +142,32 @@ class ScipySolver(Solver):
         self._drive(t)
         super()._place(t, x)
 
-    def advance(self, t: float, duration: float) -> None:
+    def advance(self, t: float, duration: float, end: float | None = None) -> None:
         """Move the continuous states from `t` by `duration` [s]."""
-        if not self.unit.x.size:
-            return
-        options: dict[str, Any] = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
-        self._drive(t)
-        for begin, to, crossing in switchings(self.unit.left, t, t + duration):
-            if not np.isfinite(self.unit.x).all():
-                return
-            self._calls = 0
-            x, end = self.unit.x.copy(), begin + (to - begin)
+        if self.unit.x.size and np.isfinite(self.unit.x).all():
             try:
-                if crossing:
-                    self.unit.x[:] = x + (to - begin) * self._rate(begin, x)
-                elif end > begin:
-                    options |= {"Dfun": Slopes(self._rate), "col_deriv": 1}
-                    states, fault = odeint(self._rate, x, np.array([begin, end]), tcrit=[end], **options)
-                    self.unit.x[:] = math.nan if fault else states[-1]
+                super().advance(t, duration)
             except _RunawayError:
                 self.unit.x[:] = math.nan
-            self._drive(to)
+            self._drive(t + duration)
 
-    def _rate(self, t: float, x: Floats) -> Floats:
+    def left(self, t: float) -> float:
+        """Return the time until the unit switches by time, with the inputs at `t` [s]."""
+        self._drive(t)
+        return super().left(t)
+
+    def solve(self, t: float, to: float) -> None:
+        """Move the continuous states from `t` to `to` [s]; _RunawayError if that is not possible."""
+        options: dict[str, Any] = {"rtol": max(self.tolerance, 1e-13), "atol": self.tolerance, "mxstep": _MOST_CALLS}
+        options |= {"Dfun": Slopes(self.rate), "col_deriv": 1}
+        self._calls, end = 0, t + (to - t)
+        states, fault = odeint(self.rate, self.unit.x.copy(), np.array([t, end]), tcrit=[end], **options)
+        if fault:
+            raise _RunawayError
+        self.unit.x[:] = states[-1]
+
+    def rate(self, t: float, x: Floats) -> Floats:
+        """Return the rates with the inputs at `t` [s]; _RunawayError for values that are not finite, or many calls."""
         self._calls += 1
         self._drive(t)
         rate = self.unit.rate(t, x)
@@ -175,7 +196,7 @@ class Integrator(Solver):
         self._steps = [(unit.conditions(call), unit.bound(call.function, **shared)) for call in program.step]
         self.steps = self.rejected = 0
 
-    def advance(self, t: float, duration: float) -> None:
+    def advance(self, t: float, duration: float, end: float | None = None) -> None:
         """Move the state from `t` to `t + duration` [s] with the inputs held.
 
         KernelError if the state is no longer finite or, under error control, the tolerance cannot be met at the
@@ -193,8 +214,8 @@ class Integrator(Solver):
         while done < duration:
             tried += 1
             rest, left, close = duration - done, self.unit.left(t + done), margin(t + done)
-            end = rest <= (ahead := left - close if left > 2.0 * close else left + close)
-            rest = rest if end else ahead  # a switching is approached, then crossed
+            whole = rest <= (ahead := left - close if left > 2.0 * close else left + close)
+            rest = rest if whole else ahead  # a switching is approached, then crossed
             h = self.h
             last = h >= rest * (1.0 - 1e-10)
             if last:
@@ -208,7 +229,7 @@ class Integrator(Solver):
             factor = _SAFETY / math.sqrt(math.sqrt(error)) if error > 0.0 else _GROW
             if error <= 1.0:
                 self.steps += 1
-                done = duration if last and end else done + h
+                done = duration if last and whole else done + h
                 x[:] = x_new
                 # a step cut short by the communication point says little about the next: it never shrinks h
                 grown = h * min(_GROW, max(factor, _SHRINK))

@@ -29,6 +29,7 @@ from vdfmu.engine.masters.loop import (
     COPY,
     EVENT,
     LINE,
+    NO_COMPILER,
     NOT_FINITE,
     PREDICTED,
     RAMP,
@@ -37,10 +38,8 @@ from vdfmu.engine.masters.loop import (
     STEP,
     VALUES,
     Action,
-    CountedRows,
     Master,
     RowBlock,
-    lacking,
     library,
 )  # fmt: skip
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
@@ -75,10 +74,10 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
             return f"{instance.name} is {'written in Python' if instance.python else 'integrated by the master'}"
         if instance.updates:
             return f"{instance.name} takes its inputs within steps"
-    return lacking()
+    return NO_COMPILER if library() is None else ""
 
 
-class CompiledSteps(CountedRows):
+class CompiledSteps:
     """The steps of a run on a `grid`, as `stepper` does them, with the rows of all `keepers`."""
 
     def __init__(self, stepper: Stepper, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
@@ -87,8 +86,7 @@ class CompiledSteps(CountedRows):
         self._eventful = stepper if isinstance(stepper, EventStepper) else None
         self._continuous = stepper if isinstance(stepper, ContinuousStepper) else None
         self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
-        super().__init__(exchange)
-        self._run, self._grid = loop.do_steps, grid
+        self._exchange, self._run, self._grid = exchange, loop.do_steps, grid
         self._kept: list[Any] = []
         """Memory whose addresses the plan has."""
         self.lasting = self._eventful is None and self._continuous is None
@@ -121,33 +119,33 @@ class CompiledSteps(CountedRows):
             waiting=addressof(box.waiting), begin=grid.begin, step=grid.step, rest=grid.last, n=grid.n,
             row=addressof(exchange.row), running=addressof(exchange.running), event=self._next_event,
         )  # fmt: skip
-        self._pointer, self.row = byref(self._master), 0
+        self._pointer = byref(self._master)
 
     def run(self, end: int) -> int:
         """Do steps to row `end` at most; return the last complete row.
 
         Ends after a step with messages. CosimError for a failure of a component, or an output that is not finite.
         """
-        master, first = self._master, 0
+        master, row, first = self._master, self._exchange.row, 0
         for keeper, blocks in self._keepers:
-            begin, full = keeper.room(self.row + 1)
+            begin, full = keeper.room(row.value + 1)
             end = min(end, full - 1)
             for block in blocks:
                 block.first = begin
         while answer := self._run(self._pointer, first, end, _SLICE):
             if answer in (EVENT, BY_HAND):
                 self._events(answer == EVENT)
-                first, end = master.n_actions, self.row + 1 if self._exchange.box.ended else end
+                first, end = master.n_actions, row.value + 1 if self._exchange.box.ended else end
                 continue
             if answer == NOT_FINITE:
-                self._exchange.refuse_not_finite("doStep", self._grid.time(self.row + 1))
+                self._exchange.refuse_not_finite("doStep", self._grid.time(row.value + 1))
             instance, judge = self._judges[master.action]
             judge(master)
             master.pending |= instance.event_needed
-            first, end = master.action + 1, self.row + 1
+            first, end = master.action + 1, row.value + 1
         if self._continuous is not None:
-            self._continuous.count(self._grid, self.row)
-        return self.row
+            self._continuous.count(self._grid, row.value)
+        return row.value
 
     @property
     def _next_event(self) -> float:
@@ -156,7 +154,7 @@ class CompiledSteps(CountedRows):
 
     def _events(self, pending: bool) -> None:
         """Handle events at the end of a step, or do a step in Python that has events within it or at its end."""
-        master, eventful, grid, k = self._master, self._eventful, self._grid, self.row
+        master, eventful, grid, k = self._master, self._eventful, self._grid, self._exchange.row.value
         assert eventful is not None
         begin, end = grid.time(k), grid.time(k + 1)
         self._exchange.box.time = begin

@@ -1,4 +1,4 @@
-"""The components of one run in this process: loading, initialization, coupling by an algorithm, freeing, exits."""
+"""The components of one run in this process: unpacking, loading, initialization, coupling, freeing, exits."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import fmpy
+
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.errors import CosimError, UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.algorithms import choice
 from vdfmu.engine.fmu.access import TEXTS
+from vdfmu.engine.fmu.description import is_own
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.library import Watch
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
@@ -29,6 +32,7 @@ from vdfmu.engine.masters.continuous import ContinuousStepper
 from vdfmu.engine.masters.events import Events, EventStepper
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
+from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.check import Checked
 from vdfmu.engine.plan.grid import Grid
@@ -36,6 +40,46 @@ from vdfmu.engine.results.recorder import RowsInMemory
 
 CONVERGENCE = 1e-8
 """Default relative change at which repetitions end."""
+
+
+def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]:
+    """Unpack the FMUs of a system; return their folders by source, and whether any of them is foreign.
+
+    VdfmuError if the disk is full, or if Python FMUs cannot run in a folder of this name.
+    """
+    unpacked: dict[str, Path] = {}
+    path, foreign = checked.system.path, False
+    with Archive(path, path.name) as package:
+        for source in dict.fromkeys(d.source for d in checked.descriptions.values()):
+            unpacked[source] = folder / f"{len(unpacked)}"
+            try:
+                with package.opened(source, source) as unit:
+                    foreign = foreign or not is_own(unit)
+                    unit.extract(unpacked[source], _needed)
+            except OSError as error:
+                raise no_room(str(folder), error) from error
+            _refuse_escapes(unpacked[source])
+    return unpacked, foreign
+
+
+def _refuse_escapes(folder: Path) -> None:
+    """Raise if a Python FMU would crash the process: its wrapper decodes no URI escapes except of spaces."""
+    uri = folder.as_uri()
+    if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
+        raise VdfmuError(
+            f"{folder}: the folder of Python FMUs must be ASCII letters, digits and spaces only. Choose another folder "
+            "for temporary files with TMPDIR."
+        )
+
+
+def no_room(folder: str, error: OSError) -> VdfmuError:
+    """Return the error of FMUs that cannot be unpacked."""
+    return VdfmuError(f"{folder}: FMUs cannot be unpacked: {error}. Free space, or choose another folder with TMPDIR.")
+
+
+def _needed(member: str) -> bool:
+    places = "resources/", f"binaries/{fmpy.platform}/", f"binaries/{fmpy.platform_tuple}/"
+    return member == "modelDescription.xml" or member.startswith(places)
 
 
 class Coupling(NamedTuple):
@@ -197,11 +241,10 @@ class Components:
             instance.restore_state(state)
 
     def _free(self) -> None:
-        """Free stepper and kept states."""
-        stepper, self._stepper = self._stepper, None
+        """Free the states that the stepper and a return to the start keep."""
         start, self._start = self._start, []
-        if stepper is not None:
-            stepper.free()
+        if self._stepper is not None:
+            self._stepper.free()
         for instance, state in start:
             instance.free_state(state)
 

@@ -9,6 +9,8 @@ from typing import Any
 
 COPY, SCALED, CHANGED, PREDICTED, LINE, RAMP, VALUES, _, STEP, _, RATES, _ = range(12)
 """Kinds of actions. Kinds of calls are one more for FMI 3.0."""
+NO_COMPILER = "no C compiler"
+"""Why the loop cannot be compiled here."""
 NOT_FINITE, EVENT, BY_HAND = 2, 3, 4
 """Answers of the loop."""
 
@@ -43,22 +45,6 @@ class Master(Structure):
     )  # fmt: skip
 
 
-class CountedRows:
-    """Steps whose last row is counted in the memory of an exchange, which another process may share."""
-
-    def __init__(self, exchange: Any) -> None:
-        self._exchange = exchange
-
-    @property
-    def row(self) -> int:
-        """The last complete row."""
-        return self._exchange.row.value
-
-    @row.setter
-    def row(self, row: int) -> None:
-        self._exchange.row.value = row
-
-
 @lru_cache
 def library() -> CDLL | None:
     """Return the compiled loop; None without a compiler or room."""
@@ -68,8 +54,3 @@ def library() -> CDLL | None:
     if loop is not None:
         loop.do_steps.argtypes = [c_void_p, c_size_t, c_long, c_double]
     return loop
-
-
-def lacking() -> str:
-    """Return that the compiled loop cannot be made here; else an empty text."""
-    return "" if library() is not None else "no C compiler"

@@ -32,13 +32,11 @@ COUNT_LIMIT = 65_535
 DIRECTORY_LIMIT = 16 * 2**20
 """Largest directory of a zip file [byte]: some 250 for each of the most members."""
 PACKAGE_LIMIT = 256
-"""Most packages inside a package, on all levels; each is an open file."""
-NESTING_LIMIT = 8
-"""Most packages inside each other."""
+"""Most FMUs of a package from which parameter sets are read; each is an open file."""
 ELEMENT_LIMIT = 10_000
-"""Most elements of a system and its inner systems, counted at each reference."""
+"""Most elements of a system and its inner systems."""
 DEPTH_LIMIT = 32
-"""Most systems inside each other, written or by reference."""
+"""Most systems inside each other."""
 _WAY = "that is the limit. If you trust the file: --unpack-limit, or package_limit of vdfmu.engine.package.archive"
 
 _chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
@@ -86,8 +84,6 @@ class Budget:
                 raise breach("PKG004", f"{text} and repeated members; {_WAY}")
 
 
-INSIDE = "!/"
-"""Separator between the name of an inner package and the name of its member."""
 _SHOWN = 50
 """Most faulty members in a message."""
 _BLOCK = 2**18
@@ -104,9 +100,9 @@ def stamp_of(path: Path) -> tuple[int, ...]:
 
 
 class Archive:
-    """A zip file with checked names and sizes; ``package.ssp!/member`` names a member of an inner package.
+    """A zip file with checked names and sizes.
 
-    `label` is its name in messages, `outer` the package around it; both share the limits of unpacked bytes.
+    `label` is its name in messages, `outer` the package around an FMU; both share the limits of unpacked bytes.
 
     Raises
     ------
@@ -118,7 +114,6 @@ class Archive:
 
     def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:
         self.label = label
-        self._depth = 0 if outer is None else outer._depth + 1
         self._budget = outer._budget if outer else Budget(label, unpack_limit() / TOTAL_LIMIT)
         self._inner: dict[str, Archive] = {}
         self.notes: list[Finding] = []
@@ -225,15 +220,7 @@ class Archive:
         return list(self._members)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._members or self._split(name) is not None
-
-    def _split(self, name: str) -> tuple[Archive, str] | None:
-        """Return the inner package and its member that a name means, or None."""
-        outer, mark, rest = name.partition(INSIDE)
-        if not mark or outer not in self._members:
-            return None
-        inner = self.inside(outer)
-        return (inner, rest) if rest in inner else None
+        return name in self._members
 
     def inside(self, name: str) -> Archive:
         """Return a package inside the package; closed with it."""
@@ -247,14 +234,10 @@ class Archive:
 
     def opened(self, name: str, label: str) -> Archive:
         """Open a package or FMU inside the package, for a ``with`` block."""
-        archive, name = self._split(name) or (self, name)
-        return archive._open(name, label)
+        return self._open(name, label)
 
     def _open(self, name: str, label: str = "") -> Archive:
         """Unpack a package into an anonymous temporary file."""
-        if self._depth >= NESTING_LIMIT:
-            text = f"{name!r} is a package inside {NESTING_LIMIT} others; that is the limit"
-            raise breach("PKG004", f"{self.label}: {text}")
         with InterruptGuard():  # the first search for the temporary folder creates a file in it
             file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:
@@ -283,9 +266,6 @@ class Archive:
 
     def _blocks(self, name: str, limit: int | None = None, kept: bool = False) -> Iterator[bytes]:
         """Yield a member in blocks, and count the actual bytes; never more than it declares."""
-        if split := self._split(name):
-            yield from split[0]._blocks(split[1], limit, kept)
-            return
         info = self._members.get(name)
         if info is None:
             raise breach("SSP011", f"{self.label}: the package has no {name!r}")

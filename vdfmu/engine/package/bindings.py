@@ -40,8 +40,8 @@ class Bindings:
     with a value passes it to everything connected to it, and so overrides other values there.
     """
 
-    def __init__(self, wiring: Wiring, top: Node) -> None:
-        self.wiring = wiring
+    def __init__(self, wiring: Wiring, top: Node, scope: Scope) -> None:
+        self.wiring, self._scope = wiring, scope
         self.fatal: list[Finding] = []
         """Faults of unreadable parameter sources."""
         self.unmatched: list[Finding] = []
@@ -66,19 +66,14 @@ class Bindings:
         return self.wiring.kinds.get(key, "component") != "component"
 
     def _collect(self, node: Node) -> None:
-        """Apply the bindings below `node`, then its own, then the bindings of its component."""
+        """Apply the bindings below `node`, then its own."""
         for child in node.children.values():
             self._collect(child)
-        self._apply(node, node.element, node.scope)
-        if node.outer is not None:
-            self._apply(node, *node.outer)
-
-    def _apply(self, node: Node, element: Any, scope: Scope) -> None:
-        for binding in element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
+        for binding in node.element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
             if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
                 continue  # in a missing FMU, reported by the reader
             try:
-                entries = self._entries(node, binding, scope)
+                entries = self._entries(node, binding)
             except SspError as error:
                 self.fatal += error.problems
                 continue
@@ -146,21 +141,19 @@ class Bindings:
         elsewhere = () if self._is_connector((bound.node.path, key[1])) else bound.elsewhere
         return replace(bound.entry, component=self.wiring.names[key[0]], name=key[1], hops=hops, elsewhere=elsewhere)
 
-    def _document(self, node: Node, scope: Scope, element: Any, kind: str, where: str) -> Any:
+    def _document(self, node: Node, element: Any, kind: str, where: str) -> Any:
         """Return the root of an external file (`source`) or of the inline content."""
-        supported, source = _TYPES[kind], element.get("source")
+        scope, supported, source = self._scope, _TYPES[kind], element.get("source")
         if element.get("type", supported) != supported:
             text = f"{where}: type {element.get('type')!r} is not supported; only {supported} is"
             raise breach("SSP050", text, element)
         if source and element.get("sourceBase", "SSD") == "component":
             member = resolve(source, where, element)
-            if node.outer is not None and scope is not node.scope:
-                return node.scope.read(member, kind)
             if node.kind != "component":
                 raise breach("SSP050", f"{where}: sourceBase 'component' needs a component", element)
-            return scope.read(member, kind, scope.archive.inside(node.source.removeprefix(scope.prefix)))
+            return scope.read(member, kind, scope.archive.inside(node.source))
         if source:
-            return scope.read(scope.member(source, where, element), kind)
+            return scope.read(resolve(source, where, element), kind)
         inline = "ssd:ParameterValues/ssv:ParameterSet" if kind == "ssv" else "ssm:ParameterMapping"
         root = element.find(inline, NAMESPACES)
         if root is None:
@@ -168,22 +161,22 @@ class Bindings:
         validate(root, kind, where, scope.version)
         return root
 
-    def _entries(self, node: Node, binding: Any, scope: Scope) -> list[BoundParameter]:
+    def _entries(self, node: Node, binding: Any) -> list[BoundParameter]:
         """Return the values of a binding by their names in the node; SspError with the faults of set and mapping."""
-        where = f"{scope.label}: parameter binding of {node.label or 'the system'}"
+        where = f"{self._scope.label}: parameter binding of {node.label or 'the system'}"
         problems: list[Finding] = []
         entries: list[BoundParameter] = []
         mapping: Any = None
         try:
-            root = self._document(node, scope, binding, "ssv", where)
+            root = self._document(node, binding, "ssv", where)
             label = binding.get("source") or root.get("name")
-            entries = self._values_of(root, binding.get("prefix", ""), label, scope)
+            entries = self._values_of(root, binding.get("prefix", ""), label)
         except SspError as error:
             problems += error.problems
         element = binding.find("ssd:ParameterMapping", NAMESPACES)
         if element is not None:
             try:
-                mapping = self._document(node, scope, element, "ssm", f"{where}, mapping")
+                mapping = self._document(node, element, "ssm", f"{where}, mapping")
             except SspError as error:
                 problems += error.problems
         if problems:
@@ -212,8 +205,9 @@ class Bindings:
             mapped.append(replace(entry, name=item.get("target"), hops=(hop,)))
         return mapped
 
-    def _values_of(self, root: Any, prefix: str, label: str, scope: Scope) -> list[BoundParameter]:
-        units = {**scope.units_here(), **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
+    def _values_of(self, root: Any, prefix: str, label: str) -> list[BoundParameter]:
+        scope = self._scope
+        units = {**scope.units, **read_units(root.iterfind("ssv:Units/ssc:Unit", NAMESPACES))}
         entries: dict[str, BoundParameter] = {}
 
         def fault(rule: str, text: str) -> None:

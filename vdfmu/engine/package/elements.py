@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import posixpath
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
-from urllib.parse import unquote, urlsplit
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.measure import BASE_UNITS
 from vdfmu.base.standards import SSP_1
 from vdfmu.engine.algorithms import ALGORITHMS, choice
-from vdfmu.engine.package.archive import INSIDE, Archive, is_inside, resolve
+from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import EXPERIMENT_TYPE, FOREIGN, NAMESPACES, OSP_TYPE, parse_ssp_xml
 from vdfmu.engine.package.system import Connector, Experiment, Shape, Transformation, UnitFactor
 from vdfmu.engine.rules import Finding, breach, finding, place_of
@@ -30,45 +28,29 @@ class Document(NamedTuple):
     where: str
 
 
-@dataclass(frozen=True)
+@dataclass
 class Scope:
-    """An SSD as the place where names are looked up; all scopes of a tree share `units` and `files`."""
+    """An SSD as the place where names are looked up."""
 
     archive: Archive
     """The package that holds the SSD."""
-    prefix: str
-    """Path of that package from the outermost one, such as ``resources/arm.ssp!/``."""
-    base: str
-    """Folder of the SSD in the package; relative URIs start there."""
     document: str
-    """Name of the SSD in its package."""
+    """Name of the SSD in the package."""
     label: str
     """Name of the package in messages."""
     version: str = SSP_1.name
     """SSP version."""
-    aliases: dict[str, str] = field(default_factory=dict)
-    """Names in the tree of units that another SSD of the tree defines differently."""
     units: dict[str, UnitFactor] = field(default_factory=dict)
-    """All unit definitions of the tree."""
-    defined: dict[Any, dict[str, str]] = field(default_factory=dict)
-    """The aliases of the files whose units are defined, since a file may be referred to many times."""
+    """The unit definitions of the SSD."""
     files: dict[str, Document] = field(default_factory=dict)
     """All files that were read, each once."""
     refused: dict[str, SspError] = field(default_factory=dict)
     """Errors of the files that could not be read, so that none is tried again at each reference to it."""
 
-    def member(self, source: str, where: str, at: Any = ("", 0)) -> str:
-        """Return the member that a URI of the SSD names; SspError if it leaves the package."""
-        parts = urlsplit(source)
-        joined = posixpath.normpath(posixpath.join(self.base, unquote(parts.path)))
-        if not self.base or parts.scheme or parts.netloc or parts.query or not is_inside(joined):
-            return resolve(source, where, at)
-        return joined
-
     def read(self, member: str, kind: str, archive: Archive | None = None) -> Any:
         """Return the root of a file of the package, or of an FMU in it; SspError if the schema refuses it."""
         archive = archive or self.archive
-        key = f"{self.prefix}{archive.label}{INSIDE}{member}"
+        key = f"{archive.label}: {member}"
         if key in self.refused:
             raise SspError(self.refused[key].problems)
         if key not in self.files:
@@ -80,40 +62,19 @@ class Scope:
                 raise
         return self.files[key].root
 
-    def define(self, root: Any) -> None:
-        """Add the unit definitions of an SSD to the tree's, once."""
-        if root in self.defined:
-            self.aliases.update(self.defined[root])
-            return
-        self.defined[root] = self.aliases
-        for name, unit in read_units(root.iterfind("ssd:Units/ssc:Unit", NAMESPACES)).items():
-            if self.units.setdefault(name, unit) != unit:
-                self.aliases[name] = alias = f"{name} of {self.prefix}{self.document}"
-                self.units[alias] = replace(unit, name=alias)
-
-    def units_here(self) -> dict[str, UnitFactor]:
-        """Return the unit definitions by their names in this SSD."""
-        return {**self.units, **{name: self.units[alias] for name, alias in self.aliases.items()}}
-
 
 @dataclass
 class Node:
-    """A system or component of the tree. The root has an empty path.
-
-    A component that refers to a system is a system here: `element` is the system, `scope` its SSD, and `outer` the
-    component with its scope.
-    """
+    """A system or component of the tree. The root has an empty path."""
 
     path: tuple[str, ...]
     kind: str
     connectors: dict[str, Connector]
     element: Any
-    scope: Scope
     children: dict[str, Node] = field(default_factory=dict)
     source: str = ""
     implementation: str = "any"
     step: float | None = None
-    outer: tuple[Any, Scope] | None = None
 
     @property
     def label(self) -> str:
@@ -140,15 +101,14 @@ class Node:
             yield from child.components()
 
 
-def _connector(item: Any, scope: Scope) -> Connector:
+def _connector(item: Any) -> Connector:
     """Read a connector."""
     typed = next((c for c in item if c.tag.startswith(_SSC) and c.tag not in _NO_TYPES), None)
-    unit: Any = None if typed is None else typed.get("unit")
     return Connector(
         name=item.get("name"),
         kind=item.get("kind"),
         type=None if typed is None else typed.tag[len(_SSC) :],
-        unit=scope.aliases.get(unit, unit),
+        unit=None if typed is None else typed.get("unit"),
         dimensions=(*read_shape(item), *(() if typed is None else read_shape(typed))),
         place=place_of(item),
     )
@@ -157,10 +117,10 @@ def _connector(item: Any, scope: Scope) -> Connector:
 _NO_TYPES = {_SSC + name for name in ("Dimension", "Annotations", "MetaData", "Signature")}
 
 
-def read_connectors(element: Any, scope: Scope) -> dict[str, Connector]:
+def read_connectors(element: Any) -> dict[str, Connector]:
     """Read the connectors of an element, by name."""
     items = element.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES)
-    return {item.get("name"): _connector(item, scope) for item in items}
+    return {item.get("name"): _connector(item) for item in items}
 
 
 def read_shape(item: Any) -> Shape:

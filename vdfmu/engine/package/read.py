@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ DEFAULT = "SystemStructure.ssd"
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
-    Nested systems, system connectors, inner packages and components that name another SSD are
+    Nested systems and system connectors are
     resolved to connections from component to component. Parameter bindings of all levels are resolved to a value for
     each variable: a higher level overrides a lower level, a later binding an earlier one of its level.
 
@@ -79,10 +78,10 @@ def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[FlatSystem | 
 
 
 def _read(archive: Archive, path: Path, variant: str) -> tuple[FlatSystem, list[Finding]]:
-    scope = Scope(archive, "", "", variant, path.name)
+    scope = Scope(archive, variant, path.name)
     try:
         root = _structure(scope)
-        scope = replace(scope, version=version_of(root))
+        scope.version = version_of(root)
         return _flattened(root, scope, path)
     except (ValueError, TypeError, AttributeError, StopIteration) as error:
         if parse.schema_of("ssd", scope.version) is not None:
@@ -92,11 +91,11 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[FlatSystem, list[
 
 
 def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Finding]]:
-    scope.define(root)
-    reader = TreeReader(_structure)
-    top = reader.system(root.find("ssd:System", NAMESPACES), scope, None)
-    wiring = Wiring(top)
-    bindings = Bindings(wiring, top)
+    scope.units |= read_units(_units_of(root, "ssd"))
+    reader = TreeReader(scope)
+    top = reader.system(root.find("ssd:System", NAMESPACES))
+    wiring = Wiring(top, scope)
+    bindings = Bindings(wiring, top, scope)
     experiment, faults = read_experiment(root, f"{path.name}: {scope.document}")
     read = list(dict.fromkeys(reader.problems + bindings.fatal + faults))
     connections = tuple(wiring.flatten())  # adds to wiring.problems
@@ -120,7 +119,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
             for node in top.components()
         ),
         connections=connections,
-        units=dict(scope.units),
+        units=scope.units,
         experiment=experiment,
         problems=(*problems_in(read), *wiring.problems),
         unmatched=tuple(bindings.unmatched),

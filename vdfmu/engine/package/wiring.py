@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count, product
 from typing import Any
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_FORMATS
-from vdfmu.engine.package.elements import Node, read_boolean, read_transformation
+from vdfmu.engine.package.elements import Node, Scope, read_boolean, read_transformation
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, UnitFactor
 from vdfmu.engine.rules import Finding, finding, place_of
@@ -57,7 +57,8 @@ class Wiring:
     elements of an array.
     """
 
-    def __init__(self, top: Node) -> None:
+    def __init__(self, top: Node, scope: Scope) -> None:
+        self._scope = scope
         self.problems: list[Finding] = []
         self.kinds: dict[Key, str] = {}
         """Kind of the element of each connector: "component" or "system"."""
@@ -114,7 +115,7 @@ class Wiring:
                 ends.append((kind, owner, connector, index))
         if len(ends) < 2:
             return
-        flows = _FLOWS[SSP_FORMATS[node.scope.version].more_connections]
+        flows = _FLOWS[SSP_FORMATS[self._scope.version].more_connections]
         if (ends[0][0], ends[1][0]) not in flows:
             if (ends[1][0], ends[0][0]) not in flows:
                 kinds = [kind for kind, *_ in ends]
@@ -139,7 +140,7 @@ class Wiring:
         hop = Hop(transformation, suppressed, target.unit, target.type, place_of(item))
         around = any(kind.startswith("system ") for kind in (first_kind, second_kind))
         if around and not node.path:  # outside of any path from component to component
-            for rule, reason in _misfits(node, begin, target, hop):
+            for rule, reason in _misfits(self._scope.units, begin, target, hop):
                 fault(rule, reason)
         shapes = begin.dimensions[len(start) :], target.dimensions[len(end) :]
         if not fits(*shapes):
@@ -193,13 +194,15 @@ CONVERT = "Connect signals of one quantity, or put a component between them"
 """Fix for units of measurement that do not convert."""
 
 
-def _misfits(node: Node, begin: Connector, target: Connector, hop: Hop) -> Iterator[tuple[str, str]]:
+def _misfits(
+    units: Mapping[str, UnitFactor], begin: Connector, target: Connector, hop: Hop
+) -> Iterator[tuple[str, str]]:
     """Yield reasons why two connectors do not fit together, according to the SSD."""
     types = {begin.type, target.type}
     if None not in types and len(types) > 1 and hop.transformation is None:
         yield "SSP033", f"type mismatch, {begin.type} to {target.type}"
     if begin.unit and target.unit and not hop.suppress_unit_conversion:
-        a, b = (node.scope.units.get(unit, UnitFactor(unit)) for unit in (begin.unit, target.unit))
+        a, b = (units.get(unit, UnitFactor(unit)) for unit in (begin.unit, target.unit))
         if None not in (a.exponents, b.exponents) and a.exponents != b.exponents:
             yield "SSP034", f"unit mismatch, {a.name!r} ({a.dimension}) to {b.name!r} ({b.dimension}). {CONVERT}"
 

@@ -11,62 +11,53 @@ from numpy.typing import NDArray
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.engine.fmu.access import KINDS, TEXTS
 from vdfmu.engine.fmu.variables import FmuVariable
+from vdfmu.engine.masters.components import Components
 from vdfmu.engine.package.system import Value, spread
 from vdfmu.engine.plan.checker import overrides
-from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.results import group_of
-from vdfmu.engine.run.session import Session
+from vdfmu.engine.run.isolated import Isolated
+from vdfmu.engine.run.run import Run
 
 
 class ByHand:
-    """Steps of components that are initialized and coupled, here or in a process of their own."""
+    """Steps and values of a run of components, here or in a process of their own; it records nothing."""
 
-    def __init__(self, session: Session, grid: Grid) -> None:
-        self._session, self._grid, self._components = session, grid, session.components
-        self._plan, self._k = session.planned(grid, ()), 0  # values that are read must be finite
-        session.exchange.refuse_not_finite("initialization", grid.begin)
+    def __init__(self, components: Components | Isolated, run: Run) -> None:
+        self._components, self._exchange, self._run = components, components.exchange, run
+        run.summary = {"notes": []}
+        run.begin()
         self._sinks: dict[str, tuple[str, list[FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}
-        self._memory = [(bank.memory, bank.memory.copy()) for bank in session.exchange.banks]
-        self._returns = self._components.keep_start()
+        self._memory = [(bank.memory, bank.memory.copy()) for bank in self._exchange.banks]
+        self._returns = components.keep_start()
 
     @property
     def time(self) -> float:
         """Time [s]."""
-        return self._grid.time(self._k)
+        return self._run.time
 
     def restart(self) -> bool:
         """Go back to the start from saved states; False if that needs a new initialization."""
         self._components.to_start()
         for memory, before in self._memory:
             memory[:] = before
-        self._k = 0
-        if self._plan.compiled is not None:
-            self._plan.compiled.row = 0
+        self._run.begin()
         return self._returns
 
     def step(self, count: int) -> None:
         """Do some steps."""
         if not isinstance(count, (int, np.integer)) or count < 0:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise UsageError(f"step: expected a number of steps, 0 or more, got {count!r}.")
-        if count > (left := self._grid.n - self._k):
+        run, ended = self._run, self._components.box.ended
+        if count > (left := run.grid.n - run.row):
             raise UsageError(
-                f"step: the run ends at t = {self._grid.end:g} s, {left} steps from t = {self.time:g} s. "
+                f"step: the run ends at t = {run.grid.end:g} s, {left} steps from t = {self.time:g} s. "
                 "Reset it, with a later stop."
             )
-        box, compiled, end = self._session.box, self._plan.compiled, self._k + count
-        while self._k < end:
-            if compiled is not None:
-                self._k = compiled.run(end)
-            else:
-                self._plan.do_step(self._k)
-                self._k += 1
-                self._session.exchange.refuse_not_finite("doStep", self.time)
-            if box.pending:
-                box.flush()
-            if box.ended:
-                name, time = next(iter(box.ended.items()))
-                raise CosimError(name, "doStep", time, "it ended the simulation")
+        run.step(run.row + count)
+        if ended:
+            name, time = next(iter(ended.items()))
+            raise CosimError(name, "doStep", time, "it ended the simulation")
 
     def set(self, name: str, value: Any) -> None:
         """Set an input that nothing feeds, or a tunable parameter."""
@@ -79,7 +70,7 @@ class ByHand:
         self._components.put(owner, made)
 
     def _sinks_of(self, name: str, value: Value) -> tuple[str, list[FmuVariable]]:
-        checked = self._session.checked
+        checked = self._exchange.checked
         fed = {link.end: link.start for link in checked.links}
         ((owner, named),) = overrides(checked.descriptions, {name: value}).items()
         sinks: list[FmuVariable] = []
@@ -102,7 +93,7 @@ class ByHand:
         return (self._sources.get(name) or self._sources.setdefault(name, self._source_of(name)))()
 
     def _source_of(self, name: str) -> Callable[[], Any]:
-        for owner, description in self._session.checked.descriptions.items():
+        for owner, description in self._exchange.checked.descriptions.items():
             if not name.startswith(f"{owner}."):
                 continue
             wanted = name[len(owner) + 1 :]
@@ -135,6 +126,6 @@ class ByHand:
         """Return the memory and place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
-        bank = self._session.exchange.banks[KINDS.index(variable.kind)]
+        bank = self._exchange.banks[KINDS.index(variable.kind)]
         place = bank.position.get((owner, variable.name))
         return None if place is None else (bank.memory, place)

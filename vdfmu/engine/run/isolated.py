@@ -28,7 +28,7 @@ from vdfmu.base.process import SIZE, Child
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
-from vdfmu.engine.masters.loop import CountedRows, lacking
+from vdfmu.engine.masters.loop import NO_COMPILER, library
 from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.options import Limits
 from vdfmu.engine.package.system import Value
@@ -120,7 +120,7 @@ class Isolated(Stepper):
         rows = self._memory.with_name(f"rows_{self._plans}")  # both processes may still have that of an earlier run
         with storing(rows):
             rows.write_bytes(bytes(8 * max(size * width, 1)))
-        why = lacking() or self._ask("compile", tuple(grid), columns, size, rows)
+        why = NO_COMPILER if library() is None else self._ask("compile", tuple(grid), columns, size, rows)
         return why or IsolatedSteps(self, grid, keepers, windows(mapped(rows), columns, size))
 
     def do_steps(self, end: int) -> None:
@@ -252,7 +252,7 @@ class Isolated(Stepper):
         return code, peak
 
 
-class IsolatedSteps(CountedRows):
+class IsolatedSteps:
     """Steps of isolated components in C, which leave their rows in `windows`; see `CompiledSteps`."""
 
     lasting = False
@@ -260,20 +260,19 @@ class IsolatedSteps(CountedRows):
     def __init__(
         self, components: Isolated, grid: Grid, keepers: Sequence[RowsInMemory], windows: Sequence[Window]
     ) -> None:
-        super().__init__(components.exchange)
-        self._components, self._grid = components, grid
+        self._components, self._grid, self._row = components, grid, components.exchange.row
         self._parts = list(zip(keepers, windows, strict=True))
 
     def run(self, end: int) -> int:
         """Do steps to row `end` at most; return the last complete row. See `CompiledSteps.run`."""
-        first = self.row + 1
+        first = self._row.value + 1
         try:
             self._components.do_steps(end)
         finally:
             for keeper, window in self._parts:
-                window.bring(keeper, first, self.row + 1)
-            self._components.box.time = self._grid.time(max(self.row - 1, 0))
-        return self.row
+                window.bring(keeper, first, self._row.value + 1)
+            self._components.box.time = self._grid.time(max(self._row.value - 1, 0))
+        return self._row.value
 
 
 class Window(RowsInMemory):

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
+from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import checks_types, lists_options, pick, with_options
+from vdfmu.base.process import is_contained
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
-from vdfmu.engine.fmu.messages import LogMessage
-from vdfmu.engine.masters.components import CONVERGENCE, Components
+from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.masters.components import (
+    CONVERGENCE,
+    Components,
+    failure_message,
+    no_room,
+    report_exits,
+    unpack_units,
+)
 from vdfmu.engine.options import Limits, RowOptions, SimulateOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
@@ -26,7 +37,7 @@ from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.isolated import Isolated
-from vdfmu.engine.run.session import Run, Session
+from vdfmu.engine.run.run import Run, wanted
 
 
 @with_options
@@ -112,7 +123,16 @@ class Simulator:
         read_stepper(options["stepper"])
         self._options, self._limits = options, Limits(options["wait_limit"], options["memory_limit"])
         self._checked: Checked | None = None
-        self._session: Session | None = None
+        self._components: Components | Isolated | None = None
+        self._loaded = ExitStack()
+        """Of the components: their folder, and what reports that one ends the process."""
+        self._box, self._resting = MessageBox(options["log"]), False
+        self._lasts = False
+        """Whether components may stay loaded after a run, for others."""
+        self._run: Run | None = None
+        """The last run, if it is needed or may begin again."""
+        self._results: Results | None = None
+        """Results of the last run."""
         self._by_hand: ByHand | None = None
         self._begun: Any = None
         self.owner: object = None
@@ -168,9 +188,7 @@ class Simulator:
         checked = self._prepared(grid.step, parameters)
         reach = outside(self._tables, grid.begin, grid.end)
         with self._freeing():
-            session = self._ready(checked)
-            session.box.pending += [LogMessage("", grid.begin, "note", "", note) for note in reach]
-            self._initialize(session, grid)
+            components = self._ready(checked, grid, reach)
             summary = {
                 **(options["about"] or {}),
                 "system": self._system.name,
@@ -181,22 +199,19 @@ class Simulator:
                 "stop": grid.end,
                 "step": grid.step,
                 "steps": grid.n,
-                "isolated": session.isolated,
+                "isolated": isinstance(components, Isolated),
                 "held": checked.held,
                 "notes": [*checked.notes, *reach],
             }
             with shown_steps(options["progress"], "co-simulation") as progress:
-                run = Run(session, grid, summary, options, files, taps)
-                session.results = run.steps(progress)
-        return session.results
+                run = self._planned(components, grid, options["record"], files, taps, options["pace"] is not None)
+                self._results = run.whole(summary, progress, options["observer"], options["pace"])
+        return self._results
 
     def rest(self) -> bool:
         """Return whether components may stay loaded until the next run; none of them runs until then."""
-        session = self._session
-        if session is None or not session.lasts:
-            return False
-        session.resting = True
-        return True
+        self._resting = self._components is not None and self._lasts
+        return self._resting
 
     @checks_types
     def reset(
@@ -214,16 +229,15 @@ class Simulator:
         """
         values = {key: repr(np.asarray(value).tolist()) for key, value in (parameters or {}).items()}  # 1 == True
         grid = self.grid(start, stop, step)
-        wanted = grid, values
-        if self._by_hand is not None and self._begun == wanted:
+        begun = grid, values
+        if self._by_hand is not None and self._begun == begun:
             with self._freeing():
                 if self._by_hand.restart():
                     return
         checked = self._prepared(grid.step, parameters)
         with self._freeing():
-            session = self._ready(checked, again=True)
-            self._initialize(session, grid)
-            self._by_hand, self._begun = ByHand(session, grid), wanted
+            components = self._ready(checked, grid, again=True)
+            self._by_hand, self._begun = ByHand(components, self._planned(components, grid, ())), begun
 
     @checks_types
     def step(self, count: int = 1) -> None:
@@ -232,7 +246,7 @@ class Simulator:
         try:
             steps.step(count)
         except (CosimError, KeyboardInterrupt) as error:
-            if isinstance(error, CosimError) or (self._session and self._session.isolated):  # an answer is outstanding
+            if isinstance(error, CosimError) or isinstance(self._components, Isolated):  # an answer is outstanding
                 self._free(error)
             raise
 
@@ -270,9 +284,23 @@ class Simulator:
             raise
 
     def _free(self, error: BaseException | None = None) -> None:
-        session, self._session, self._by_hand = self._session, None, None
-        if session is not None:
-            session.__exit__(error and type(error), error)
+        """Free the components and remove the unpacked FMUs; raise a failure, or report it beside an `error`."""
+        components, results, box, failure = self._components, self._results, self._box, None
+        self._components = self._results = self._run = self._by_hand = None
+        if results is not None:
+            box.time = float(results.time[-1])
+        try:
+            failure = None if components is None else components.close()
+        finally:
+            self._loaded.close()
+        if failure is not None and error is not None:
+            box.pending.append(failure_message(failure))
+        box.flush()
+        if results is not None:
+            results.messages = list(box.kept)
+        if failure is not None and error is None:
+            failure.results = results
+            raise failure
 
     def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
         """Return the system with the parameters of a run."""
@@ -300,40 +328,88 @@ class Simulator:
         grid = self.grid(None, None, step)
         time = grid.begin if time is None else time
         if time == grid.begin:
-            self._initialize(self._ready(self._prepared(grid.step, None)), grid)
+            with self._freeing():
+                self._ready(self._prepared(grid.step, None), grid)
         elif grid.begin < time < np.inf:
             self.run(stop=time, step=grid.step, record=())
         else:
             raise UsageError(f"at: expected a time of the run from {grid.begin:g} s, got {time:g} s.")
-        assert self._session is not None
-        components = self._session.components
-        self._session.plan = None  # a user may change what it needs
+        components = self._components
+        assert components is not None
+        self._run = None  # a user may change what it needs
         if time != grid.begin:
             components.bring_inputs(time)
         return components
 
-    def _ready(self, checked: Checked, again: bool = False) -> Session:
-        """Return the components in their state after loading; with `again` isolated ones keep their process too."""
+    def _ready(
+        self, checked: Checked, grid: Grid, notes: Sequence[str] = (), again: bool = False
+    ) -> Components | Isolated:
+        """Return the components initialized, after `notes`; with `again` isolated ones keep their process."""
         self._by_hand = None
-        if self._session is not None and self._session.isolated and not again:
+        if isinstance(self._components, Isolated) and not again:
             self._free()
-        if self._session is not None:
-            self._session.reset(checked)
-            return self._session
+        if self._components is None:
+            components = self._load(checked)
+        else:
+            components = self._components
+            self._tell(checked)
+            components.reset(checked)
+        self._box.pending += [LogMessage("", grid.begin, "note", "", note) for note in notes]
         options = self._options
-        self._session = Session(
-            checked,
-            options["log"],
-            options["isolate"],
-            self._limits,
-            (options["adaptive"], options["convergence"]),
-            options["stepper"],
-        ).__enter__()
-        return self._session
+        components.initialize(grid.begin, grid.end, options["tolerance"], options["convergence"] or CONVERGENCE)
+        return components
 
-    def _initialize(self, session: Session, grid: Grid) -> None:
-        convergence = self._options["convergence"] or CONVERGENCE
-        session.components.initialize(grid.begin, grid.end, self._options["tolerance"], convergence)
+    def _load(self, checked: Checked) -> Components | Isolated:
+        """Unpack and load the components, here or in a process of their own."""
+        self._box.time = 0.0
+        self._tell(checked)
+        try:
+            folder = Path(self._loaded.enter_context(temporary_folder("vdfmu-")))
+        except OSError as error:
+            raise no_room(tempfile.gettempdir(), error) from error
+        folders, foreign = unpack_units(checked, folder)
+        isolate = self._options["isolate"]
+        if isolate or (isolate is None and foreign and not is_contained()):
+            self._components = Isolated(checked, folders, self._box, folder, self._limits)
+        else:
+            self._loaded.enter_context(report_exits(self._box, lambda: self._left(folder), lambda: self._resting))
+            self._components = Components(checked, folders, self._box)
+        once = any(each.once_per_process for each in checked.descriptions.values())
+        self._lasts = not (foreign or once or isinstance(self._components, Isolated))
+        self._components.load()
+        return self._components
+
+    def _left(self, folder: Path) -> str:
+        """Save the rows of a process that a component ends; return a text about them."""
+        shutil.rmtree(folder, ignore_errors=True)
+        return "" if self._run is None else self._run.saved()
+
+    def _tell(self, checked: Checked) -> None:
+        """Forget the last run, except for a plan that lasts, and report the notes of the next."""
+        box = self._box
+        box.flush()
+        box.kept.clear()
+        box.ended.clear()
+        self._results, self._resting = None, False
+        if self._run is not None and not self._run.lasts:
+            self._run = None
+        box.pending += [LogMessage("", 0.0, "note", "", note) for note in checked.notes]
+        box.flush()
+
+    def _planned(
+        self,
+        components: Components | Isolated,
+        grid: Grid,
+        record: Sequence[str] | None,
+        files: Sequence[Path] = (),
+        taps: Sequence[Tap] = (),
+        paced: bool = False,
+    ) -> Run:
+        """Return a run of the components: the last one if it may begin again."""
+        run = self._run
+        if run is None or not run.lasts or run.wanted != wanted(grid, record) or files or taps:
+            run = self._run = Run(components, grid, record, self._options, files, taps, paced)
+        return run
 
     def grid(self, start: float | None, stop: float | None, step: float | None) -> Grid:
         """Return start, stop, step and number of steps; UsageError when they do not fit."""
@@ -342,7 +418,7 @@ class Simulator:
         end = stop if stop is not None else experiment.stop
         step = step if step is not None else experiment.step
         if end is None:
-            raise UsageError("stop: expected a time, since the system's default experiment has no stop time.")
+            raise UsageError("stop: expected a time, because the system's default experiment has no stop time.")
         if step is None:
             raise UsageError("step: expected a communication step, since the system's default experiment has no step.")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))

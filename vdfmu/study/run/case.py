@@ -60,13 +60,16 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     UsageError, ModelError
         For values, limits or options that do not fit the system.
     """
-    check_wanted(options["judge"], options["sampled"], scenario.adaptive)
+    if options["judge"] is not None or options["sampled"] is not None:
+        check_wanted(options["judge"], options["sampled"], scenario.adaptive)
     until = options["reference_stop"]
     if until is not None and not options["reference"]:
         raise UsageError("reference_stop needs the references. Leave it out, or give --reference.")
     if until is not None and not scenario.step <= until < math.inf:
         raise UsageError(f"reference_stop must be finite and at least one step, {scenario.step:g} s, got {until:g}.")
-    expected = read_expected(options["expect"], options["within"])
+    expected = None
+    if options["expect"] is not None or options["within"] is not None:
+        expected = read_expected(options["expect"], options["within"])
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])
     system = SystemDescription(scenario, system_values(scenario, options["parameters"]))

@@ -20,7 +20,7 @@ from vdfmu.base.arrays import Floats, odeint, scipy_part
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.unit.events import PARTS, Motion, UnitEvents, parts_of, steps_of
-from vdfmu.compiler.unit.solver import Slopes, samples, switchings
+from vdfmu.compiler.unit.solver import Slopes, Solver, samples, switchings
 from vdfmu.system.reference.dop853 import CompiledDop853, KeptIntervals, Repeated, compiles
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
@@ -63,70 +63,55 @@ class _RightHandSide:
         return self._x_dot
 
 
-class _Mover:
+class _Mover(Solver):
     """Moves the states of a unit between communication points, with held inputs.
 
     With `is_compiled` it uses the compiled solver, otherwise scipy's.
     """
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None, is_compiled: bool) -> None:
-        self._unit, self._name, self._update = system.units[name], name, update
+        super().__init__(system.units[name])
+        self._name, self._update, unit = name, update, self.unit
         self.is_compiled = is_compiled and run is not None
         if self.is_compiled:
-            self._compiled = CompiledDop853(run, self._unit.x, self._unit.x_dot, **SHORT)
-        self._events = UnitEvents([self._unit], self._unit.place, lambda: self._unit.x.copy())
-        self._events.begin()
+            self._compiled = CompiledDop853(run, unit.x, unit.x_dot, **SHORT)
+        self.events.begin()
         if run is not None:
-            self._rate = _RightHandSide(run, self._unit.x, self._unit.x_dot)
-            self._call = self._rate.__call__  # takes less time than an object to call
-            ode = scipy_part("scipy.integrate._ode").ode(self._rate)
+            self._right = _RightHandSide(run, unit.x, unit.x_dot)
+            self.rate = self._right.__call__  # takes less time than an object to call
+            ode = scipy_part("scipy.integrate._ode").ode(self._right)
             ode.set_integrator("dop853", **SHORT, nsteps=_MOST_STEPS)
             ode.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
             self._solver = ode._integrator
-            self._solver.reset(self._unit.x.size, False)
+            self._solver.reset(unit.x.size, False)
         self.steps = 1
         """Steps of the last interval. The next begins with a step of this part of it."""
 
-    def move(self, begin: float, end: float) -> None:
-        """Move the states from `begin` to `end` [s]."""
-        for t, to, sampled in samples(self._unit, 0.0, begin, end):
-            if sampled and self._update is not None:
-                self._update(t)
-            if self._unit.x.size and self._unit.at_events:
-                x = self._unit.x
-                *_, x[:] = self._events.move(steps_of(self._switch, x), t, x.copy(), parts_of([t, to]))
-            elif self._unit.x.size:
-                self._switch(t, to - t, to)
-            elif self._unit.at_events:  # at communication points, as in its FMU
-                self._events.take(to, self._unit.x)
+    def sample(self, t: float) -> None:
+        """Update the sampled states at `t` [s]."""
+        if self._update is not None:
+            self._update(t)
 
-    def _switch(self, t: float, duration: float, to: float | None = None) -> None:
-        for first, last, crossing in switchings(self._unit.left, t, t + duration if to is None else to):
-            if crossing:
-                x = self._unit.x.copy()
-                self._unit.x[:] = x + (last - first) * self._rate(first, x)
-            else:
-                self._advance(first, last)
-
-    def _advance(self, t: float, to: float) -> None:
+    def solve(self, t: float, to: float) -> None:
+        """Move the states from `t` to `to` [s]; VdfmuError without a solution."""
         first = (to - t) / max(self.steps, 1)
         steps = self._compiled.advance(t, to, first) if self.is_compiled else self._by_scipy(t, to, first)
-        if steps < 0 or not math.isfinite(self._unit.x @ self._unit.x):
+        if steps < 0 or not math.isfinite(self.unit.x @ self.unit.x):
             raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
         self.steps = steps
 
     def _by_scipy(self, t: float, to: float, first: float) -> int:
-        x, solver = self._unit.x, self._solver
+        x, solver = self.unit.x, self._solver
         solver.work[6] = first
         # `ode.integrate` takes longer than a short interval; this solver would turn an exception of a signal in the
         # right-hand side into a number or a ValueError
         with InterruptGuard():
             try:
-                _, x[...], *_, state = solver.runner(self._call, t, x, to, *solver.call_args, ())
+                _, x[...], *_, state = solver.runner(self.rate, t, x, to, *solver.call_args, ())
             except (SystemError, ValueError) as error:  # it goes on after an exception of the right-hand side
-                raise self._rate.error or error from None
-        if self._rate.error is not None:
-            raise self._rate.error
+                raise self._right.error or error from None
+        if self._right.error is not None:
+            raise self._right.error
         return -1 if state < 0 else int(solver.iwork[18])
 
 
