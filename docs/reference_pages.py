@@ -127,7 +127,7 @@ hide: [toc]
 
 # Command line
 
-Every command and option, made from the commands themselves. `vdfmu COMMAND --help` says the same.
+This page lists every command and option. It is generated from the commands, so `vdfmu COMMAND --help` prints the same.
 `vdfmu --completion bash >> ~/.bashrc` lets the shell complete commands and options.
 
 | exit code | meaning |
@@ -138,8 +138,8 @@ Every command and option, made from the commands themselves. `vdfmu COMMAND --he
 | 3 | `judge`: not decided |
 | 130, 143, 129 | Ctrl-C, SIGTERM, SIGHUP |
 
-Every command takes `--quiet` and `--verbose`, before or after its name. Results go to standard output, all else to
-standard error.
+Every command takes `--quiet` and `--verbose`, before or after its name. Results go to standard output, everything else
+to standard error.
 
 | option | standard output | standard error |
 | --- | --- | --- |
@@ -147,8 +147,8 @@ standard error.
 | `--quiet`, `-q` | a line `Written to` | errors |
 | `--verbose`, `-v` | also the tables of a run | also stages, times, places of errors |
 
-With `--quiet`, `run`, `sweep` and `tune` print that one line. `sweep` adds its failed points.
-Bars appear on a terminal only. They are ASCII without UTF-8, and have no colours under `NO_COLOR`.
+With `--quiet`, `run`, `sweep` and `tune` print only that line; `sweep` also lists its failed points. Progress bars
+appear only on a terminal. They are ASCII if the terminal has no UTF-8, and have no colours if `NO_COLOR` is set.
 """
 
 _SCENARIO_HEAD = """---

@@ -18,8 +18,8 @@ import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.ssp.ssd import read_ssd
 
-# A controller passes its torque on within the step. What trajectory and plant show is read as it was at the start of
-# the step, because they step last. For the start values each unit follows those whose outputs it needs.
+# A controller passes its torque on within the step. The outputs of trajectory and plant are read as they were at the
+# start of the step, because they step last. For the start values each unit follows those whose outputs it needs.
 ORDER = ("feedforward", "controller", "trajectory", "plant")
 START = ("trajectory", "plant", "feedforward", "controller", "plant")
 

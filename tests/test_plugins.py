@@ -101,6 +101,7 @@ def test_a_package_that_does_not_work_is_named_and_the_others_are_there(added, t
     assert toys[".shipped"] == 1.0
 
 
+@pytest.mark.heavy
 def test_commands_that_use_no_added_format_load_none(added, tmp_path):
     installed(tmp_path, "broken", {"vdfmu.formats": {"npz": "no_such_module:it"}})
     for words in (("--help",), ("run", "--help"), ("robot", "list")):

@@ -1,6 +1,5 @@
 """The command line as a user meets it, in a process of its own."""
 
-import json
 import os
 import re
 import subprocess
@@ -9,12 +8,10 @@ import tomllib
 import zipfile
 
 import fmpy
-import numpy as np
 import pytest
 
-from tests.conftest import TYPICAL, ran
+from tests.conftest import TYPICAL
 from tests.warm import command
-from vdfmu.base.files import data_path
 
 
 def vdfmu(*arguments, cwd, **options):
@@ -70,58 +67,10 @@ def test_build_does_what_its_words_say(tmp_path, words, files, starts):
     assert {"rotation", "tool_rotation", "offset[1,1]"} < {*folded.split()} - of_plant.keys()
 
 
-@pytest.mark.heavy
-@pytest.mark.parametrize(("words", "said"), [
-    (("linear", "--at", "0"), "Stable with a modulus margin"),
-    (("judge", "--stop", "0.3", "--wanted", "80", "--algorithm", "extrapolated"),
-     "Unread output controller.tau_e[2]: 43"),
-    (("sweep", "--vary", "plant.payload_mass=0,1", "--stop", "0.01", "--measure", "m=peak(plant.q)"), "2 points"),
-    (("ssp",), "Written to planar_2dof_reach.ssp"),
-    (("scenario", "motion"), "2.5 s at 1001 times"),
-])  # fmt: skip
-def test_commands_that_take_a_scenario_take_reach_with_a_payload(tmp_path, monkeypatch, words, said):
-    monkeypatch.chdir(tmp_path)
-    load = () if words[0] in ("sweep", "scenario") else ("--set", "plant.payload_mass=0.5")
-    at = 2 if words[0] == "scenario" else 1
-    done = ran(*words[:at], "reach", "--robot", "planar_2dof", *words[at:], *load)
-    assert said in done.output
-
-
 def test_a_unit_is_built_before_a_scenario_of_its_name(tmp_path):
     done = vdfmu("build", "wall", "--backend", "python", "--out", "fmus", cwd=tmp_path)
     assert [path.name for path in (tmp_path / "fmus").iterdir()] == ["Wall.fmu"], done.stderr
     assert "the unit wall. For the scenario: 'vdfmu scenario show wall > my.toml'" in " ".join(done.stderr.split())
-
-
-@pytest.mark.heavy
-def test_build_ssp_check_models_work_together(tmp_path):
-    built = vdfmu("build", "planar_tracking", "--out", "fmus", cwd=tmp_path)
-    assert built.returncode == 0, built.stderr
-    fmus = sorted(p.name for p in (tmp_path / "fmus").iterdir())
-    assert fmus == ["Feedforward.fmu", "PDController.fmu", "Plant.fmu", "Trajectory.fmu"]
-    checked = vdfmu("check", tmp_path / "fmus" / "PDController.fmu", cwd=tmp_path)
-    assert checked.returncode == 0, checked.stdout
-    assert "no problems" in checked.stdout
-    packed = vdfmu("ssp", "planar_tracking", "--out", "planar.ssp", cwd=tmp_path)
-    assert packed.returncode == 0, packed.stderr
-    with zipfile.ZipFile(tmp_path / "planar.ssp") as archive:
-        assert "SystemStructure.ssd" in archive.namelist()
-    # the package runs as the scenario does, its step, master and stop time taken from it
-    done = vdfmu("run", "planar.ssp", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "planar.ssp" in done.stdout
-    ran = vdfmu(
-        "run", "planar_tracking", "--no-reference", "--stop", "0.2", "--set", "controller.K_p=900", cwd=tmp_path
-    )
-    assert ran.returncode == 0, ran.stderr
-    ours, theirs = (tmp_path / "results" / name for name in ("planar_ssp", "planar_tracking"))
-    kept, other = ((folder / "results.csv").read_text().splitlines() for folder in (ours, theirs))
-    assert kept[:2] == other[:2]
-    # equal numbers: zeros of the robot are parameters in the package, and may change the sign of a zero
-    np.testing.assert_array_equal(*(np.loadtxt(rows[2:], delimiter=",") for rows in (kept, other)))
-    summary = json.loads((ours / "summary.json").read_text())
-    assert (summary["package"], summary["steps"]) == ("planar.ssp", 200)
-    assert summary["parameters"] == {"controller.K_p": "900"}
 
 
 @pytest.mark.heavy
@@ -143,18 +92,6 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
 def test_a_scenario_is_shown_as_its_file(tmp_path):
     shown = vdfmu("scenario", "show", "tracking", cwd=tmp_path, env={**os.environ, "COLUMNS": "40"})
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
-
-
-@pytest.mark.heavy
-def test_fmus_and_units_run_connected(tmp_path):
-    low_pass = str(data_path("examples") / "units" / "low_pass.py")
-    vdfmu("build", low_pass, "--out", ".", cwd=tmp_path)
-    done = vdfmu("run", "a=LowPass.fmu", f"b={low_pass}", "--connect", "a.y=b.u", "--set", "a.u=1", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    ends = [float(cell) for cell in (tmp_path / "results/system/results.csv").read_text().splitlines()[-1].split(",")]
-    assert ends == pytest.approx([10.0, 1.0, 1.0])  # after a hundred time constants: the stop time of the FMU
-    assert vdfmu("run", "LowPass.fmu", "--stop", "0.5", cwd=tmp_path).returncode == 0
-    assert json.loads((tmp_path / "results/LowPass/summary.json").read_text())["package"] == "LowPass.fmu"
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

@@ -89,6 +89,7 @@ def test_a_missing_package_is_named_where_it_is_needed(package: str, tmp_path: P
     assert all(line.startswith("The rows so far are in ") for line in rest)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("package", [name for name in NEEDED if name not in ("click", "rich")])
 def test_help_needs_only_what_draws_it(package: str, tmp_path: Path) -> None:
     done = vdfmu("run", "--help", PYTHONPATH=without(package, tmp_path))

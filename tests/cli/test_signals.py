@@ -163,6 +163,7 @@ main()
 """While Python frees its modules, when it has given the handlers of signals back."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("code", "ended", "said"), [
     (DROPPED, 130, "stopped\n"), (SLOW + DROPPED, 130, "stopped\n"), (FREED, 130, "stopped\n"), (ENDING, 0, ""),
     (LATE, 0, ""),

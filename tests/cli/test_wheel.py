@@ -39,11 +39,3 @@ def test_what_the_readme_installs_gives_the_same_tracking_run(tmp_path):
     assert {file.name for file in (empty / "units").iterdir()} == {
         file.name for file in (ROOT / "examples" / "units").iterdir() if file.is_file()
     }
-
-    # a user's own file given by path wins over a shipped one of the same name
-    shipped = (ROOT / "models" / "scenarios" / "planar_tracking.toml").read_text()
-    (empty / "planar_tracking.toml").write_text(shipped.replace("planar_tracking", "my_own"))
-    run = [command, "run", "planar_tracking.toml", "--no-reference", "--stop", "0.1"]
-    done = subprocess.run(run, cwd=empty, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert (empty / "results" / "my_own" / "summary.json").exists()

@@ -175,6 +175,6 @@ def unit_name(request):
     return request.param
 
 
-@pytest.fixture(params=[*heavy(*TYPICAL[:1]), *TYPICAL[1:]])
+@pytest.fixture(params=["planar_2dof", *heavy("manipulator_6dof", "slider_3dof")])
 def robot_name(request):
     return request.param

@@ -20,23 +20,6 @@ def elf_exports(data: bytes) -> set[str]:
     return symbols
 
 
-def pe_exports(data: bytes) -> set[str]:
-    (header,) = struct.unpack_from("<I", data, 0x3C)
-    count, _, _, _, optional = struct.unpack_from("<HIIIH", data, header + 6)
-    (exports,) = struct.unpack_from("<I", data, header + 24 + 112)
-    sections = [struct.unpack_from("<8sIIII", data, header + 24 + optional + 40 * i) for i in range(count)]
-
-    def offset(address: int) -> int:
-        for _, size, start, _, where in sections:
-            if start <= address < start + size:
-                return address - start + where
-        raise AssertionError(address)
-
-    number, _, names = struct.unpack_from("<III", data, offset(exports) + 24)
-    table = struct.unpack_from(f"<{number}I", data, offset(names))
-    return {text_at(data, offset(address)) for address in table}
-
-
 def text_at(data: bytes, start: int) -> str:
     return data[start : data.index(b"\0", start)].decode()
 

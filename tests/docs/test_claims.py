@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vdfmu
 from tests.docs import claims
 from tests.docs.pages import PAGES as TUTORIALS_RUN
 from tests.docs.pages import README, TOOLS
 from tests.docs.quantities import N, growth, plant_jacobian
 from vdfmu.arm.equations.flexible_joint import rotor_transform
-from vdfmu.arm.equations.mapping import jacobian, joint_space_mass_matrix, velocity_mapping
+from vdfmu.arm.equations.mapping import joint_space_mass_matrix, velocity_mapping
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.compiler.functions.rodas import GAMMA
 from vdfmu.compiler.scalar.matrices import factorize, solve_factorized
@@ -53,14 +52,6 @@ def test_linked_files_exist(page):
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         if "://" not in target and not target.endswith("notebooks/first_run.md"):  # made when pages are built
             assert (page.parent / target).exists(), target
-
-
-def test_the_wrench_of_the_page_acts_on_the_arm_of_the_page():
-    """One across the plane of the planar arm would go into its bearings."""
-    page = (ROOT / "docs/world.md").read_text(encoding="utf-8")
-    axis = int(re.search(r"^time,plant\.F_e\[(\d)\] \[N\]$", page, re.MULTILINE)[1])
-    levers = jacobian(vdfmu.load_robot("planar_2dof"), np.array([0.3, 0.4]))[axis - 1]
-    assert (np.abs(levers) > 0.1).all()  # m
 
 
 @pytest.mark.heavy
@@ -121,14 +112,6 @@ def test_stick_slip_amplifies_the_tolerance(tmp_path):
 def test_derivative_on_the_link_is_unstable_and_on_the_rotor_stable():
     # docs/model.md
     assert max(growth("kappa_dot")) < 0.0 < min(growth("q_dot"))
-
-
-def test_paper_and_citation_go_together():
-    paper, bib = ((ROOT / name).read_text(encoding="utf-8") for name in ("paper.md", "paper.bib"))
-    assert {*re.findall(r"@(\w+)\]", paper)} == {*re.findall(r"^@\w+\{(\w+),", bib, re.MULTILINE)}
-    efmi = (ROOT / "docs" / "efmi.md").read_text(encoding="utf-8")
-    assert "eFMI checker has no finding" in paper and "and the schemas | no finding" in efmi
-    assert f"\nversion: {vdfmu.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 UNIT = r" ?(?:%|°|(?:[kMmµn]?(?:s|Hz|m|g|W|J|N|rad|deg)|px|1/s)\b)"

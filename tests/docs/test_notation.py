@@ -1,4 +1,4 @@
-"""The notation page against the code: names exist, units and shapes agree, nothing is missing."""
+"""The notation page against the code: units and shapes agree, nothing is missing."""
 
 import dataclasses
 import importlib
@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vdfmu.arm.equations
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
 from vdfmu.arm.robot.robot import ENDS
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.rules import RULES
-from vdfmu.system.scenario.scenario import Scenario
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 COLUMNS = ("symbol", "code", "fmi", "unit", "shape", "equation", "meaning")
@@ -53,23 +51,6 @@ def groups():
             for variable in Interface(unit, robot):
                 variables.setdefault(variable.group, ([], []))[k].append((robot, variable))
     return variables
-
-
-@pytest.fixture(scope="module")
-def identifiers():
-    folder = Path(vdfmu.arm.equations.__file__).parent
-    words = set()
-    for path in folder.glob("*.py"):
-        words |= set(re.findall(r"[A-Za-z_]\w*", path.read_text(encoding="utf-8")))
-    words |= {name for unit in shipped_units().values() for name in unit.declared}
-    for model in (Robot, Scenario):
-        words |= {f.name for f in dataclasses.fields(model)}
-    return words
-
-
-@pytest.mark.parametrize("row", [row for row in ROWS if row["code"]], ids=lambda row: row["code"])
-def test_code_name_exists(row, identifiers):
-    assert row["code"] in identifiers
 
 
 @pytest.mark.parametrize("row", FMI_ROWS, ids=lambda row: row["fmi"])

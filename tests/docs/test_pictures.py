@@ -71,10 +71,3 @@ def test_a_picture_is_old_when_its_recipe_what_draws_it_or_its_file_changes():
         (reason,) = SHOTS.reasons(name, entry | {key: "0"})
         assert word in reason
     assert len(SHOTS.reasons(name, entry | {"run": "vdfmu run tracking --step 0.002"})) == 1
-
-
-def test_lines_are_alike_up_to_what_a_reader_sees():
-    line = "✓ Good: modulus margin 0.53; maximum tool error 2.24 µm (at 4.98 s)"
-    assert SHOTS.alike(line, line.replace("2.24", "2.25"))
-    assert not SHOTS.alike(line, line.replace("0.53", "0.14"))
-    assert not SHOTS.alike(line, line.replace("Good", "Doubtful"))

@@ -67,20 +67,6 @@ def test_the_files_have_all_that_the_project_names():
     )
 
 
-def test_make_installs_nothing_without_a_hash_and_others_the_tested_versions():
-    make = (ROOT / "Makefile").read_text(encoding="utf-8")
-    installs = re.findall(r"\$\(PIP_INSTALL\) (.*)", make)
-    assert len(installs) == make.count("pip install") + make.count("$(PIP_INSTALL)") - 1  # its definition
-    project = "--no-deps --no-build-isolation -e ."
-    assert project in installs
-    assert all(line.startswith("--require-hashes -r ") for line in installs if line != project)
-    for page in ("README.md", "docs/index.md", "docs/native.md"):
-        lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
-        installs = [line for line in lines if re.match(r"(\.venv/bin/)?pip install", line)]
-        assert installs
-        assert all("-c constraints.txt" in line for line in installs)
-
-
 def built(target: str, folder: Path) -> Path:
     command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.docs.pages import PAGES, ROOT, TOOLS, TUTORIALS, environment, read_blocks, readme_blocks, run_process
+from tests.docs.pages import PAGES, ROOT, TOOLS, environment, read_blocks, readme_blocks, run_process
 from tests.warm import command
 
 VARIES = re.compile(r"^│ (Wall time|Real-time factor) .*$", re.MULTILINE)
@@ -112,20 +112,6 @@ def test_the_start_page_installs_as_the_readme():
 
 
 @pytest.mark.heavy
-def test_each_format_of_a_system_has_a_name_of_its_own(tmp_path):
-    (block,) = (body for kind, body, _ in readme_blocks() if "vdfmu ssp" in body)
-    lines = [line for line in block.splitlines() if line.startswith("vdfmu ssp")]
-    names = [re.search(r"# ([\w.]+)", line)[1] for line in lines]
-    said = [run_process("sh", line, tmp_path).stdout.removeprefix("Written to ").strip() for line in lines]
-    assert said == names and len(set(names)) == 2
-
-
-def test_git_ignores_what_the_commands_of_the_readme_write():
-    patterns = (ROOT / ".gitignore").read_text().split()
-    assert {"/results/", "/fmus/", "*.ssp", "*.fmu"} <= set(patterns)
-
-
-@pytest.mark.heavy
 @pytest.mark.parametrize("tool", ["FMPy", "ecos", "libcosim", "Modelica tools", "Simulink"])
 def test_section_of_a_tool_runs_and_shows_its_output(tool, tmp_path):
     """In a separate process: a tool that crashes must not take this one with it."""
@@ -138,13 +124,6 @@ def test_section_of_a_tool_runs_and_shows_its_output(tool, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
     assert int(done.stdout.splitlines()[-1]) >= 3  # blocks run or compared
-
-
-def test_there_are_these_tutorials_and_a_section_for_each_tool():
-    tools = re.findall(r"^## (.+)$", TOOLS.read_text(encoding="utf-8"), re.MULTILINE)
-    assert tools[3:] == ["FMPy", "ecos", "libcosim", "OMSimulator", "Modelica tools", "Simulink"]
-    names = ["fmpy-master", "own-controller", "own_arm", "python-to-fmu", "start", "trained-model"]
-    assert [page.stem for page in TUTORIALS] == names
 
 
 def test_outputs_compare_with_gaps():

@@ -14,27 +14,6 @@ ARM = ("casadi", "matplotlib", "vdfmu.arm", "vdfmu.compiler", "vdfmu.system")
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("code", [
-    "from vdfmu.engine.run import simulate\nsimulate(PATH, stop=0.2, step=0.1)",
-    "sys.argv[1:] = ['check', PATH]\nrun()",
-], ids=["run", "vdfmu check"])  # fmt: skip
-def test_a_foreign_package_loads_neither_the_arm_nor_its_libraries(pack, tmp_path, code):
-    path = pack(["r Ramp y:output", "g Gain u:input"], ["r.y -> g.u"])
-    script = (
-        f"import json, sys\nPATH, OUT = {str(path)!r}, {str(tmp_path / 'out')!r}\n"
-        "def run():\n"
-        "    from vdfmu.cli import main\n"
-        "    try:\n        main()\n"
-        "    except SystemExit as end:\n        assert not end.code, end.code\n"
-        f"{code}\nprint()\nprint(json.dumps(sorted(sys.modules)))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
-    loaded = json.loads(done.stdout.splitlines()[-1])
-    assert "vdfmu.engine.run.simulator" in loaded or "check" in code
-    assert [name for name in loaded if name.startswith(ARM)] == []
-
-
 def test_vdfmu_run_runs_and_judges_a_foreign_package_where_casadi_and_matplotlib_are_missing(pack, tmp_path):
     """Its page alone needs them, and is said to be missing."""
     path = pack(["r Ramp y:output", "g Gain u:input"], ["r.y -> g.u"])

@@ -1,22 +1,13 @@
 """Algorithms for continuous coupling: by hand on small systems, and their order on the manipulator."""
 
-import tempfile
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import vdfmu
 from tests.engine.files import edited
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.fmu.instance import Instance
-from vdfmu.engine.run import Simulator, simulate
-from vdfmu.study.run.measure import PowerBond
-from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.package.write import cached_fmus, write_ssp
-from vdfmu.system.reference.reference import reference
-from vdfmu.system.scenario import load_scenario
-from vdfmu.system.scenario.values import system_values
+from vdfmu.engine.run import simulate
 
 # A plant x' = u under u = G r + K (r - x), r = 0.3 t. No unit takes derivatives of its inputs, so the plant gets the
 # mean of the torques at both ends of the step, which for x' = u is the integral of the line between them.
@@ -71,18 +62,6 @@ def test_iterative_is_the_trapezoidal_rule_and_units_outside_a_loop_step_once(lo
     assert set(summary["order"][2:4]) == {"error", "controller"}
     first_step_learns = 3
     assert 3 * 16 + 5 * 16 <= summary["communication"]["unit_steps"] <= 3 * 16 + 5 * 2 * 16 + 5 * first_step_learns
-
-
-def test_two_states_that_read_each_other(pack):
-    path = pack(["a Plant u:input y:output", "b Plant u:input y:output"], ["a.y -> b.u", "b.y -> a.u"])
-    results = simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-13, parameters={"a.x0": 1.0})
-    # trapezoidal rule for x' = [0 1; 1 0] x
-    J = 0.125 * np.array([[0.0, 1.0], [1.0, 0.0]])
-    x = [np.array([1.0, 0.0])]
-    for _ in range(4):
-        x.append(np.linalg.solve(np.eye(2) - J, (np.eye(2) + J) @ x[-1]))
-    y = np.column_stack([results["a.y"], results["b.y"]])
-    np.testing.assert_allclose(y, x, rtol=0, atol=4 * 1e-13 + ROUNDING)
 
 
 @pytest.mark.heavy
@@ -280,75 +259,3 @@ def test_a_coupling_that_does_not_converge_says_so(pack, xml):
         simulate(path, stop=1.0, step=0.25, algorithm="iterative", convergence=1e-300, parameters={"plant.x0": 1 / 3})
     assert len(info.value.results) == 1
     assert "adaptive" in str(info.value)
-
-
-@pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """Return a function that runs a scenario for 0.256 s at solver tolerance 1e-10."""
-    # It returns the largest error of q against the continuous solution, if asked for, and the relative energy residual.
-    folder = tmp_path_factory.mktemp("study")
-    references = {}
-
-    def once(name, algorithm, step, backend="native", compared=True):
-        scenario = load_scenario(name)
-        values = system_values(scenario, {"plant.tolerance": "1e-10"})
-        if compared and name not in references:
-            references[name] = reference("continuous", SystemDescription(scenario, values), step=4e-3, stop=0.256)
-        path = write_ssp(scenario, cached_fmus(scenario, folder, backend), folder / "arm.ssp", values)
-        with Simulator(path, algorithm=algorithm) as simulator:
-            results = simulator.run(step=step, stop=0.256, taps=[tap := PowerBond(scenario.robot)])
-        rows = slice(None, None, round(4e-3 / step))
-        bond = tap.summary()["power_bond"]
-        share = sum(bond["residual_energy_abs_j"]) / sum(bond["exchanged_energy_j"])
-        return np.abs(results["plant.q"][rows] - references[name]["plant.q"]).max() if compared else None, share
-
-    return once
-
-
-# Halving the step divides an error of order p by 2^p (1 + O(h)); the bounds leave 10 % for the next order. The units in
-# Python take no derivatives of inputs: their means are as good.
-@pytest.mark.heavy
-@pytest.mark.parametrize(("name", "algorithm", "backend", "step", "order"), [
-    ("tracking", "gauss-seidel", "native", 1e-3, 1),
-    ("tracking", "extrapolated", "native", 1e-3, 2),
-    ("tracking", "iterative", "native", 4e-3, 2),
-    ("planar_tracking", "extrapolated", "python", 2e-3, 2),
-    ("planar_tracking", "iterative", "python", 2e-3, 2),
-])  # fmt: skip
-def test_order_in_the_communication_step(study, name, algorithm, backend, step, order):
-    coarse, _ = study(name, algorithm, step, backend)
-    fine, _ = study(name, algorithm, step / 2, backend)
-    assert np.log2(coarse / fine) == pytest.approx(order, rel=0.1)
-
-
-def test_the_energy_residual_has_the_order_of_the_coupling_and_is_the_integral_over_the_steps(study):
-    for algorithm, order in (("gauss-seidel", 1), ("extrapolated", 2)):
-        shares = [study("planar_tracking", algorithm, step, compared=False)[1] for step in (1e-3, 5e-4)]
-        assert np.log2(shares[0] / shares[1]) == pytest.approx(order, rel=0.1)
-    # iterative ends where torque and velocity agree to the bound of convergence
-    assert study("planar_tracking", "iterative", 1e-3, compared=False)[1] < shares[1] / 100
-    # With torque and velocity held over a step, the integrals are exact: torque times way, less torque times velocity.
-    # The trapezoidal rule takes the velocity as linear in the step: right to the size of its second derivative.
-    scenario = load_scenario("planar_tracking")
-    robot = scenario.robot
-    with tempfile.TemporaryDirectory() as folder:
-        path = write_ssp(scenario, cached_fmus(scenario, folder), f"{folder}/arm.ssp")
-        with Simulator(path, algorithm="gauss-seidel") as simulator:
-            results = simulator.run(step=1e-3, stop=0.5, record=["*"], taps=[tap := PowerBond(robot)])
-    torque = robot.ell * results["plant.tau"][1:]
-    way = np.diff(results["plant.kappa"], axis=0)
-    exact = (torque * (way - 1e-3 * results["controller.kappa_dot"][1:])).sum(axis=0)
-    bond = tap.summary()["power_bond"]
-    np.testing.assert_allclose(bond["residual_energy_j"], exact, rtol=0.02)
-    np.testing.assert_allclose(bond["exchanged_energy_j"], np.abs(torque * way).sum(axis=0), rtol=0.02)
-
-
-@pytest.mark.heavy
-def test_a_run_is_compared_with_the_continuous_reference_and_shows_its_steps(tmp_path):
-    summary = vdfmu.run(
-        "planar_tracking", stop=0.1, step=0.01, out=tmp_path, backend="python", algorithm="iterative", adaptive=1e-5
-    ).summary
-    assert list(summary["reference"]) == ["continuous"]
-    assert summary["adaptive"] == 1e-5
-    assert summary["communication"]["steps"] > 10
-    assert set(summary["power_bond"]) == {"residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"}

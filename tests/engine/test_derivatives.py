@@ -1,14 +1,11 @@
 """What components can tell beyond their outputs, in the coupling of two masses with a solution in closed form."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from tests.conftest import heavy
 from tests.engine.reference.masses import HELD, JACOBIAN, MASS, RATES, STRAIGHT, UPDATES, WIRES
-from tests.engine.reference.models import V
 from vdfmu.engine.run import simulate
 
 SOFT = {
@@ -53,6 +50,7 @@ def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, versio
         assert 0.45 < with_rates / plain < 0.55
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("algorithm", ["extrapolated", *heavy("iterative")])
 @pytest.mark.parametrize(
     ("model", "version"), [(MASS, "3.0"), (RATES, "2.0"), (RATES, "3.0"), (STRAIGHT, "3.0"), (JACOBIAN, "3.0")]
@@ -76,31 +74,6 @@ def test_directional_derivatives_save_repetitions(system, version):
     # both are the solution of the same equations, to 1e-8 in each of 40 steps
     np.testing.assert_allclose(exact, plain, rtol=0, atol=40 * 1e-8)
     assert results.summary["communication"]["convergence"] == 1e-8
-
-
-@pytest.mark.heavy
-def test_a_long_chain_needs_no_more_repetitions_than_a_short_one(pack, xml, built):
-    """Ten unknowns between six masses: without the Jacobian they take seven sweeps, and then as many in each step."""
-    n, sweeps = 6, []
-    for model in (MASS, JACOBIAN):
-        inner = replace(
-            model, name=f"{model.name}Inner",
-            variables=[*model.variables, V("x_l", "input", start=0.0), V("v_l", "input", start=0.0)],
-            code=model.code.replace("(p->x - p->x_o)", "(2 * p->x - p->x_o - p->x_l)")
-            .replace("(p->v - p->v_o)", "(2 * p->v - p->v_o - p->v_l)"),
-        )  # fmt: skip
-        ports = "x:output v:output x_o:input v_o:input x_l:input v_l:input"
-        path = pack(
-            [xml.component(f"m{i}", "M", ports) for i in range(n)],
-            [f"m{i}.{s} -> m{j}.{s}_{side}" for i in range(n) for s in "xv"
-             for j, side in ((i - 1, "o"), (i + 1, "l")) if 0 <= j < n],
-            extra={"resources/M.fmu": built(inner, "3.0")},
-        )  # fmt: skip
-        values = {f"m{i}.{name}": x for i in range(n) for name, x in STRONG.items()} | {"m0.x": 1.0}
-        results = simulate(path, stop=2.0, step=0.1, algorithm="iterative", parameters=values)
-        sweeps.append(results.summary["communication"]["unit_steps"] / n / 20)
-    # the Jacobian is exact except for the error of the masses' own steps, 1e-5 of it, which a third sweep takes away
-    assert sweeps[1] <= 3.0 < 6.0 < sweeps[0]
 
 
 @pytest.mark.heavy

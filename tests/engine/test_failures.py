@@ -81,10 +81,10 @@ def test_an_exception_while_a_unit_is_made_has_its_line(pack, fmus, tmp_path, mo
     script.write_text(MADE)
     monkeypatch.setitem(fmus, "Made", Path(FmuBuilder.build_FMU(script, dest=tmp_path / "Made.fmu")))
     path = pack(["arm Made y:output"])
-    simulate(path, step=0.5)  # the exception that it catches is none
+    simulate(path, step=0.5, isolate=True)  # the exception that it catches is none
     monkeypatch.setenv("VDFMU_TEST_MADE", "1")
     with pytest.raises(CosimError) as info:
-        simulate(path, step=0.5)
+        simulate(path, step=0.5, isolate=True)
     at = next(k for k, line in enumerate(MADE.splitlines(), 1) if "no table" in line)
     assert (
         str(info.value) == f"arm failed at t = 0 s in instantiate: KeyError: 'no table' (vdfmu_test_made.py, line {at})"
@@ -133,16 +133,6 @@ def test_ctrl_c_ends_the_run_after_the_step_and_keeps_the_rows(fragile):
     assert len(info.value.results) == 5
     assert isinstance(info.value, KeyboardInterrupt)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def test_an_integer_outside_the_mapping_is_kept(pack, xml):
-    table = ('<ssc:IntegerMappingTransformation><ssc:MapEntry source="0" target="5"/>'
-             '<ssc:MapEntry source="1" target="6"/></ssc:IntegerMappingTransformation>')  # fmt: skip
-    path = pack(["count Counter n:output", "logic Logic ii:input"], [xml.connection("count.n -> logic.ii", table)])
-    results = simulate(
-        path, stop=4.0, step=1.0, record=["*"]
-    )  # SSP 1.0, 4.3: values without an entry are kept unchanged
-    assert results["logic.ii"].tolist() == [5, 5, 6, 2, 3]
 
 
 @pytest.mark.parametrize(("options", "message"), [

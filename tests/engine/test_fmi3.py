@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.engine.package.join import join
@@ -16,7 +17,7 @@ from vdfmu.engine.run import ALGORITHMS, simulate
 LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
 
 
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_all_scalar_types_pass_through(system, algorithm, isolate):
     path = system(

@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.engine.results.folder import replacing_results, write_summary
 
 OUTPUTS = ("results.csv", "figure.png", "summary.json")
@@ -109,7 +110,7 @@ def test_what_a_killed_run_left_is_removed_by_the_next_and_that_of_a_living_one_
 
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of folders are those of POSIX")
-@pytest.mark.parametrize("name", ["notes.txt", "before"])
+@pytest.mark.parametrize("name", ["notes.txt", *heavy("before")])
 def test_what_no_run_wrote_or_an_earlier_one_is_not_removed(tmp_path, running, name):
     """Of a run that is killed while it takes its place, ``before`` has the files of the earlier one."""
     killed, orphan = running(name)

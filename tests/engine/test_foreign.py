@@ -150,6 +150,7 @@ def test_an_fmu_gets_the_tolerance_of_its_default_experiment(pack, xml, tmp_path
         assert [results["a.y"][0], results["b.y"][0]] == sent
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 def test_an_fmu_without_outputs_gives_its_local_variables(pack, xml, tmp_path, algorithm):
     """As the bouncing balls of other tools; a local variable that is not finite ends no run."""

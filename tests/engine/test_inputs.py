@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.conftest import heavy
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.plan.inputs import Course, read_inputs
@@ -32,7 +33,7 @@ def file(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_a_sampling_master_holds_the_value_of_the_start_of_a_step(lone, file, algorithm, isolate):
     path = file("time,plant.u,plant.load\n0,1,0\n1,3,2\n")
@@ -45,7 +46,7 @@ def test_a_sampling_master_holds_the_value_of_the_start_of_a_step(lone, file, al
     assert [name for name in results if name.startswith("(")] == []
 
 
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("adaptive", [None, 1e-6])
 @pytest.mark.parametrize("algorithm", CONTINUOUS)
 def test_a_continuous_master_lets_it_run(lone, file, algorithm, adaptive, isolate):

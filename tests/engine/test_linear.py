@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from tests.conftest import heavy
 from tests.engine.reference import models
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import expm
@@ -26,7 +27,7 @@ def test_the_exponential_of_a_matrix_is_that_of_scipy(norm):
     np.testing.assert_allclose(expm(A), exact, rtol=0.0, atol=limit)
 
 
-@pytest.mark.parametrize("at", [None, 1.0])
+@pytest.mark.parametrize("at", [*heavy(None), 1.0])
 def test_two_lags_that_follow_each_other_have_their_closed_form(system, at):
     path = system({"a": (LAG, "2.0"), "b": (LAG, "3.0")}, RING)
     linear = linear_system(path, at, step=STEP, algorithm="jacobi")

@@ -11,7 +11,7 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import simulate
 
 
-@pytest.mark.heavy
+@pytest.mark.few(1)
 @pytest.mark.parametrize("k", [(0.5, 0.5), (-3.0, 2.0), (4.0, 5.0)])
 def test_algebraic_loops_are_solved(pack, k):
     """A = k0 b, b = k1 a + t: in the initialization by every master, in the steps by iterative."""

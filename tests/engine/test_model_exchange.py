@@ -8,6 +8,7 @@ import scipy.integrate
 from scipy.integrate import solve_ivp
 
 from tests.compiler.eventful import Resting
+from tests.conftest import heavy
 from tests.engine.files import edited
 from tests.engine.reference import models
 from vdfmu.arm.fmus import build_fmus
@@ -28,7 +29,7 @@ STIFF = replace(
 )
 
 
-@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_states_are_integrated_to_the_tolerance(system, version, isolate):
     path = system({"d": (exchange(models.DAHLQUIST), version), "v": (exchange(models.VAN_DER_POL), version)})
@@ -153,6 +154,7 @@ def test_states_that_become_infinite(system):
         simulate(system({"r": (RUNAWAY, "2.0")}), stop=2.0, step=0.5, isolate=False)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_unit_with_events_bounces_as_the_reference_fmu(pack, xml, built, tmp_path, version):
     """By the integrator of this master for model exchange, and by its own solver for co-simulation, until all rest."""

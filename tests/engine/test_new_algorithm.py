@@ -122,6 +122,7 @@ def test_the_loop_is_the_one_that_it_samples(toy, arm_package, ordered):
     assert np.abs(mine.modulus - wrong.modulus).max() > 0.05
 
 
+@pytest.mark.heavy
 def test_a_run_is_judged_by_what_the_row_declares(toy):
     """A wrong declaration fails by the reference; without any there is no verdict on the loops."""
     checks = {}

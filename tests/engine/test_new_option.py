@@ -49,6 +49,7 @@ def python(tmp_path_factory):
     return run
 
 
+@pytest.mark.heavy
 def test_a_new_option_is_declared_in_one_file(python, pack, tmp_path):
     components = ["r Ramp y:output", "g Gain u:input y:output"]
     package = pack(components, ["r.y -> g.u"])

@@ -35,6 +35,7 @@ def fragile(pack):
     return pack(["source Ramp y:output", "arm Fragile y:output"])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("streamed", [False, True])
 @pytest.mark.parametrize("isolate", [False, True])
 def test_every_row_is_seen_with_the_values_that_are_recorded(fragile, tmp_path, streamed, isolate):

@@ -50,17 +50,6 @@ def test_a_run_writes_all_forms_alike_and_says_in_parquet_what_it_was(package, t
     assert {"results.csv", "results.mat", "results.parquet"} < set(summary["files"])
 
 
-@pytest.mark.heavy
-def test_a_scenario_in_parquet_alone(tmp_path):
-    results = vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, formats=["parquet"], reference=False)
-    assert not (tmp_path / "results.csv").exists()
-    table = Results.read(tmp_path / "results.parquet")
-    assert_same_bits(table, results)
-    assert (table.summary["scenario"], table.summary["robot"]) == ("planar_tracking", "planar_2dof")
-    vdfmu.run("planar_tracking", stop=0.05, out=tmp_path, reference=False)  # replaces what the run before wrote
-    assert {"results.csv", "results.parquet"} & {path.name for path in tmp_path.iterdir()} == {"results.csv"}
-
-
 def test_a_run_that_fails_leaves_its_rows_in_parquet(tmp_path):
     # a proportional gain of 1e9 drives the arm beyond what any solver step can follow
     with pytest.raises(CosimError) as caught:
@@ -88,13 +77,6 @@ def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(
     assert "error: Parquet needs the package pyarrow, which cannot be imported: " in said
     assert "Install it with 'pip install vdfmu[parquet]'. The results of a run can be CSV" in said
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.heavy
-def test_csv_needs_no_pyarrow(package, tmp_path):
-    options = ["run", str(package), "--stop", "0.01", "--out", str(tmp_path)]
-    subprocess.run([sys.executable, "-c", WITHOUT, *options], check=True, capture_output=True, timeout=120)
-    assert len(Results.read(tmp_path / "results.csv")) == 11
 
 
 @pytest.mark.parametrize("formats", ["xls", "csv;parquet", "", "csv,"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.conftest import heavy
 from vdfmu.base import style
 from vdfmu.engine.results.figure import signal_figures
 from vdfmu.engine.results.picture import PANELS, chosen, draw, plot, write_signals
@@ -64,18 +63,6 @@ def test_each_component_gets_its_share_of_the_panels():
     assert len(names) - len(shown) == 12 and not figure.texts  # no caption
     figure = draw_signals(make(*((f"c{i}.x", "real", "") for i in range(PANELS + 3))))
     assert titles(figure) == [f"c{i}.x" for i in range(PANELS)]
-
-
-@pytest.mark.parametrize("count", [1, 4, PANELS, *heavy(*sorted({*range(1, PANELS)} - {1, 4}))])
-def test_the_time_is_below_the_lowest_panel_of_every_column(count):
-    figure = draw_signals(make(*((f"a.x{i}", "real", "") for i in range(count))))
-    figure.draw_without_rendering()
-    axes = figure.axes
-    assert len(axes) == count
-    for panel in axes:
-        below = [a for a in axes if abs(a.get_position().x0 - panel.get_position().x0) < 0.05
-                 and a.get_position().y1 < panel.get_position().y0]  # fmt: skip
-        assert bool(panel.get_xlabel()) == (not below)
 
 
 def test_panels_come_in_the_order_asked_for_hidden_signals_have_none_and_no_signals_no_picture(tmp_path):

@@ -3,10 +3,6 @@
 import csv
 import json
 import re
-import resource
-import subprocess
-import sys
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -68,23 +64,6 @@ def make(path: Path, columns: int) -> tuple[Recorder, np.ndarray]:
     return Recorder([path], signals, {"real": block}, {}, put, np.arange), block
 
 
-@pytest.mark.heavy
-def test_memory_does_not_grow_with_the_rows(tmp_path):
-    columns, rows = 20, 100 * ROWS
-    tracemalloc.start()
-    writer, _ = make(tmp_path / "rows.csv", columns)
-    for k in range(rows):
-        writer.keep(k)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    # A number of the block takes 8 bytes, as an object of Python 32, and its text twice at most 49 + 8.
-    assert peak < 1.5 * ROWS * columns * (8 + 32 + 2 * 57)
-    assert peak < 0.5 * 8 * columns * rows
-    data = writer.finish(np.arange(float(rows)))
-    assert data["real"].shape == (rows, columns)
-    assert data["real"][-1, 1] == 1.0 + 0.125 * (ROWS - 1)
-
-
 def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(recorder.clock, "perf_counter", lambda: now[0])
@@ -92,30 +71,6 @@ def test_a_row_is_in_the_file_after_two_seconds(tmp_path, monkeypatch):
     for k, now[0] in enumerate((0.0, 1.0, 2.1)):
         writer.keep(k)
     assert (tmp_path / "rows.csv").read_text() == "time,a.y[1]\ns,\n0,0\n1,1.25E-1\n"
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("form", "stop"), [("csv", "5"), ("parquet", "8")])
-def test_a_full_disk_leaves_the_results_before_and_whole_rows_of_csv(package, tmp_path, form, stop):
-    """The limit on the size of a file makes a write fail as a full disk does, part of it written."""
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "vdfmu.cli", "run", str(package), "--out", str(out), "--format", form]
-    subprocess.run([*command, "--stop", "0.1"], check=True, capture_output=True, timeout=120)
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    limit = 2_000_000  # more than each file of the FMUs; a row takes some 1,400 bytes of CSV, 600 of numbers
-    done = subprocess.run(
-        [*command, "--stop", stop], check=False, capture_output=True, text=True, timeout=120,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-    )  # fmt: skip
-    said = " ".join(done.stderr.split())
-    assert done.returncode == 1, said
-    assert f"results.{form}: the rows cannot be written: File too large. Free space, or choose another folder" in said
-    assert (out / "partial").exists() == (form == "csv")
-    if form == "csv":
-        assert f"The rows so far are in {out / 'partial' / 'results.csv'}; {out} is unchanged." in said
-        rows = Results.read(out / "partial" / "results.csv")
-        assert len(rows) % ROWS == 0 and len(rows) >= ROWS
-    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
 
 
 def test_a_file_that_cannot_be_opened_is_named(package, tmp_path):

@@ -17,6 +17,7 @@ def same(a, b):
     return a.names == b.names and all(np.array_equal(a[name], b[name]) for name in a)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("backend", "algorithm"),
     [*(("native", each) for each in ALGORITHMS), ("python", "iterative"),
@@ -90,6 +91,7 @@ def pushed(simulator, force, steps=50):
     return np.array(rows)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("backend", "algorithm"),
     [*(("native", each) for each in BY_HAND), ("python", "extrapolated"),

@@ -80,16 +80,6 @@ def test_external_values_and_a_mapping_that_drops_what_it_does_not_mention(pack,
     assert simulate(path, stop=1.0, step=1.0)["g.y"].tolist() == [15.0, 15.0]
 
 
-def test_two_components_of_one_dotted_name_both_run(pack, xml):
-    """And a value goes to all variables of its name; it is enough that one exists."""
-    inner = f'<ssd:System name="B"><ssd:Elements>{xml.component("C", "Gain")}</ssd:Elements></ssd:System>'
-    bindings = xml.values(xml.real("B.C.k", 3.0) + xml.real("B.C.u", 2.0) + xml.real("B.C.slope", 7.0))
-    path = pack([inner, "B.C Ramp y:output"], bindings=bindings)
-    results = simulate(path, stop=1.0, step=1.0)
-    assert results["B.C.y"].tolist() == [6.0, 6.0]
-    assert results["B.C#2.y"].tolist() == [0.0, 7.0]
-
-
 @pytest.mark.heavy
 def test_precedence_of_bindings(pack, xml):
     # A later binding wins over an earlier one, the system over its component, the caller over all.

@@ -13,7 +13,6 @@ from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.versions import Instance2, Instance3
-from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.run import simulate
 
 ENDS, EARLY, EVENT = 1, 2, 3
@@ -153,19 +152,3 @@ def test_numbers_without_memory_are_refused_before_memory_is_asked_for(sizes, wo
     unit = SimpleNamespace(name="unit", box=box(), sizes=lambda: sizes)
     with pytest.raises(CosimError, match=rf"\d+ {words}.*; expected 10000000 at most of each"):
         ModelExchangeIntegrator(unit, None)
-
-
-def test_the_check_has_a_rule_for_such_numbers(tmp_path):
-    description = """<fmiModelDescription fmiVersion="2.0" modelName="M" guid="g" numberOfEventIndicators="4294967295">
-    <ModelExchange modelIdentifier="M"/><ModelVariables>
-    <ScalarVariable name="y" valueReference="0" causality="output"><Real/></ScalarVariable></ModelVariables>
-    <ModelStructure><Outputs><Unknown index="1"/></Outputs><InitialUnknowns><Unknown index="1"/></InitialUnknowns>
-    </ModelStructure></fmiModelDescription>"""
-    path = tmp_path / "M.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-    problems = inspect_file(path, run=False).problems
-    assert [str(each) for each in problems if each.rule.number == "FMI023"] == [
-        "modelDescription.xml, line 1: the model has 0 continuous states and 4294967295 event indicators; expected "
-        "10000000 at most of each"
-    ]

@@ -1,14 +1,11 @@
-"""Commands where names are not UTF-8, memory is short, or a component leaves a process behind."""
+"""Commands where names are not UTF-8, or memory is short."""
 
-import os
 import random
 import shutil
-import signal
-import time
 from pathlib import Path
 
 from tests.hostile.commands import PATIENCE, Process
-from tests.hostile.jobs import JOBS, Job, files, require_nothing_left, require_whole
+from tests.hostile.jobs import JOBS, files, require_nothing_left, require_whole
 from tests.hostile.signals import prepared
 from tests.hostile.table import Corpus
 from vdfmu.base.errors import VdfmuError
@@ -74,57 +71,7 @@ def short_of_memory(number: int, folder: Path) -> None:
     assert code <= 0 or limit < 600, report
 
 
-_FLED = """
-import os, sys, time
-if "vdfmu.engine.run.isolated_server" in sys.orig_argv:
-    import vdfmu.engine.masters.components as c
-    plain = c.Components.initialize
-    def initialize(self, *a):
-        if os.fork() == 0:
-            os.setsid()  # out of reach of the group
-            time.sleep(300)
-            os._exit(0)
-        {}
-        return plain(self, *a)
-    c.Components.initialize = initialize
-"""
-_WAYS = (
-    "pass", "os._exit(3)", "os.kill(os.getpid(), 9)", "time.sleep(300)", "raise ZeroDivisionError('ours')",
-    "raise MemoryError", "os.kill(os.getpid(), 19)", "os.close(1)",
-)  # fmt: skip
-
-
-def fled(number: int, folder: Path) -> None:
-    """Simulate a component that leaves a process in a session of its own, and then ends, hangs, stops or goes on."""
-    way = _WAYS[number % len(_WAYS)]
-    job = Job(("run", "arm.ssp", "--out", "out", "--stop", "0.05", "--isolate"), JOBS["simulate"].before, True)
-    start = prepared(job)
-    place, site = folder / "place", folder / "site"
-    shutil.copytree(start.folder, place)
-    site.mkdir()
-    (site / "sitecustomize.py").write_text(_FLED.format(way))
-    process = Process(place, (*job.words, "--wait-limit", "3"), PYTHONPATH=str(site))
-    begin = time.monotonic()
-    try:
-        code, report = _ended(process, f"a component that leaves a process and does: {way}")
-        seconds = time.monotonic() - begin
-    finally:
-        for path in Path("/proc").glob("[0-9]*"):
-            try:
-                if f"TMPDIR={process.temporary}\0".encode() in (path / "environ").read_bytes() + b"\0":
-                    os.kill(int(path.name), signal.SIGKILL)
-            except OSError:  # it has just ended
-                continue
-    require_nothing_left(place, report)
-    require_whole(job, code, start.before, files(place), start.after, report)
-    assert seconds < 60.0, f"held for {seconds:.0f} s: {report}"
-    assert code or way in ("pass", "os.close(1)"), report  # the others end the component, or never return
-    if code:
-        raise VdfmuError(report)
-
-
 CORPORA = [
     Corpus("commands into names that are not UTF-8", len(JOBS), named, quick=0, seconds=PATIENCE),
     Corpus("commands short of memory", 4 * len(JOBS), short_of_memory, quick=0, seconds=PATIENCE),
-    Corpus("components that leave a process behind", len(_WAYS), fled, quick=0, seconds=PATIENCE),
 ]

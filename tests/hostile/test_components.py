@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 import zipfile
 from pathlib import Path
 
@@ -61,20 +60,6 @@ def test_memory_is_limited(unit, monkeypatch):
     monkeypatch.setenv("PYTHONMALLOC", "malloc")
     (problem,) = check_run.run_apart(unit(CODE["memory"])).problems
     assert "exit code 7" in problem
-
-
-def test_children_end_with_the_process(unit, tmp_path):
-    """One that holds the error output open, too: it would be waited for. Its heart beats every 20 ms."""
-    beats = tmp_path / "beats"
-    code = f'if (fork() == 0) for (;;) {{ FILE *f = fopen("{beats}", "a"); fputc(1, f); fclose(f); usleep(20000); }}'
-    begin = time.monotonic()
-    (problem,) = check_run.run_apart(unit(f"{code} usleep(500000); _exit(4);")).problems
-    assert "exit code 4" in problem
-    assert time.monotonic() - begin < check_run.SECONDS  # the child would go on for ever
-    count = beats.stat().st_size
-    assert count > 0
-    time.sleep(1.0)
-    assert beats.stat().st_size == count
 
 
 def test_a_unit_that_never_answers_is_ended_and_findings_that_it_wrote_are_bounded(unit, monkeypatch):

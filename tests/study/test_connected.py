@@ -113,6 +113,7 @@ def test_a_package_is_replaced_by_the_same_call(fmus, tmp_path):
     assert system.write(tmp_path / "a.ssp").read_bytes() == system.write(tmp_path / "a.ssp").read_bytes()
 
 
+@pytest.mark.heavy
 def test_a_sweep_takes_the_values_and_options_of_the_system(fmus, tmp_path):
     system = vdfmu.connect({"a": fmus["2.0"]}, stop=0.2, step=0.01)
     swept = system.sweep({"a.T": [0.1, 0.2]}, parameters={"a.u": 2.0}, measure=["end=final(a.y)"], out=tmp_path)

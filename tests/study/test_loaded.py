@@ -112,6 +112,7 @@ if sys.argv[2] == "exit":
 """
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("way", "code"), [("end", 0), ("fork", 0), ("pool", 0), ("exit", 7)])
 def test_a_process_may_end_or_fork_between_runs(package, tmp_path, way, code):
     done = subprocess.run(

@@ -19,7 +19,6 @@ BAD = [
     None, 5, -1, 2.5, "x", "", {}, {"x": 1}, {"a.u": None}, {1: 2}, [], ["a.u"], [1], (), math.nan, math.inf, object(),
     True, b"x", np.zeros(2), lambda *_: None, lambda *_: "x",
 ]  # fmt: skip
-ROBOT = {"robot": None, "q": [0.0, 0.0]}
 
 
 @pytest.fixture(scope="module")

@@ -113,7 +113,7 @@ def test_the_fmu_of_a_unit_with_two_choices_is_valid(place, version):
     fmpy.read_model_description(str(path), validate=True)
 
 
-@pytest.mark.few(10)
+@pytest.mark.few(6)
 @pytest.mark.parametrize(("name", "value"), VALUES)
 def test_each_entry_gives_the_same_verdict(place, simulator, name, value):
     unit = load_units(place / "typed.py")["typed"]

@@ -1,35 +1,14 @@
 """`vdfmu check` of robot, scenario and system files and of units of one's own."""
 
-import json
 import os
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from vdfmu.base.files import data_path
-from vdfmu.cli.commands import app
 from vdfmu.system.inspect_source import inspect_source
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "units"
 SCENARIO = 'name = "x"\nrobot = "planar_2dof"\nstop = 1.0\nstep = 0.001\n'
 SYSTEM = 'name = "x"\ndescription = "x"\n[components]\nplant = "plant"\ncontroller = "controller"\n[connections]\n'
 UNIT = "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u = Input()\n    y = Output()\n\n"
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("path", "kind"), [
-    (data_path("models") / "robots" / "planar_2dof.toml", "robot"),
-    (data_path("models") / "scenarios" / "tracking.toml", "scenario"),
-    (data_path("ssp") / "estimator.toml", "system"),
-    (EXAMPLES / "scenario.toml", "scenario"),
-    (EXAMPLES / "arm.toml", "system"),
-    (EXAMPLES / "wall.py", "unit"),
-])  # fmt: skip
-def test_what_is_right_has_no_problems(path, kind):
-    report = inspect_source(path, "planar_2dof")
-    assert (report.kind, report.problems, report.notes) == (kind, [], [])
-    assert report.ran == (path.is_relative_to(EXAMPLES))  # the others name no Python file
 
 
 @pytest.mark.parametrize(("name", "text", "kind", "problem"), [
@@ -57,45 +36,6 @@ def test_what_is_wrong_is_named(tmp_path, name, text, kind, problem):
     report = inspect_source(path, "planar_2dof")
     assert report.kind == kind
     assert any(problem in line for line in report.problems), report.problems
-
-
-OPENED = "from pathlib import Path\nPath(__file__).with_name('ran').write_text(str(__import__('os').getpid()))\n"
-GAIN = UNIT + "    def outputs(self) -> None:\n        self.y = 2.0 * self.u\n"
-NAMED = {
-    "x.py": "",
-    "system.toml": 'name = "x"\ndescription = "x"\n[components]\na = "x.py"\n[connections]\n',
-    "more.toml": 'name = "y"\nextends = "system.toml"\n',
-    "scenario.toml": SCENARIO.replace('robot = "planar_2dof"', 'system = "more.toml"'),
-}
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", NAMED)
-@pytest.mark.parametrize("option", [None, "--json"])
-def test_no_run_runs_no_code_of_a_file_nor_of_one_that_it_names(tmp_path, monkeypatch, name, option):
-    monkeypatch.chdir(tmp_path)
-    for file, text in NAMED.items():
-        Path(file).write_text(text or OPENED + GAIN)
-    options = [option] if option else []
-
-    def said(*more: str):
-        done = CliRunner().invoke(app, ["check", name, *options, *more])
-        assert done.exit_code == 0, done.output
-        return done.stdout
-
-    text = said("--no-run")
-    assert not Path("ran").exists()
-    assert "x.py is code and was not run (--no-run)" in text
-    if option == "--json":
-        report = json.loads(text)
-        assert (report["ran"], [f["rule"] for f in report["findings"]]) == (False, ["RUN006"])
-    text = said()
-    assert int(Path("ran").read_text()) != os.getpid()  # in a process of its own
-    if option == "--json":
-        report = json.loads(text)
-        assert (report["ran"], report["findings"]) == (True, [])
-    else:
-        assert "no problems" in text
 
 
 @pytest.mark.heavy

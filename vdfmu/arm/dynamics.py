@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -158,8 +159,8 @@ def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e:
 
 
 @checks_types
-def _at_position(robot: Robot, name: str, q: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
-    """Call a traced function of `q` alone, with a result of `shape`."""
+def _at_position(robot: Robot, name: str, q: Any, shape: tuple[int, ...]) -> Floats:
+    """Call a traced function of `q` alone, which `rows` checks, with a result of `shape`."""
     kernel = _kernel(robot)
     flat = kernel.rows(name, (q,), (kernel.robot.n,))
     return flat.reshape(*flat.shape[:-1], *shape)

@@ -1,4 +1,4 @@
-"""Common parts of control laws: the desired motion, the motor torque and its limit, and how the arm rests."""
+"""Common parts of control laws: desired motion, motor torque with its limit, and equilibrium of the arm."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TERMINALS = (
 
 
 class Law(Unit):
-    """Base of control laws: each adds its variables and hands its torque to :meth:`command`."""
+    """Base class of control laws: each adds its variables and passes its torque to :meth:`command`."""
 
     sampled = True
     q_d = Input(*DESIRED["q_d"])
@@ -43,7 +43,7 @@ class Law(Unit):
         self.tau = clip(torque / self.robot.ell, -self.tau_max, self.tau_max)
 
     def experiment(self) -> None:
-        """Follow a small motion nearly."""
+        """Approximate the motion of an arm near its start by a linear one."""
         phase = self.t + 0.4 * np.arange(self.n)
         motion = small_motion(self.t, self.n, self.experiment_stop)
         near = {

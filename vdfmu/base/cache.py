@@ -74,7 +74,7 @@ def limit() -> float:
     with suppress(ValueError):
         if float(text) >= 0.0:
             return float(text) * 2**20
-    raise UsageError(f"VDFMU_CACHE_MB: expected the most that the cache may hold, a number >= 0 in MB, got {text!r}.")
+    raise UsageError(f"VDFMU_CACHE_MB: expected the maximum size of the cache, a number >= 0 in MB, got {text!r}.")
 
 
 def trusted(folder: Path) -> bool:

@@ -239,10 +239,22 @@ def _numbers(value: Any) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, (str, Iterator)) and all(map(_number, value))
 
 
+def _array(value: Any) -> bool:
+    from numpy import asarray  # takes long to import
+
+    try:
+        array = asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
+    return not array.size or array.dtype.kind in "iuf"
+
+
 def _is_one(name: str, value: Any) -> bool:
     return any(kind.__name__ == name for kind in type(value).__mro__)
 
 
+NUMBERS = "a number, or a list or rows of them"
+"""An array in words."""
 _PLAIN = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
 """Types by their annotation."""
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
@@ -256,6 +268,8 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "Mapping": ("a mapping with texts as keys", lambda value: isinstance(value, Mapping) and _texts(value)),
     "Sequence[str]": ("a sequence of texts", _texts),
     "Sequence[float]": ("a sequence of numbers", _numbers),
+    "Sequence[int]": ("a sequence of numbers", _numbers),
+    "ArrayLike": (NUMBERS, _array),
     "Literal[False]": ("False", lambda value: value is False),
     "type": ("a class", lambda value: isinstance(value, type)),
     "Callable": ("a function", callable),

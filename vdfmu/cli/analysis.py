@@ -46,12 +46,14 @@ def linear(
     at: Annotated[
         list[float] | None,
         Option(
-            "Time of the run in s. Repeatable.", group=_MARGINS, more="Default: the times with the smallest margins."
+            "Time of the run in s. Repeatable.",
+            group=_MARGINS,
+            more="The default is the times with the smallest margins.",
         ),
     ] = None,
     opened: Annotated[
         list[str] | None,
-        Option("Input to open a loop at (default tau). Repeatable.", flag="--loop", group=_MARGINS, metavar="INPUT"),
+        Option("Input that opens a loop (default tau). Repeatable.", flag="--loop", group=_MARGINS, metavar="INPUT"),
     ] = None,
     along: Annotated[
         bool, Option("Modes over a scenario's motion, with a picture.", flag="--modes", group=_MODES)
@@ -62,7 +64,7 @@ def linear(
             "Positions of the joints in rad or m (default 0).",
             metavar="'Q1 Q2 ...'",
             group=_MODES,
-            more="If end stops exclude 0, the middle between them.",
+            more="If the end stops exclude 0, the default is the middle between them.",
         ),
     ] = None,
     bode: Annotated[
@@ -71,7 +73,7 @@ def linear(
             "Draw the frequency response of a joint.",
             metavar="JOINT",
             group=_MODES,
-            more="Its rotor and link answer to its motor torque.",
+            more="The response of its rotor and link to its motor torque.",
         ),
     ] = None,
     dry: Annotated[
@@ -88,7 +90,7 @@ def linear(
     """Print the modes of a robot at rest, or the margins of a scenario.
 
     Modes are natural frequencies, damping and shapes, with motors free and held. Margins are the smallest of each loop
-    over a run, with the delays of the master. The exit code is 1 if the run is unstable.
+    over a run, including the delays of the master. The exit code is 1 if the run is unstable.
     """
     of_robot = {"--pose": pose, "--bode": bode}
     of_picture = {"--dry-friction": dry, "--out": out, "--overwrite": overwrite}
@@ -312,10 +314,10 @@ def judge(
     sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate how far the communication step makes a system wrong.
+    """Estimate the error that the communication step causes in a system.
 
-    Runs with the step, its half and its quarter give the error of each real output, as a share of its swing.
-    The exit code is 0 if the system is right, 1 if it is not, 3 if this is not decided. It is 2 for wrong usage.
+    Runs with the step, its half and its quarter give the error of each real output, as a fraction of its range. The
+    exit code is 0 if the system is right, 1 if it is not, 3 if this cannot be decided, and 2 for wrong usage.
     """
     from vdfmu.study.connected import load as load_system
 

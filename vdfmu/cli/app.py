@@ -149,16 +149,9 @@ class FunctionCommand(Described):
 
 
 class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariableOverride]
-    """All commands, or a group of them; `default` runs if none is named."""
+    """All commands, or a group of them."""
 
     command_class = FunctionCommand
-
-    def __init__(self, name: str, *, default: Callable[[], None] | None = None, **settings: Any) -> None:
-        def begin() -> None:
-            if default is not None and click.get_current_context().invoked_subcommand is None:
-                default()
-
-        super().__init__(name, callback=begin, invoke_without_command=default is not None, **settings)
 
     def add(self, commands: Iterable[tuple[Any, str]], panel: str) -> None:
         """Add functions as commands, with their examples, and groups, below a heading."""

@@ -10,7 +10,6 @@ import warnings
 from typing import Any
 
 import click
-from rich.markup import escape
 
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
@@ -18,7 +17,7 @@ from vdfmu.base.extras import extra_modules
 from vdfmu.base.version import __version__
 from vdfmu.cli import analysis, doctor, files, robots, runs, scenarios, studies, units
 from vdfmu.cli.app import COMPLETE, App
-from vdfmu.cli.terminal import console, fail, folder_is_gone, table
+from vdfmu.cli.terminal import console, fail, folder_is_gone
 
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Run": ((runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"), (studies.app, "")),
@@ -36,14 +35,6 @@ COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Installation": ((doctor.doctor, "vdfmu doctor"),),
 }
 """The commands of the core in groups, each with an example; subcommands have their examples."""
-FIRST = {
-    "Run": ("run", "sweep", "tune"),
-    "Look": ("report",),
-    "Analyse": ("linear",),
-    "Exchange": ("ssp", "check"),
-    "Models": ("robot",),
-}
-"""The most used commands, named by ``vdfmu``."""
 
 
 def _show_version(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
@@ -61,21 +52,6 @@ def _completion(context: click.Context, parameter: click.Parameter, shell: str |
             raise click.BadParameter(f"expected bash, zsh or fish, got {shell}", context, parameter)
         print(kind(app, {}, "vdfmu", COMPLETE).source())
         context.exit()
-
-
-def _say_first() -> None:
-    """Name the most used commands, and how to list all."""
-    commands: Any = app.commands
-    console.print(f"[bold]vdfmu[/bold]  {app.help}")
-    shown = table("", "", "", title=" ", show_header=False)
-    for group, names in FIRST.items():
-        for name in filter(commands.__contains__, names):
-            short = escape(commands[name].summary.partition(":")[0].rstrip("."))
-            shown.add_row(group if name == names[0] else "", f"[bold cyan]{name}[/bold cyan]", short)
-    console.print(shown)
-    rest = ", ".join(name for name in commands if name not in {each for names in FIRST.values() for each in names})
-    console.print(f"\nBegin with [bold]vdfmu run[/bold]. Also: {rest}.")
-    console.print("[bold]vdfmu --help[/bold] lists all commands, [bold]vdfmu COMMAND --help[/bold] their options.")
 
 
 def command() -> None:
@@ -113,7 +89,6 @@ def command() -> None:
 
 app = App(
     "vdfmu",
-    default=_say_first,
     help="Robot arms with elastic joints by virtual decomposition, as FMUs with a scipy reference.",
     declare=lambda: [
         click.Option(

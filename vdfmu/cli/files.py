@@ -40,7 +40,7 @@ FoldedOption = Annotated[
     bool,
     Option(
         "Fix zeros of gravity, centres of mass and tool.",
-        more="The fastest form. By default they are parameters, as is a payload.",
+        more="This is faster. By default they are parameters, as is a payload.",
     ),
 ]
 _SCHEMAS = ("robot", "scenario", "system")
@@ -60,11 +60,15 @@ def build(
     robot: RobotOption = None,
     container: Annotated[
         bool,
-        Option("Write one FMU of the whole system.", group="Output", more="It steps native FMUs without a master."),
+        Option(
+            "Write one FMU of the whole system.",
+            group="Output",
+            more="It contains the native FMUs and steps them, so no master is needed.",
+        ),
     ] = False,
     out: Annotated[
         Path | None,
-        Option("Folder (default fmus), or the file of --container.", more="The file is by default SCENARIO.fmu."),
+        Option("Folder (default fmus), or the file of --container.", more="The default of the file is SCENARIO.fmu."),
     ] = None,
     backend: BackendOption = None,
     fmi: FmiOption = PYTHON_FMI.name,
@@ -76,7 +80,7 @@ def build(
             more="Default: this machine. wasm32 is a module of WebAssembly.",
         ),
     ] = None,
-    sources: Annotated[bool, Option("Carry the C of native FMUs in them.")] = True,
+    sources: Annotated[bool, Option("Include the C sources in native FMUs.")] = True,
     target: Annotated[str, Option("fmi, or efmi for microcontrollers.", metavar="NAME")] = "fmi",
     precision: Annotated[str, Option("Floating-point type of a target.", choices=("double", "float32"))] = "double",
     step: Annotated[
@@ -86,10 +90,7 @@ def build(
     folded: FoldedOption = False,
     overwrite: ForeignOption = False,
 ) -> None:
-    """Build the FMU of a unit, or the FMUs of a scenario.
-
-    The scenario's values are their start values.
-    """
+    """Build the FMU of a unit, or the FMUs of a scenario. Their start values are the values of the scenario."""
     scenario = scenario or ("tracking" if robot is None else "reach")
     if container:
         of_units = {
@@ -215,13 +216,13 @@ def ssp(
         Path | None,
         Option("File to write (default SCENARIO.ssp).", more="With --reference the folder, by default reference."),
     ] = None,
-    apart: Annotated[bool, Option("Wire arms from their links and joints.", flag="--decomposed")] = False,
+    apart: Annotated[bool, Option("Split arms into their links and joints.", flag="--decomposed")] = False,
     reference: Annotated[
         bool,
         Option(
-            "Write a folder to compare another tool.",
+            "Write a folder for comparison with another tool.",
             group="Output",
-            more="It holds the system as SSP 1.0 and 2.0, its results, and a script that compares.",
+            more="It contains the system as SSP 1.0 and 2.0, its results, and a script for the comparison.",
         ),
     ] = False,
     backend: BackendOption = None,
@@ -231,8 +232,8 @@ def ssp(
 ) -> None:
     """Pack the system of a scenario as an SSP.
 
-    FMUs and parameters are inside. The FMUs have the scenario's values as start values too, for importers that do not
-    apply all parameter sets.
+    It contains the FMUs and parameters. The FMUs also have the scenario's values as start values, because some
+    importers do not apply all parameter sets.
     """
     chosen = _load(scenario, robot, parameters, folded)
     from vdfmu.base.files import temporary_folder
@@ -268,10 +269,12 @@ def ssp(
 def check(
     file: Annotated[
         Path | None,
-        Positional("FMU, SSP, SSD, TOML file or unit.", more="Of any tool; a unit is a file such as my_unit.py."),
+        Positional(
+            "FMU, SSP, SSD, TOML file or unit.", more="It can come from any tool; a unit is a file such as my_unit.py."
+        ),
     ] = None,
-    no_run: Annotated[bool, Option("Read only; do not run the units' code.")] = False,
-    run_anyway: Annotated[bool, Option("Run FMUs in spite of faults in their description.")] = False,
+    no_run: Annotated[bool, Option("Only read the file; do not run its code.")] = False,
+    run_anyway: Annotated[bool, Option("Run FMUs even if their description has faults.")] = False,
     as_json: JsonOption = False,
     unpack_limit: UnpackOption = None,
     robot: Annotated[str, option_of(RobotOptions, "robot", "Robot of a unit or system.")] = "planar_2dof",
@@ -281,16 +284,17 @@ def check(
             "Print a JSON schema: robot, scenario or system.",
             metavar="KIND",
             names=lambda: _SCHEMAS,
-            more="FILE may be the system of the scenario: its components have sections. Editors read the schema if the "
+            more="With FILE, the system of a scenario, the schema also has the sections of its components. Editors "
+            "read the schema if the "
             'first line of the file is "#:schema robot.schema.json".',
         ),
     ] = None,
 ) -> None:
     """Check an FMU or a system.
 
-    Checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the file
-    in a process with limited time and memory; --no-run leaves them out. A file with problems is not run, unless
-    --run-anyway asks for it.
+    This checks schema, rules, binaries for this platform, ten steps and reference results. The steps run code of the
+    file in a process with limited time and memory; --no-run skips them. A file with problems is run only with
+    --run-anyway.
     """
     if schema is not None:
         return _say_schema(schema, file)

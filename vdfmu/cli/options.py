@@ -204,7 +204,9 @@ def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
     """Return the file to write; UsageError if it exists and may not be replaced."""
     target = out if out is not None else Path(name)
     if target.exists() and not overwrite:
-        raise UsageError(f"{target}: expected no file of this name. --overwrite replaces it, -o names another.")
+        raise UsageError(
+            f"{target}: a file of this name exists. Replace it with --overwrite, or choose another name with -o."
+        )
     return target
 
 

@@ -34,7 +34,7 @@ app = App("robot", no_args_is_help=True, help="List, show, import and export rob
 
 @app.command("list", example="vdfmu robot list")
 def list_robots(as_json: JsonOption = False) -> None:
-    """List the robots that travel with the package."""
+    """List the robots that are shipped with vdfmu."""
     from vdfmu.arm.robot import load_robot, robot_names
 
     say_list("robot", {name: load_robot(name).description for name in robot_names()}, as_json)
@@ -48,7 +48,7 @@ def show_robot(
         bool,
         Option(
             "Write a page with sliders of the joints.",
-            more="It shows the end effector, frames, masses and modes in a browser, and needs no network.",
+            more="It shows the end effector, frames, masses and modes in a browser, without a network.",
         ),
     ] = False,
     pose: Annotated[str | None, Option("Start of the page in rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
@@ -137,7 +137,7 @@ def import_file(
             metavar="'X Y Z [R P Y]'",
             typed=str,
             read=_read_tool,
-            more="Default: the tip if it is fixed to a link, else where the last link ends.",
+            more="The default is the tip if it is fixed to a link, else the end of the last link.",
         ),
     ] = None,
     tool_frame: Annotated[str | None, Option("Link or site that is the tool.", metavar="LINK")] = None,
@@ -173,7 +173,9 @@ def import_file(
 @meets_code(LOOKS)
 def export_file(
     robot: RobotArgument,
-    to: Annotated[str | None, Option("Default by the suffix of -o, else mjcf.", choices=("mjcf", "urdf"))] = None,
+    to: Annotated[
+        str | None, Option("Format (default by the suffix of -o, else mjcf).", choices=("mjcf", "urdf"))
+    ] = None,
     out: Annotated[Path | None, Option("File to write (default ROBOT.xml or ROBOT.urdf).")] = None,
     rigid: Annotated[bool, Option("MJCF without springs; rotors are armature.")] = False,
     overwrite: OverwriteOption = False,
@@ -181,7 +183,7 @@ def export_file(
 ) -> None:
     """Write a robot as MJCF or URDF.
 
-    Notes name the numbers that the file does not have.
+    Notes list the numbers that the file cannot represent.
     """
     from vdfmu.arm.export import export_robot
     from vdfmu.base.toml_file import locate
@@ -203,7 +205,7 @@ def reach(
 ) -> None:
     """Write the scenario of a first motion, with gains.
 
-    One rule gives the gains. The margins of the loops are printed.
+    The gains follow from one rule, and the margins of the loops are printed.
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
@@ -231,11 +233,11 @@ def reach(
 
 @app.command("drives", example="vdfmu robot drives CSG-25-100")
 def list_drives(
-    name: Annotated[str | None, Positional("Gear or motor, for its numbers and their sources.")] = None,
+    name: Annotated[str | None, Positional("Gear or motor whose numbers and sources to show.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List the gears and motors that a robot file can name."""
-    from vdfmu.arm.robot.catalogue import catalogue, fit_spring
+    from vdfmu.arm.robot.catalogue import catalogue, spring_residual
     from vdfmu.base.errors import UsageError
     from vdfmu.base.text import nearest
 
@@ -256,8 +258,7 @@ def list_drives(
         return say_json({"gears": gears, "motors": motors})
     shown = table("gear", "rated\nN.m", "repeated\nN.m", "K1\nN.m/rad", "K3\nN.m/rad", "fit off by")
     for key, gear in gears.items():
-        K, T = [gear[f"K{i}"] for i in (1, 2, 3)], [gear[f"T{i}"] for i in (1, 2)]
-        _, residual, share = fit_spring(gear["ratio"], K, T, gear["repeated"])
+        residual, share = spring_residual(gear)
         numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
         shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
     console.print(shown)

@@ -234,7 +234,8 @@ def package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, 
 def report(
     folders: Annotated[list[Path] | None, Positional(
         "Folders of runs (default the newest in results).", metavar="[DIR]...",
-        more="Several runs are compared on one page. A folder of runs gets index.html, links with verdicts.")] = None,
+        more="Several runs are compared on one page. For a folder of runs it is index.html, with their links and "
+            "verdicts.")] = None,
     out: Annotated[Path | None, Option(
         "Page, folder, or FILE.tex (default report.html).",
         more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,

@@ -15,7 +15,7 @@ app = App("scenario", no_args_is_help=True, help="List and show scenarios and mo
 
 @app.command("list", example="vdfmu scenario list")
 def list_scenarios(as_json: JsonOption = False) -> None:
-    """List the scenarios that travel with the package."""
+    """List the scenarios that are shipped with vdfmu."""
     from vdfmu.system.scenario import load_scenario, scenario_names
 
     say_list("scenario", {name: load_scenario(name).description for name in scenario_names()}, as_json)

@@ -35,7 +35,7 @@ class _SweepGroup(App):
 app = _SweepGroup(
     "sweep",
     no_args_is_help=True,
-    help="Run a scenario at many points. The word run may be left out: vdfmu sweep SCENARIO --vary ..",
+    help="Run a scenario at many points. The word run is optional: vdfmu sweep SCENARIO --vary ..",
     context_settings={"ignore_unknown_options": True},
 )
 
@@ -50,14 +50,14 @@ def run(
         "Scenario [tracking], x.ssp, x.fmu, a=A.fmu b=B.fmu.", names=known_scenarios)] = None,
     vary: Annotated[list[str] | None, Option("Axis: 'controller.K_p=lin(1, 2, 9)'. Repeatable.", metavar="TARGET=FORM",
         more="TARGET is a parameter, or robot, algorithm, step, stop, unit:COMPONENT. FORM is lin(a, b, n), "
-        "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before it "
-        "makes factors: *lin(0.9, 1.1).")] = None,
+        "log(a, b, n), normal(mean, deviation), lognormal(median, deviation), or values, 1, 2, 5. A star before FORM "
+        "makes the values factors: *lin(0.9, 1.1).")] = None,
     unpack_limit: UnpackOption = None, run_anyway: AnywayOption = False,
     **options: Unpack[SweepOptions],
 ) -> None:  # fmt: skip
     """Run a scenario or FMUs at many points, and keep a row for each.
 
-    After Ctrl-C or a kill the same command resumes. The exit code is 1 if no point has a value.
+    After Ctrl-C or a kill, repeat the command to resume. The exit code is 1 if no point has a value.
     """
     from vdfmu.engine.results.verdict import FAILED
     from vdfmu.study.report.sheets import sheet_table
@@ -86,7 +86,7 @@ def run(
 
 StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
 ByOption = Annotated[str | None, Option("Measure or column (default the first).", metavar="NAME",
-    more="Of a measure with several elements the largest counts.")]  # fmt: skip
+    more="If the measure has several elements, the largest is used.")]  # fmt: skip
 
 
 @app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
@@ -114,7 +114,7 @@ def report(
     overwrite: ForeignOption = False,
     trust: TrustOption = False,
 ) -> None:  # fmt: skip
-    """Write the page of a study. It has linked figures of the points, the measures, and failures by cause."""
+    """Write the page of a study. It has linked figures of the points and measures, and the failures by cause."""
     from vdfmu.study.report.sheets import LATEX, write_tables
     from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep

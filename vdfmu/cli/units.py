@@ -53,7 +53,7 @@ def new(
     name: Annotated[str, Positional("Name of the unit, MyFilter or my_filter.")],
     out: Annotated[Path | None, Option("File to write (default my_filter.py).")] = None,
 ) -> None:
-    """Write a first file of a unit and its test."""
+    """Write a template of a unit and its test."""
     from vdfmu.compiler.unit.new import new_unit
 
     path, test = new_unit(name, out)
@@ -63,7 +63,7 @@ def new(
 
 @app.command("examples", example="vdfmu unit examples")
 def examples(folder: Annotated[Path, Positional("Folder to write them to.")] = Path("units")) -> None:
-    """Write the example units, with a system and a scenario of them."""
+    """Write the example units, and a system and scenario that use them."""
     from vdfmu.compiler.unit.new import copy_examples
 
     say_written(*copy_examples(folder))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import Option, read_settings
-from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
+from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats
 
 if TYPE_CHECKING:
@@ -42,13 +42,13 @@ def read_stepper(name: str) -> str:
 # A table: an option in some lines.
 # fmt: off
 algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
-    "communication points; the others take them as continuous and are of second order in the step. Default: from the "
-    f"scenario, or from the package's annotation with its `adaptive`; else {DEFAULT}, or, with a note, {DELAYED} if "
-    "the dependencies leave no order for it.", choices=tuple(ALGORITHMS))
+    "communication points; the others treat them as continuous and are of second order in the step. The default is "
+    "the scenario's, or that of the package's annotation together with its `adaptive`; else {DEFAULT}, or, with a "
+    "note, {DELAYED} if the dependencies allow no order for it.", choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
-    "By ``component.variable``, in the unit of the FMU; inputs can be set too. Without an index, all elements: one "
-    "value, or one each, 0.3,-0.5. *0.8 multiplies the value of the package or scenario, or else the start value. They "
-    "win over the values of the package or scenario.", flag="--set",
+    "NAME is component.variable, and VALUE is in the unit of the FMU; inputs can be set too. A name without an index "
+    "sets all elements, to one value or to one each, 0.3,-0.5. *0.8 multiplies the value of the package or scenario, "
+    "or else the start value. These values override those of the package or scenario.", flag="--set",
     metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
 
 
@@ -56,9 +56,9 @@ class SpanOptions(TypedDict, total=False):
     """When a run ends, and its step."""
 
     step: Annotated[float | None, Option("Communication step in s.", "float [s]",
-        "`stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` the longest step, and the "
-        "interval of the rows. Default: from the scenario, or from the package's annotations, of this project or of "
-        "libcosim; for components with their own steps the part that all have.")]
+        "`stop` - `start` must be a multiple of it, within 1e-9 relative. With `adaptive` it is the longest step and "
+        "the interval of the rows. The default is that of the scenario, or of the package's annotations by vdfmu or "
+        "libcosim; if components have their own steps, the largest step that divides all of them.")]
     stop: Annotated[float | None, Option("End of the run in s.", "float [s]")]
 
 
@@ -67,7 +67,7 @@ class CouplingOptions(TypedDict, total=False):
 
     adaptive: Annotated[float | None, Option(
         "Shorten steps to this relative coupling error.",
-        more=f"Relative to the size of a coupled signal and at least to its nominal value. For "
+        more=f"Relative to the size of a coupled signal, or to its nominal value if that is larger. For "
         f"{choice(continuous=True)}.")]
 
 
@@ -77,7 +77,8 @@ class InputOptions(TypedDict, total=False):
     inputs: Annotated["Inputs", Option(
         "Signals for unconnected inputs. Repeatable.",
         "path, sequence of paths or mapping of str to (t, values)",
-        "CSV files with columns time and, say, 'plant.F_e[1] [N]', or arrays; they replace a scenario's. See "
+        "CSV files with a column time and columns such as 'plant.F_e[1] [N]', or arrays; they replace the inputs of "
+        "a scenario. See "
         "`vdfmu.engine.plan.inputs.read_inputs`.",
         flag="--input", metavar="FILE.csv", typed=TEXTS)]
     input_hold: Annotated[bool | None, Option(
@@ -90,7 +91,7 @@ class ObserverOptions(TypedDict, total=False):
     observer: Annotated["Observer | None", Option(
         "Receives rows during the run; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
     pace: Annotated[float | None, Option("Simulated seconds per second: 1 is real time.", "float",
-        "``pace`` of the summary reports how late rows were. Default: as fast as possible. See "
+        "``pace`` in the summary reports how late the rows were. By default a run is as fast as possible. See "
         "`vdfmu.engine.masters.observer`.", metavar="FACTOR")]
 
 
@@ -98,11 +99,12 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
     """The visible part of a run."""
 
     start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
-        "Row k is at ``start + k * step``. Default of all times: the package's default experiment; else 0.")]
+        "Row k is at ``start + k * step``. The defaults of start, stop and step are those of the package's default "
+        "experiment; else the start is 0.")]
     record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "``'*'`` records all. Default: outputs and inputs from outside, which a run of a scenario "
-        "always records; of an FMU without outputs its local variables. Connected inputs have the values that "
-        "components used. Text is not recorded.", metavar="SIGNAL", typed=TEXTS)]
+        "sequence of str", "``'*'`` records all. By default the outputs and the unconnected inputs are recorded, in "
+        "a run of a scenario always, and the local variables of an FMU without outputs. Connected inputs have the "
+        "values that the components used. Strings are not recorded.", metavar="SIGNAL", typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
@@ -123,9 +125,10 @@ class LogOptions(TypedDict, total=False):
 class StepperOptions(TypedDict, total=False):
     """What makes the steps."""
 
-    stepper: Annotated[str, Option("What runs the steps: fmpy, c or auto.",
-        more="In Python by calls of fmpy, or in C by the same functions, with the same bits. `auto` is C where the "
-        "system allows it; ``stepper`` in the summary says which, and why not C.",
+    stepper: Annotated[str, Option("Steps are run by fmpy, c or auto.",
+        more="`fmpy` steps in Python by calls of fmpy, `c` in C by the same functions; the results are "
+            "bit-identical. `auto` is C where the system allows it. ``stepper`` in the summary has the one that was "
+            "used, and the reason if it was not C.",
         default=AUTO, choices=STEPPERS, read=read_stepper)]
 
 
@@ -133,14 +136,16 @@ class IsolationOptions(TypedDict, total=False):
     """Which process components run in, and its limits."""
 
     isolate: Annotated[bool | None, Option("Run components in a separate process.", "bool",
-        "Default: if an FMU was not built by this project. Crashes, long calls and too much memory are a CosimError "
-        "then; otherwise components could end or block this process. On the command line code of files has a process "
-        "of its own too, unless ``--no-isolate`` debugs it.", flag="--isolate/--no-isolate")]
+        "The default is to do so if an FMU was not built by vdfmu. Crashes, long calls and excessive memory then "
+        "raise a CosimError; otherwise a component could kill or block this process. On the command line, Python "
+        "code of files also runs in a separate process, unless ``--no-isolate`` is given to debug it.",
+        flag="--isolate/--no-isolate")]
     memory_limit: Annotated[float | None, Option(
-        "Memory in MB of isolated components (default half).", "float [MB]", "Half of the machine's.")]
+        "Memory in MB of isolated components (default half).", "float [MB]", "The default is half of the machine's "
+        "memory.")]
     wait_limit: Annotated[float | None, Option(
         "Longest wait for a component in s (default 300).", "float [s]",
-        "For a step of isolated components, and for loading, initialization and freeing each.")]
+        "It applies to a step of all isolated components, and to loading, initializing and freeing each of them.")]
 
 
 class LoadedOptions(CouplingOptions, InputOptions, LogOptions, StepperOptions, IsolationOptions, total=False):
@@ -149,7 +154,7 @@ class LoadedOptions(CouplingOptions, InputOptions, LogOptions, StepperOptions, I
     tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
         more="Default: that of the scenario, or of each FMU.")]
     ignore_unmatched: Annotated[bool, Option("Ignore values without a variable of that name.",
-        more="They are values of the package's parameter sets.", default=False)]
+        more="This concerns values in the package's parameter sets.", default=False)]
 
 
 class AlgorithmOptions(LoadedOptions, total=False):
@@ -198,16 +203,17 @@ class PictureOptions(TypedDict, total=False):
 
     pictures: Annotated[Sequence[str], Option("Files of the figures, kinds separated by commas.", "sequence of str",
         "Kinds are png, svg and pdf. Default none.", (), typed=str, choices=SUFFIXES)]
-    width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="Their text has 8 pt.",
+    width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="The size of their text is 8 pt.",
         default="160mm", metavar="LENGTH")]
-    serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers whose text has them.",
+    serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers that are set in a "
+        "serif font.",
         default=False)]
 
 
 class VariantOptions(TypedDict, total=False):
     """Which system of a package is run."""
 
-    variant: Annotated[str, Option("SSD to run.", more="Packages may have several.", default="SystemStructure.ssd",
+    variant: Annotated[str, Option("SSD to run.", more="A package may have several.", default="SystemStructure.ssd",
         metavar="SSD")]
 
 
@@ -218,8 +224,8 @@ class SystemOptions(RecordOptions, VariantOptions, LoadedOptions, ResultOptions,
     parameters: Annotated[Mapping[str, Any] | None, parameters_option]
     out: Annotated[str | os.PathLike[str] | None, Option(
         "Folder of the results (default results/NAME).", "path",
-        "NAME is that of the scenario, of the FMU, or ``system``; of a package it is PACKAGE_ssp. A complete run "
-        "replaces the files of an earlier run.", typed=Path | None)]
+        "NAME is the scenario or the FMU, PACKAGE_ssp for a package, and ``system`` for connected components. A "
+        "complete run replaces the files of an earlier run.", typed=Path | None)]
 
 
 class Limits:

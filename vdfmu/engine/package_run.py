@@ -1,4 +1,4 @@
-"""Run a system package, of this project or of any other."""
+"""Run a system package, of vdfmu or any other tool."""
 
 from __future__ import annotations
 
@@ -50,19 +50,19 @@ def run_system(
     outputs : sequence of str, optional
         Names of the files of an earlier run that this run replaces.
     finish : callable, optional
-        Is called with the folder and the results before the summary is written for the last time, to add further files
-        of `outputs`. What it raises leaves the earlier run unchanged, and the rows in ``partial``.
+        Called with the folder and the results before the summary is written for the last time, to add further files
+        of `outputs`. If it raises an error, the earlier run stays unchanged, and the rows are in ``partial``.
     failed : callable, optional
-        Is called with the folder and the error of a run that failed or was stopped, to add further files of `outputs`.
+        Called with the folder and the error of a run that failed or was stopped, to add further files of `outputs`.
     **options
         :class:`vdfmu.engine.options.SystemOptions`.
 
     Raises
     ------
     UsageError, SspError
-        Before the run, for faults of the package or the options.
+        Before the run, if the package or the options have faults.
     CosimError, vdfmu.engine.run.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
+        A unit failed, or the user stopped the run. The rows up to then are in ``partial`` of the folder.
     """
     package = Path(package)
     if package.suffix.lower() != ".ssp":
@@ -105,11 +105,11 @@ def run_system(
                 with doing("picture"):
                     left = write_signals(results.thinned(DRAWN), partial, options["pictures"], width, options["serif"])
                 if left:
-                    say(f"signals: not drawn: {', '.join(left)}; --record chooses others")
+                    say(f"signals: not drawn: {', '.join(left)}; select others with --record")
         except VdfmuError:
             raise
         except Exception as error:
-            # foreign names and values may break the picture, not the results
+            # names and values from other tools may break the picture, but not the results
             say(f"the picture could not be drawn: {error}")
         if finish is not None:
             finish(partial, results)

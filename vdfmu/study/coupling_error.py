@@ -1,7 +1,7 @@
-"""The coupling error of runs with the steps h, h/2 and h/4: its estimate, the verdict on it, and why there is none.
+"""The coupling error of runs with the steps h, h/2 and h/4: its estimate, the verdict, or why there is none.
 
 ``d1`` is the largest difference of the first two runs at common times, ``d2`` of the last two, both as shares of each
-signal's swing, and ``q = d2 / d1``. A master of order p has an error of ``e = d1 / (1 - 2**-p)``, if q is near
+signal's range, and ``q = d2 / d1``. A master of order p has an error of ``e = d1 / (1 - 2**-p)``, if q is near
 ``2**-p``. Errors inside FMUs are the same in all runs and stay unseen.
 
 The bands of q and the margin of 1.5 come from random systems, see ``benchmarks/judge.py``.
@@ -27,15 +27,15 @@ called right."""
 _SMALL = 20
 """Differences below the wanted error divided by this need no order: rounding and solvers decide them."""
 _FLOOR = 1e-6
-"""Solvers have this relative error. A signal with a smaller swing, as a share of its value, is constant; an element of
-a vector with a smaller swing, as a share of the largest in it, counts by that."""
+"""Solvers have this relative error. A signal with a smaller range, as a share of its value, is constant; an element of
+a vector with a smaller range, as a share of the largest in it, is compared with that."""
 _ROUNDING = 1e-9
-"""A swing below this share of the largest value with the same unit of measurement is rounding."""
+"""A range below this share of the largest value with the same unit of measurement is rounding."""
 _BEND = 1e-4
 """Smallest change of slope that is an event, as a change in a step."""
 _JUMP, _JUMPS = 3.0, (1e-3, 0.5)
-"""A jump is a change in a step of more than this times the changes before and after it. As a share of the signal's
-swing, a change below the first limit is none, and a change above the second is always one."""
+"""A jump is a change in a step of more than this times the changes before and after it. As a fraction of the signal's
+range, changes below the first limit are ignored, and changes above the second always count."""
 RIGHT, WRONG, OPEN = "right", "not right", "not decided"
 OTHER_STEPS = 8, 13
 """Eight steps h are thirteen steps of the run that looks for aliases. A tone or PWM with whole periods in h, h/2 and
@@ -46,7 +46,7 @@ class Differences(NamedTuple):
     """The differences of three runs, signal by signal."""
 
     d1: Floats
-    """Of the first two, as a share of the signal's swing."""
+    """Of the first two, as a share of the signal's range."""
     d2: Floats
     """Of the last two."""
     row: Any
@@ -56,7 +56,7 @@ class Differences(NamedTuple):
     late: float
     """Share that runs may miss in common, since all see an event late: by up to a step of the last run."""
     scale: Floats
-    """The signal's swing, or its value if it is constant; infinite if it is 0."""
+    """The signal's range, or its value if it is constant; infinite if it is 0."""
     constant: Any
     """Whether it is constant."""
 
@@ -115,7 +115,7 @@ def at_common_times(runs: Sequence[Floats]) -> list[Floats]:
 
 
 def scales(run: Floats, names: Sequence[str], units: Sequence[str]) -> tuple[Floats, Any]:
-    """Return the swing of each signal, or the value of a constant one, and whether it is constant.
+    """Return the range of each signal, or the value of a constant one, and whether it is constant.
 
     `run` is (rows, signals); the scale of a signal without any size is 0.
     """
@@ -176,7 +176,7 @@ def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> F
 
 
 class Kind(NamedTuple):
-    """Why nothing is decided: what was met, with a place for the signal, and what follows and would decide."""
+    """Why a verdict is impossible: the cause, with a place for the signal, then the consequence and the fix."""
 
     met: str
     way: str
@@ -184,30 +184,31 @@ class Kind(NamedTuple):
 
 KINDS: Mapping[str, Kind] = {
     "growth": Kind(
-        "{signal} grows without end",
+        "{signal} grows without bound",
         "Every difference grows with it. Stabilise the loop, or judge the time before it grows (--stop)",
     ),
     "chaos": Kind(
-        "runs of {signal} drift apart, as in chaos",
-        "They end as far apart as the signal moves. Judge the time before they part (--stop), or compare statistics",
+        "runs of {signal} diverge, as in chaos",
+        "Their final difference is as large as the range of the signal. Judge the time before they diverge (--stop), "
+        "or compare statistics",
     ),
     "bistable": Kind(
-        "{signal} ends in another state at another step",
-        "Judge the time before the states part (--stop), or a start that is farther from their border",
+        "{signal} ends in a different state with a different step",
+        "Judge the time before the runs separate (--stop), or start farther from the boundary between the states",
     ),
     "quantised": Kind(
         "{signal} is quantised at the communication points",
-        "The times of its changes move with the step. Declare the period at which it is sampled, or judge the system "
+        "The times of its changes depend on the step. Declare the period at which it is sampled, or judge the system "
         "without the quantiser",
     ),
     "jumps": Kind(
         "{signal} jumps at communication points",
-        "A jump that is a step late is wrong by its whole height, however short the step. Declare the period at which "
+        "A jump that is one step late is wrong by its full height, however short the step is. Declare the period at "
+        "which "
         "it jumps, or replace the switch by a smooth one",
     ),
     "bends": Kind(
-        "{signal} bends at an event",
-        "A run may pass on an event at its next communication point only. A shorter step would do",
+        "{signal} bends at an event", "An event is only passed on at the next communication point. Use a shorter step"
     ),
     "delay": Kind(
         "{signal} is shifted in time by whole steps",
@@ -215,34 +216,36 @@ KINDS: Mapping[str, Kind] = {
     ),
     "fast": Kind(
         "{signal} changes as fast as the steps",
-        "It is noise drawn anew in each step, or a signal above their rate. Declare the period at which it is drawn, "
+        "It is noise that is drawn in each step, or a signal that is faster than the steps. Declare the period at "
+        "which it is drawn, "
         "or choose a step that resolves it",
     ),
     "alias": Kind(
         "{signal} has an alias of a faster signal",
-        "A run with 8/13 of the step differs from what the other runs let expect. Choose a step that resolves the "
+        "A run with 8/13 of the step differs from the value that the other runs predict. Choose a step that resolves "
+        "the "
         "faster signal, or filter it inside its component",
     ),
     "solver": Kind(
-        "solvers inside the FMUs decide {signal}",
+        "solvers inside the FMUs determine the error of {signal}",
         "All signals are exchanged at declared samples, the same in all runs. Choose a smaller tolerance (--tolerance)",
     ),
     "coarse": Kind(
         "the step is too long for {signal}",
-        "Halving it twice does not show the order of the algorithm. A shorter step would do",
+        "Halving it twice does not show the order of the algorithm. Use a shorter step",
     ),
 }
-"""Kinds of systems without a verdict, beside errors near the limit, failed runs and an undeclared period."""
+"""Kinds of systems without a verdict, in addition to errors near the limit, failed runs and an undeclared period."""
 _LEVELS = 0.25
 """A signal with fewer values than this share of its rows is quantised; with up to three of them it switches."""
 _APART = 0.3
-"""Share of the swing by which runs differ that have parted."""
+"""Fraction of the range by which runs differ that have diverged."""
 _BLOWN = 4.0
 """Growth from each of the last three quarters of a run to the next: a line grows by at most 2, then 1.5."""
 
 
 def kind_of(runs: Sequence[Floats], seen: Differences, deciding: Any, sampled: Any) -> tuple[str, int]:
-    """Return which of `KINDS` was met, and the index of the signal, one of those that are `deciding`.
+    """Return which of `KINDS` applies, and the index of the signal, which is one of those that are `deciding`.
 
     `sampled` are signals with declared samples, which may have few values and jump.
     """

@@ -22,7 +22,7 @@ from vdfmu.engine.results.verdict import FAILED, GOOD, Check
 from vdfmu.study.coupling_error import scales
 
 WITHIN = 1e-6
-"""Allowed difference by default, as a share of a signal's swing."""
+"""Allowed difference by default, as a share of a signal's range."""
 _CLOSE = 1e-9
 """Difference of times, relative to the longest, at which they are the same."""
 _LISTED = 10
@@ -30,7 +30,7 @@ _LISTED = 10
 
 
 class Expected(NamedTuple):
-    """Recorded results of a file, and the allowed difference from them as a share of each signal's swing."""
+    """Recorded results of a file, and the allowed difference from them as a share of each signal's range."""
 
     path: Path
     within: float
@@ -107,7 +107,7 @@ def read_expected(path: str | os.PathLike[str] | None, within: float | None) -> 
     UsageError for a file that cannot be read or has no numbers to compare, and for values that do not go together.
     """
     if within is not None and not 0.0 <= within < math.inf:
-        raise UsageError(f"within: must be 0 or a positive share of a signal's swing, got {within:g}.")
+        raise UsageError(f"within: must be 0 or a positive share of a signal's range, got {within:g}.")
     if path is None:
         if within is not None:
             raise UsageError("within: goes with expect, the file of the recorded results. Give both.")
@@ -158,7 +158,7 @@ def expected_check(entry: Mapping[str, Any]) -> Check:
     share = math.nan if worst is None else worst["share"]
     sentences = [*problems]
     if worst is not None and beyond:
-        scale = "value" if worst["constant"] else "swing"
+        scale = "value" if worst["constant"] else "range"
         by = f"by {number(100.0 * share)} % of its {scale} at t = {worst['at_s']:.6g} s (allowed {allowed})"
         if math.isinf(share):
             by = f"at t = {worst['at_s']:.6g} s: {number(worst['value'])}, expected {number(worst['expected'])}"
@@ -167,7 +167,7 @@ def expected_check(entry: Mapping[str, Any]) -> Check:
         sentences.append(f"{beyond - 1} more of {signals} signals differ")
     many = amount(signals, "signal")
     until = f", up to t = {entry['until_s']:.6g} s, where {file} ends" if "until_s" in entry else ""
-    equal = f"equals {file} in {many} to {number(100.0 * share)} % of the swing (allowed {allowed}){until}"
+    equal = f"equals {file} in {many} to {number(100.0 * share)} % of the range (allowed {allowed}){until}"
     first, *rest = sentences or [equal]
     state = FAILED if sentences else GOOD
     return Check("expected", "Recorded results", state, first, "; ".join(rest), share, within, "the option within")

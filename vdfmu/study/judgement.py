@@ -1,4 +1,4 @@
-"""`judge`: how far does the communication step make a co-simulation wrong? Estimated from runs with shorter steps.
+"""`judge`: the error that the communication step causes in a co-simulation, estimated from runs with shorter steps.
 
 Three runs are made, with the steps h, h/2 and h/4, see :mod:`vdfmu.study.coupling_error`; one with 8 h / 13 looks for
 aliases. No run is longer than the system's, so all together take at most nine times its steps.
@@ -58,7 +58,7 @@ _LINEARISED = ("growth", "coarse")
 
 
 class SignalError(NamedTuple):
-    """A signal: error as a share of its swing, d2 / d1, time [s] of its largest difference, and whether it is read."""
+    """A signal: error as a share of its range, d2 / d1, time [s] of its largest difference, and whether it is read."""
 
     name: str
     error: float
@@ -77,7 +77,7 @@ class Judgement:
     text : str
         The verdict in a sentence.
     wanted, error : float
-        Largest error that is wanted, and the estimated one, as shares of each signal's swing, its largest less its
+        Largest error that is wanted, and the estimated one, as shares of each signal's range, its largest less its
         smallest value, or of the value of a constant signal; NaN without an estimate.
     signal : str
         The signal with the largest error.
@@ -86,9 +86,9 @@ class Judgement:
     signals : tuple of SignalError
         All real outputs, the largest error first; `read` says whether another component reads it.
     kind : str
-        Why nothing is decided: "near" the wanted error, "period" of a component not declared, "failed" run, "still"
-        signals, algorithm without "order", or what was met: "growth", "chaos", "bistable", "quantised", "jumps",
-        "bends", "delay", "fast", "alias", "solver" errors or a step that is too "coarse".
+        Why a verdict is impossible: "near" the wanted error, "period" of a component not declared, "failed" run,
+        "still" signals, algorithm without "order", or one of "growth", "chaos", "bistable", "quantised",
+        "jumps", "bends", "delay", "fast", "alias", "solver" errors or a step that is too "coarse".
     """
 
     verdict: str
@@ -118,15 +118,15 @@ def check_wanted(wanted: float | None, sampled: bool | None, adaptive: float | N
     """Raise UsageError for options of :func:`judge` that do not fit together; `wanted` is None without a judgement."""
     if wanted is None:
         if sampled is not None:
-            raise UsageError("sampled and continuous need judge. Give --judge with the largest error in %.")
+            raise UsageError("sampled and continuous need judge. Add --judge with the largest error in %.")
         return
     if not 0.0 < wanted < 1.0:
         raise UsageError(
-            f"the wanted error must be between 0 and 100 % of the swing, got {100.0 * wanted:g} %. "
-            "Give wanted=0.01, or --judge 1 on the command line, for 1 %."
+            f"the wanted error must be between 0 and 100 % of the range, got {100.0 * wanted:g} %. "
+            "Use wanted=0.01, or --judge 1 on the command line, for 1 %."
         )
     if adaptive is not None:
-        raise UsageError("judge compares fixed steps, got adaptive. Leave it out.")
+        raise UsageError("judge compares fixed steps, got adaptive. Omit it.")
 
 
 @with_options
@@ -142,7 +142,7 @@ def judge(
     system : path or FlatSystem
         A package (SSP).
     wanted : float
-        Largest error, as a share of each real output's swing.
+        Largest error, as a fraction of each real output's range.
     **options
         :class:`vdfmu.study.options.JudgingOptions`. `sampled` says how components that may sample and declare no
         period are read: those with discrete outputs, or with held inputs and no states. Sampled components keep `step`
@@ -188,7 +188,7 @@ def check_connected(flat: FlatSystem, options: Mapping[str, Any]) -> Checked:
     if not judged_signals(checked)[1]:
         raise UsageError(
             "judge needs connected signals, got none: it estimates the error of the exchange between components. "
-            "Connect some, or leave judge out."
+            "Connect some, or omit judge."
         )
     return checked
 
@@ -256,7 +256,7 @@ class _Case(NamedTuple):
                 runs.append(_columns(results, names))
             read = np.arange(len(names)) < n_read
             if not np.ptp(runs[2][:, read], axis=0).any():
-                return self._open("still", "no connected signal changes. Set inputs or values that move it.")
+                return self._open("still", "no connected signal changes. Set inputs or values that change it.")
             timed, units = timed_samples(self.checked, flat), [results.units.get(name, "") for name in names]
             seen, exact = differences(runs, names, timed, units, read), exchanged_at_samples(self.checked, flat)
             seen = seen._replace(late=0.0) if exact else seen
@@ -304,9 +304,9 @@ class _Case(NamedTuple):
         constant: bool,
         late: float,
     ) -> str:
-        """Return the verdict in a sentence, from the largest error that decides it, and the signal that was `met`."""
+        """Return the verdict in a sentence, from the `worst` signal, or the signal `met` that prevents a verdict."""
         share = _share(max(worst.error, late) if verdict == RIGHT else worst.error)
-        about = f"{share} of the {'value' if constant else 'swing'} of {worst.name}"
+        about = f"{share} of the {'value' if constant else 'range'} of {worst.name}"
         if verdict == RIGHT:
             return f"Right to {about} ({self._asked}). Errors inside FMUs are not judged."
         if verdict == WRONG:
@@ -334,7 +334,7 @@ class _Case(NamedTuple):
         share = self.wanted / (MARGIN * worst.error) if worst.error else 1.0
         way = f"a step of {_time(_rounded(self.step * share ** (1.0 / order)))}"
         way = f"{named(repeats=True)[0]}, or {way}," if order == 1 and self._repeats() else way
-        return f"{way[:1].upper()}{way[1:]} should do."
+        return f"{way[:1].upper()}{way[1:]}  should suffice."
 
     def _run(self, simulator: Simulator, names: Sequence[str], step: float, stop: float) -> Results:
         return simulator.run(start=self.grid.begin, stop=stop, step=step, record=names)
@@ -342,7 +342,7 @@ class _Case(NamedTuple):
     def _aliases(
         self, simulator: Simulator, names: Sequence[str], runs: Sequence[Floats], seen: Differences, order: int
     ) -> Floats | str:
-        """Return what a run with 8 h / 13 adds, as shares of the swings; a reason if no such run is possible."""
+        """Return what a run with 8 h / 13 adds, as shares of the ranges; a reason if no such run is possible."""
         every, steps = OTHER_STEPS
         whole = self.grid.n // every * every
         if not whole:
@@ -377,7 +377,7 @@ class _Case(NamedTuple):
         if not opened or not len(poles):
             return ""
         grows = "grows" if poles.max() > 1.0 else "decays"
-        return f" The loop at {', '.join(opened)} {grows}: its radius is {poles.max():.4g} a step."
+        return f" The loop at {', '.join(opened)} {grows}: its spectral radius is {poles.max():.4g} a step."
 
 
 def _columns(results: Results, names: Sequence[str]) -> Floats:

@@ -76,33 +76,34 @@ ROWS = (
     ),
     Limit(
         "delay", "Delay margin", 1.0, DOUBTFUL, "1", "delay margin of {value} {samples} at {place}, {time}",
-        "a computer that needs one sample more must not make the loop unstable", at_least=True,
+        "one additional sample of delay in the computer must not make the loop unstable", at_least=True,
     ),
     Limit(
         "growth", "Growth of disturbances", 0.1, DOUBTFUL, "%",
         "{place} is unstable from {time} to {until} (grows {value})",
-        "vibration lets disturbances grow for a while; a tenth does not show in the errors",
+        "vibration makes disturbances grow for a while; a tenth does not show in the errors",
     ),
     Limit(
         "saturated", "Joint limits", 0.01, DOUBTFUL, "%", "{place} for {value} of the run, {time}",
-        "tables of the shares show whole per cent",
+        "tables of these shares are rounded to 1 %",
     ),
     Limit(
         "tool", "Tracking", 0.1, DOUBTFUL, "%", "{place} off its path by {error}, {value} of the motion, at {time}",
-        "a motion counts as made within a tenth of its size, as in rise times of 10 to 90 %", failed=0.5,
+        "a motion counts as completed within a tenth of its size, as rise times are measured from 10 to 90 %",
+        failed=0.5,
     ),
     Limit(
         "joint", "Tracking", 0.5, FAILED, "%", "{place} off its path by {error}, {value} of the motion, at {time}",
-        "an arm that stands still in the middle of its motion is off by half of it",
+        "an arm that stops in the middle of its motion is off by half of the motion",
     ),
     Limit(
         "coupling", "Coupling error", 0.01, FAILED, "%", "coupling error {value} at {place}",
-        "the error that was asked for",
+        "the requested error",
     ),
     Limit(
         "reference", "Reference", 1e-3, FAILED, "%",
         "differs from the {place} scipy reference by {value} of the peak error",
-        "differences that show in tables of three digits",
+        "smaller differences do not show in tables with three digits",
     ),
     Limit(
         "statistics", "Reference statistics", 0.05, FAILED, "%",
@@ -111,7 +112,7 @@ ROWS = (
     ),
     Limit(
         "energy", "Coupling energy", 0.1, FAILED, "%", "coupling energy error {error}, {value} of {place} exchanged",
-        "4 % where friction excites itself, 31 % in a limit cycle, below 0.2 % in all other shipped scenarios",
+        "4 % with friction-induced oscillation, 31 % in a limit cycle, below 0.2 % in all other shipped scenarios",
     ),
     Limit(
         "speed", "Speed in the log", 60.0, FAILED, "rad/s", "{place} moves at {value}: check the unit of the times",
@@ -120,17 +121,18 @@ ROWS = (
     Limit(
         "ratio", "Gear ratio", 0.05, DOUBTFUL, "%",
         "{place}: ratio {ratio}, not {ell}: the link moves {factor} times as far as the rotor",
-        "springs and encoders make a difference of a few per mille", failed=0.1,
+        "springs and encoders cause a difference of a few per mille", failed=0.1,
     ),
     Limit(
         "torque", "Size of the torques", 10.0, FAILED, "1",
         "torques are {factor} times the robot file's: {cause}",
-        "friction makes torques two to three times as large as the links do, and a mass is not off by ten",
+        "friction makes torques two to three times as large as those of the links, and masses are not wrong by a "
+        "factor of ten",
     ),
     Limit(
         "scale", "Scale of the links", 1.1, DOUBTFUL, "1", "torques are {factor} times the file's: {cause}",
-        "gears of a series differ by 20 % and more, 1.1 is half of that; a measured KUKA KR 300 has 1.01; 1.6 is three "
-        "times the 20 % by which masses of robot files are off", failed=1.6,
+        "the ratios in a series of gears differ by at least 20 %, and 1.1 is half of that; a measured KUKA KR 300 "
+        "has 1.01; 1.6 is three times the 20 % by which masses in robot files are wrong", failed=1.6,
     ),
     Limit(
         "residual", "Residual torque", 0.3, DOUBTFUL, "%", "{place} has a residual of {value} of its torque's RMS",

@@ -95,19 +95,20 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     units: Annotated[Mapping[str, Any] | None, Option(
         "Replace COMPONENT by a unit or FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
-        "package, or a class. Values of the scenario without a parameter in it are left out, and connections to "
-        "signals that it lacks. A further input is connected to the only output that fits by name, shape and unit of "
-        "measurement. An input that nothing feeds then refuses the run. The log has notes, the summary ``left_out`` "
-        "and ``joined``.", flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
+        "package, or a class. Values of the scenario for parameters that the replacement does not have are dropped, "
+        "and so are connections to signals that it does not have. An additional input is connected to the only "
+        "output that fits by name, shape and unit of measurement. If an input then has no source, the run is "
+        "refused. The log notes these changes, and the summary has them as ``left_out`` and ``joined``.",
+        flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
     connections: Annotated["Connections | None", Option(
         "Connect output a.y to input b.u. Repeatable.", "mapping of output to input or inputs, or pairs of them",
-        "Names are those of the diagram, ``component.signal``; vectors connect as a whole, or by elements, "
-        "``plant.tau[1]``. The input loses the connection that the scenario gives it.", flag="--connect",
+        "Names are as in the diagram, ``component.signal``; vectors are connected as a whole or by elements, "
+        "``plant.tau[1]``. The new connection replaces the one that the input has in the scenario.", flag="--connect",
         metavar="a.y=b.u", typed=TEXTS, read=read_connections)]
     unfed: Annotated[str | None, Option(
         "ok: unconnected inputs keep their start values.",
-        more="Otherwise each input of a unit of `units` needs a connection or a value, except in plants.",
+        more="Otherwise each input of a unit in `units` needs a connection or a value, except in plants.",
         choices=("ok",))]
 
 
@@ -116,25 +117,26 @@ class JudgeOptions(TypedDict, total=False):
 
     judge: Annotated[float | None, Option(
         "Estimate the coupling error; fail above PERCENT.", "float",
-        "In Python a share, 0.01. The shorter steps take 9 times the run, or 17 times where a component does not "
-        "declare whether it is sampled.",
+        "In Python it is a fraction, 0.01. The runs with shorter steps take 9 times as long as the run, or 17 times "
+        "if a component does not declare whether it is sampled.",
         metavar="PERCENT", typed=str, read=read_percent)]
     sampled: Annotated[bool | None, Option(
         "Treat undeclared components as one or the other.", "bool",
-        "Sampled components keep the step as their period, continuous ones take the shorter steps too. By default "
-        "their FMUs decide, or else both readings are judged.", flag="--sampled/--continuous")]
+        "Sampled components keep the step as their period, and continuous ones also take the shorter steps. By "
+        "default this is what their FMUs declare; without a declaration both cases are judged.",
+        flag="--sampled/--continuous")]
 
 
 class ExpectOptions(TypedDict, total=False):
     """Recorded results that a run must equal."""
 
     expect: Annotated["str | os.PathLike[str] | None", Option(
-        "Recorded results; a run that differs has failed.", "path",
+        "Recorded results; the run fails if it differs.", "path",
         "A CSV file, or another file of results. All of its signals and rows are compared: those of the run are "
         "interpolated at its times. Names without a component are those of the only component that has them.",
         metavar="FILE", typed=Path | None)]
     within: Annotated[float | None, Option("Allowed difference from --expect (default 1e-6).", "float",
-        "A share of each signal's swing, or of the value of a constant one.", metavar="SHARE")]
+        "A fraction of each signal's range, or of the value of a constant signal.", metavar="SHARE")]
 
 
 class JudgingOptions(SpanOptions, SimulatorOptions, total=False):
@@ -156,18 +158,20 @@ class ScenarioRunOptions(
         "writes nothing: the returned object has results and summary.",
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
-        more="That takes longer than the run.", default=True, flag="--reference/--no-reference")]
+        more="This takes longer than the run itself.", default=True, flag="--reference/--no-reference")]
     reference_stop: Annotated[float | None, Option("Compare with the references up to this time in s.", "float [s]",
         "The default is the stop of the run.", metavar="SECONDS")]
     limits: Annotated[Mapping[str, Any] | None, Option("Limit of the verdict: margin=0.3. Repeatable.",
-        "mapping of str to float", "See the table in docs/report.md, or `--verbose`.", flag="--limit",
+        "mapping of str to float", "docs/report.md has a table of the limits, and `--verbose` prints them.",
+        flag="--limit",
         metavar="NAME=VALUE", typed=TEXTS,
         read=partial(read_settings, option="--limit", form="NAME=VALUE, such as margin=0.3"))]
     record: Annotated[Sequence[str] | None, option_of(RecordOptions, "record")]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
     simulate: Annotated[bool | None, Option("Give the page sliders that run it again.",
-        more="The page gets the system as WebAssembly; default on the command line, but not in Python.",
+        more="The page then contains the system as WebAssembly. This is the default on the command line, but not in "
+            "Python.",
         flag="--simulate/--no-simulate")]
 
 
@@ -181,7 +185,7 @@ class WorkerOptions(ProgressOptions, total=False):
     """How the runs of a study are done."""
 
     workers: Annotated[int | None, Option("Processes (default: one for each processor).")]
-    time_limit: Annotated[float | None, Option("Longest run in s (default 600).", "float [s]")]
+    time_limit: Annotated[float | None, Option("Time limit of a run in s (default 600).", "float [s]")]
     scheduler: Annotated[str | None, Option("Address of a Dask scheduler, for its workers.",
         metavar="ADDRESS")]
     overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
@@ -194,30 +198,32 @@ class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
         "Default: the package's default experiment; else 0.")]
     sample: Annotated[str | os.PathLike[str], Option(
         "grid, lhs, sobol, random, saltelli, morris.", "str or path",
-        "How the axes' values are combined, or a CSV file: a line of targets, then points. See "
+        "How the values of the axes are combined, or a CSV file with a line of targets and then the points. See "
         ":func:`vdfmu.study.sweeps.axes.draw`.", "grid", typed=str,
         choices=SAMPLES, metavar="METHOD|FILE.csv")]
     points: Annotated[int | None, Option("Number of points.",
-        more="Not for a grid or file. Of ``saltelli`` base points, of ``morris`` trajectories.")]
+        more="Not for a grid or file. For ``saltelli`` it is the number of base points, for ``morris`` that of "
+            "trajectories.")]
     measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
         "error=rms(trajectory.q_d - plant.q). Repeatable.",
         'mapping of str to str or callable, or sequence of "NAME=EXPRESSION"', "See "
-        ":mod:`vdfmu.study.sweeps.measures`. Or a function of the :class:`vdfmu.Results`. Default for the loop of "
-        "trajectory, controller and plant: RMS and peak position error and peak torque of each joint.",
+        ":mod:`vdfmu.study.sweeps.measures`. It can also be a function of :class:`vdfmu.Results`. The default for a "
+        "loop of trajectory, controller and plant is the RMS and peak position error and the peak torque of each "
+        "joint.",
         metavar="NAME=EXPRESSION", typed=TEXTS)]
     record: Annotated[Sequence[str], Option("Signals to keep whole: 'plant.q[*]'. Repeatable.", "sequence of str",
-        "A list a point.", (), metavar="SIGNAL", typed=TEXTS)]
+        "The table has a list for each point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
         "batch runs several points at once.", choices=ENGINES,
-        more="Engine of the points: the FMUs, or one program of all units, by default if there are points enough, "
-        "see :mod:`vdfmu.extras.batch`.")]
+        more="The points run as FMUs, or in one program of all units, which is the default if there are enough "
+            "points; see :mod:`vdfmu.extras.batch`.")]
 
 
 class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
     chunk: Annotated[int | None, Option("Points that a worker takes at a time.",
-        more="A file has as many. Default: points of some seconds, at most 50, or 56 side by side.")]
+        more="A result file has as many rows. The default is the points of a few seconds, at most 50, or 56 in lanes.")]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",
         typed=Path | None)]
     retry: Annotated[bool, Option("Run points that failed again.", default=False)]

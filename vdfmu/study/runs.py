@@ -58,7 +58,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     UsageError, ModelError, SspError
         Before the run, for faults of scenario, robot, options or system.
     CosimError, vdfmu.engine.run.Interrupted
-        A unit failed, or the user stopped the run. The rows so far are in ``partial`` of the folder.
+        A unit failed, or the user stopped the run. The rows up to then are in ``partial`` of the folder.
     """
     case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
     known_formats(options["formats"])

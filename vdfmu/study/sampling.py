@@ -1,4 +1,4 @@
-"""Which components of a system are sampled, and whether their samples have declared times."""
+"""Determine which components of a system are sampled, and whether their sample times are declared."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from vdfmu.engine.plan.check import Checked
 
 
 def declared_samples(checked: Checked, system: FlatSystem) -> set[str]:
-    """Return the components whose samples have declared times: by a step, a period, or a clock."""
+    """Return the components with declared sample times: by a step, a period, or a clock."""
     stepped = {component.name for component in system.components if component.step is not None}
     described = checked.descriptions.items()
     return stepped | {name for name, each in described if each.period or any(v.clock for v in each.variables.values())}
 
 
 def timed_samples(checked: Checked, system: FlatSystem) -> set[str]:
-    """Return the components whose samples act at declared times: with a step, or passed on within the step."""
+    """Return the components whose samples take effect at declared times: with a step, or passed on within the step."""
     stepped = {component.name for component in system.components if component.step is not None}
     late = {link.start[0] for link in checked.links if link.stepped and link.end not in checked.schedule.fresh}
     return stepped | declared_samples(checked, system) - late
 
 
 def ambiguous(checked: Checked) -> list[str]:
-    """Return the components that may sample: with discrete outputs, or with held inputs and without states.
+    """Return the components that may be sampled: those with discrete outputs, or with held inputs and without states.
 
     Components for model exchange have no steps that could be samples.
     """
@@ -40,13 +40,13 @@ def ambiguous(checked: Checked) -> list[str]:
 
 
 def keeping_steps(system: FlatSystem, names: Sequence[str], step: float) -> FlatSystem:
-    """Return a system some of whose components keep a step."""
+    """Return the system in which some components keep a given step."""
     parts = tuple(replace(each, step=step) if each.name in names else each for each in system.components)
     return replace(system, components=parts, inspected={})
 
 
 def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
-    """Whether each signal between two components passes at declared samples, which no communication step moves."""
+    """Whether all signals between components are exchanged at declared samples, whatever the communication step."""
     kept = {component.name for component in system.components if component.step is not None}
     timed = timed_samples(checked, system) if checked.how.substeps else kept
     links = [link for link in checked.links if link.stepped and link.start[0] in checked.descriptions]
@@ -58,7 +58,7 @@ def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
 
 
 def judged_signals(checked: Checked) -> tuple[list[str], int]:
-    """Return all real outputs, and the number of those that count as read, the first ones.
+    """Return all real outputs, those that count as read first, and the number of these.
 
     These are read by other components, or are outputs of components at the end of a chain.
     """

@@ -1,4 +1,4 @@
-"""The verdict on a run: what was measured, against the table of limits, in the order of what an engineer asks first.
+"""The verdict on a run: the measured values against the table of limits, the most important checks first.
 
 A verdict is made from the summary of a run alone, so that a page or a later command says the same of it.
 """
@@ -21,7 +21,7 @@ from vdfmu.study.run.summary_keys import Summary
 
 Limits = Mapping[str, Limit]
 ENERGY_FLOOR = 1e-3
-"""Residual [J] below which its share says nothing, as for an arm at rest."""
+"""Residual [J] below which its share is meaningless, as for an arm at rest."""
 
 
 def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
         return
     if (excited := figures.get("excited")) is not None:
         yield Check(
-            "friction", "Friction", DOUBTFUL, f"friction excites itself, most at {excited['place']}",
+            "friction", "Friction", DOUBTFUL, f"friction-induced oscillation, growing fastest at {excited['place']}",
             "the loops are judged without dry friction",
         )  # fmt: skip
     finer = _at_half_step(figures)
@@ -108,7 +108,7 @@ def loop_sentences(figures: Summary, limits: Limits = LIMITS) -> tuple[str, list
 
 
 def _at_half_step(figures: Summary) -> str:
-    """Return the words for the margin that loops without one have at half the step; empty if they have none there."""
+    """Return a phrase for the margin at half the step of loops that have none; empty if they have none there either."""
     half: Summary | None = figures.get("half_step")
     return "" if half is None else f"with a step of {half['step']:g} s the modulus margin is {half['value']:.2g}"
 
@@ -121,7 +121,7 @@ def _saturated(figures: Summary, limits: Limits) -> Iterator[Check]:
 
 
 def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
-    """Yield whether the arm followed its motion; in contact, whether it moved at all."""
+    """Yield whether the arm followed its motion or, in contact, whether it moved at all."""
     figure: Summary | None = figures.get("path")
     if figure is None:
         return
@@ -139,7 +139,7 @@ def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
 
 
 def remark_checks(summary: Summary) -> Iterator[Check]:
-    """Yield what was noted of the system, often the cause of the rest: an implausible robot, unfed inputs."""
+    """Yield the notes on the system that often explain the rest: an implausible robot, unconnected inputs."""
     for name in ("implausible", "unfed"):
         notes: Sequence[str] = summary.get(name) or ()
         if notes:
@@ -148,7 +148,7 @@ def remark_checks(summary: Summary) -> Iterator[Check]:
 
 
 def _cut(summary: Summary) -> Iterator[Check]:
-    """Yield that the run ends before its motion, unless the user chose this."""
+    """Yield a check if the run ends before its motion, unless the user requested this."""
     cut: Summary | None = summary.get("cut")
     if cut is not None and not cut["asked"]:
         yield Check("motion", "Motion", DOUBTFUL, f"the motion of {cut['end']:.3g} s is cut at {cut['stop']:.3g} s")
@@ -174,21 +174,24 @@ def _coupling(summary: Summary) -> Iterator[Check]:
         state = {RIGHT: GOOD, WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
         sentence, _, more = judgement["text"].partition(". ")
         numbers = judgement.get("error", math.nan), judgement["wanted"]
-        yield Check("coupling", LIMITS["coupling"].name, state, sentence, more, *numbers, "the error asked for")
+        yield Check("coupling", LIMITS["coupling"].name, state, sentence, more, *numbers, "the requested error")
 
 
 def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     """Yield whether the run equals the sampled reference, with the schedule of the master."""
     name = "scipy reference"
     if "reference" not in summary or "no_reference" in summary:
-        why = summary.get("no_reference") or "not asked for"
+        why = summary.get("no_reference") or "not requested"
         yield Check("reference", name, UNJUDGED, f"no scipy reference: {why}")
         return
     compared: Summary | None = summary["reference"].get("sampled")
     errors, units = summary.get("max_position_error_deg"), summary.get("position_units")
     if compared is None or "max_position_difference_rad" not in compared or not errors or not units:
         yield Check(
-            "reference", name, UNJUDGED, "the run has no tracking error, the scale of its difference from the reference"
+            "reference",
+            name,
+            UNJUDGED,
+            "the difference from the reference has no scale, because the run has no tracking error",
         )
         return
     if "separation" in summary:
@@ -228,7 +231,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
 
 
 def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
-    """Yield phrases for what a run came to, without what a doubtful or failed check says of it."""
+    """Yield phrases for the results of a run, except those that a doubtful or failed check reports."""
     figures: Summary = summary.get("key_figures") or {}
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")

@@ -72,6 +72,7 @@ def test_calls_have_the_values_of_the_trace(arm, name):
     np.testing.assert_allclose(flat(calls.call(arguments)), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("ending", ["", *DIRECTIONS])
 @pytest.mark.parametrize("name", ["plant_start_equilibrium", *heavy("plant_outputs", "plant_derivatives", NAMES[4])])
 @pytest.mark.parametrize("arm", ["unlike", *heavy("equal")])

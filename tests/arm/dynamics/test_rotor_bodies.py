@@ -3,12 +3,14 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from tests.arm.dynamics.rotor_bodies import RotorBodies
 from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative
 
 
+@pytest.mark.few(2)
 def test_plant_agrees_with_rotors_as_bodies(chain, draw):
     robot = dataclasses.replace(chain, rotor_coupling=True)
     n, bodies = robot.n, RotorBodies(robot)

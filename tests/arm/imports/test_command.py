@@ -27,7 +27,7 @@ def test_a_robot_file_is_written_and_not_replaced_unasked(urdf, tmp_path):
     again = vdfmu(tmp_path, "robot", "import", "arm.urdf", "--tip", "one")
     assert again.returncode == 2
     assert again.stderr == (
-        "error: arm.toml: expected no file of this name. --overwrite replaces it, -o names another.\n"
+        "error: arm.toml: a file of this name exists. Replace it with --overwrite, or choose another name with -o.\n"
     )
     assert vdfmu(tmp_path, "robot", "import", "arm.urdf", "--tip", "one", "--overwrite").returncode == 0
     assert load_robot(tmp_path / "arm.toml").n == 1

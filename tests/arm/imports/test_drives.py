@@ -10,7 +10,7 @@ from tests.arm.imports.conftest import ARM, LIMIT, joint, link
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.catalogue import catalogue
-from vdfmu.arm.robot.parameters import PARAMETERS, section
+from vdfmu.arm.robot.parameters import section
 from vdfmu.arm.robot.robot_file import PLAIN
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
@@ -91,16 +91,6 @@ def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path):
     assert robot.source_of("joints[2].friction.f_v") == "drives.toml: b"
 
 
-def test_a_file_of_drives_has_plain_words(urdf, tmp_path):
-    drives = tmp_path / "drives.toml"
-    drives.write_text(
-        '["*"]\nsource = "sheet"\ndrive = { ell = 50.0, stiffness = 2e4, rotor_inertia = 1e-4 }\n', "utf-8"
-    )
-    robot = vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
-    assert (robot.K_f0.tolist(), robot.I_m.tolist(), robot.K_w0.tolist()) == ([2e4] * 3, [5e-3] * 3, [1e11] * 3)
-    assert robot.source_of("joints[3].drive.K_f0") == "stiffness = 20000 N/m; sheet"
-
-
 def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path):
     drives = tmp_path / "drives.toml"
     drives.write_text(
@@ -151,20 +141,3 @@ def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path):
     np.testing.assert_allclose(robot.I_m, robot.ell * inertia)
     assert robot.source_of("joints[1].drive.K_f0") == "models/drives/catalogue.toml: gear CSG-20-100"
     np.testing.assert_allclose(robot.kappa_dot_max, [615.38 / 100.0, 662.47 / 100.0, 662.47 / 160.0])
-
-
-def test_published_drives_of_the_fr3_disagree_threefold_and_armature_is_the_inertia_of_the_rotor(urdf):
-    arm = link("ground", "") + "".join(link(f"link{i}") for i in range(1, 8))
-    parents = ["ground", *(f"link{i}" for i in range(1, 7))]
-    arm += "".join(joint(f"fr3_joint{i}", parent, f"link{i}") for i, parent in enumerate(parents, 1))
-    franka, menagerie = (
-        vdfmu.robot_from_urdf(urdf(arm), drives=data_path("models") / "drives" / f"fr3_{source}.toml")
-        for source in ("franka", "menagerie")
-    )
-    reflected = franka.I_m * franka.ell
-    np.testing.assert_allclose(reflected[[0, 2, 6]], [0.605721456, 0.462474144, 0.205544064], rtol=1e-7)
-    assert (2.3 < reflected / (menagerie.I_m * menagerie.ell)).all()
-    assert "Franka" in (franka.source_of("joints[1].drive.I_m") or "")
-    assert menagerie.f_c.tolist() == [1.137] * 4 + [0.763, 0.44, 0.248]
-    rows = [row for row in PARAMETERS.values() if row.foreign == "armature"]
-    assert [row.quantity for row in rows] == ["rotor inertia"]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.imports.conftest import ARM, joint, link
+from tests.arm.imports.conftest import ARM, link
 from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import Robot, robot_from_dict
 
@@ -123,15 +123,3 @@ def test_joints_keep_their_names(urdf, tmp_path):
         robot_from_dict(data)
     plain = vdfmu.load_robot("planar_2dof")
     assert plain.joint_labels == ["1", "2"] and "name" not in plain.to_dict()["joints"][0]
-
-
-def test_a_joint_without_end_is_not_taken_for_degrees(urdf):
-    content = link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside='<limit effort="9"/>')
-    robot = vdfmu.robot_from_urdf(urdf(content))
-    assert robot.limits and robot.q_max[0] == 1e6
-    from vdfmu.study.analysis.reach import reach_scenario
-    from vdfmu.system.scenario.check import model_notes
-
-    assert not any("degrees" in note for note in model_notes(reach_scenario(robot)))
-    wide = robot.with_parameters(q_max=90.0)
-    assert any("q_max[1] = 90 rad looks like degrees" in note for note in model_notes(reach_scenario(wide)))

@@ -49,8 +49,8 @@ def refused(path: Path, **options: str) -> list[str]:
     ("", {}, "the file: expected links, got none. Is it whole? xacro writes a URDF from a .xacro file."),
     (ARM.replace(link("one"), link("one", "")), {},
      "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one. Give them by "
-     "--drives: [a] link = { mass, centroid, inertia }; the mass alone, or --density, will do for a body of "
-     'boxes, cylinders and spheres. Or make the joint type="fixed".'),
+     "--drives: [a] link = { mass, centroid, inertia }; for a body of boxes, cylinders and spheres the mass alone, "
+     'or --density, is enough. Or make the joint type="fixed".'),
     (ARM.replace('ixx="0.03"', 'ixx="-0.03"', 1), {},
      "link one: expected positive definite, in kg.m2, got principal moments -0.0"),
     (ARM.replace("-0.3 0.5 -2", "0 0 0"), {},

@@ -171,4 +171,4 @@ def test_a_file_of_xacro_and_a_ratio_that_is_left_out_are_named(urdf):
         return f'<transmission name="t_{name}"><joint name="{name}"/>{motor}</transmission>'
 
     notes = import_robot(urdf(ARM + transmission("a", "-1.0") + transmission("b", "101"))).notes
-    assert "ratios of transmissions are left out; --drives can give them: b." in notes
+    assert "ratios of transmissions are ignored; give them in the file of --drives: b." in notes

@@ -119,12 +119,12 @@ def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
 @pytest.mark.parametrize(("make", "words"), [
     (lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0), ["points: expected a number, or a list"]),
     (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
-    (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), ["expected a Robot, got str"]),
+    (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), [r"robot: expected a Robot, got 'planar_2dof'"]),
     (
         lambda arm: motions.waypoints([[0, 0], [1, "far"]], velocity=True, duration=[1.0]),
-        ["points: expected a number", "velocity: expected a number", "duration: expected one number, got [1.0]"],
+        ["points: expected a number", "velocity: expected a number", "duration: expected a number, got [1.0]"],
     ),
-    (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ['start: expected a number, .* got "home"']),
+    (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ["start: expected a number, .* got 'home'"]),
 ])  # fmt: skip
 def test_what_is_no_number_is_named_all_at_once(planar, make, words):
     with pytest.raises(UsageError) as caught:

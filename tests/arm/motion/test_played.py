@@ -1,4 +1,4 @@
-"""The unit that plays a motion: the same numbers in numpy, as traced, in C, in lanes, and in a run of the arm."""
+"""The unit that plays a motion: the same numbers in numpy, as traced, in C, and in a run of the arm."""
 
 import json
 import zipfile
@@ -6,7 +6,6 @@ import zipfile
 import fmpy
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 import vdfmu
 from vdfmu.arm import motion as motions
@@ -109,22 +108,6 @@ def test_the_unit_plays_the_motion_scales_its_speed_holds_it_or_begins_anew(robo
 
 
 @pytest.mark.heavy
-def test_the_native_fmu_has_the_bits_of_the_trace_and_can_be_checked(robot, tmp_path):
-    motion = motions.waypoints(POINTS, TIMES)
-    fmus = build_fmus(robot, tmp_path, units=[motion.unit()], folded=True)
-    result = fmpy.simulate_fmu(
-        str(fmus["motion"]), stop_time=1.2, output_interval=0.01, start_values={"t_start": 0.1}, validate=True
-    )
-    unit = evaluation(Interface(motion.unit(), robot))
-    unit.group("t_start")[:] = 0.1
-    for row in result:
-        unit.memory[-1] = row["time"]
-        unit.outputs()
-        for group in GROUPS:
-            assert [row[f"{group}[1]"], row[f"{group}[2]"]] == unit.group(group).tolist()
-
-
-@pytest.mark.heavy
 def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario, tmp_path):
     motion = vdfmu.load_motion(scenario, vdfmu.load_robot("planar_2dof"))
     assert np.abs(motion.at(TIMES)[0] - POINTS).max() < 1e-12  # degrees and back
@@ -141,36 +124,6 @@ def test_a_scenario_carries_its_motion_into_the_package_and_the_results(scenario
     again = simulate(tmp_path / "out" / "system.ssp", stop=0.3, step=1e-3, algorithm="gauss-seidel")
     assert (again["plant.q"] == results["plant.q"]).all()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["scenario"] == "way"
-
-
-@pytest.mark.heavy
-def test_python_fmus_and_lanes_play_the_same(scenario, tmp_path):
-    native, python = (vdfmu.run(scenario, out=False, backend=name, reference=False) for name in ("native", "python"))
-    # the same operations in the same order
-    assert (native["trajectory.q_d_ddddot"] == python["trajectory.q_d_ddddot"]).all()
-    swept = vdfmu.sweep(
-        scenario, vary={"trajectory.speed": np.linspace(0.5, 1.0, 16)}, out=tmp_path / "sweep", workers=1,
-        engine="batch",
-    )  # fmt: skip
-    differences = [value for name in swept.columns if name.startswith("to_fmu[rad]") for value in swept[name]]
-    finite = [value for value in differences if value is not None and np.isfinite(value)]
-    assert finite and max(finite) < 1e-12  # docs/sweeps.md: 2e-15 rad where nothing sticks
-
-
-@pytest.mark.heavy
-def test_the_arm_follows_better_without_a_jump_in_the_third_derivative():
-    smooth = motions.waypoints(POINTS, TIMES)
-    cubic = CubicSpline(TIMES, POINTS, bc_type="clamped")
-    coefficients = np.zeros((4, 6, 2))
-    coefficients[:, :4] = np.moveaxis(cubic.c[::-1], 0, 1)
-    errors = []
-    for motion in (smooth, motions.Motion(TIMES, coefficients)):
-        results = vdfmu.run(
-            "planar_tracking", units={"trajectory": motion.unit()}, stop=1.0, reference=False, out=False
-        )
-        errors.append(np.abs(results["trajectory.q_d"] - results["plant.q"]).max(axis=0))
-    # seen: 1.5e-4 and 5.9e-4, 1.4e-4 and 5.0e-4 rad, though the smooth one asks for 1.5 times the acceleration
-    assert np.all(errors[1] > 2.0 * errors[0])
 
 
 def test_a_motion_of_other_joints_or_too_long_is_refused_and_code_without_a_table_has_none(robot):

@@ -73,6 +73,7 @@ def test_direction_of_l2_is_x_not_y(arm):
     np.testing.assert_allclose(sideways[2:5], gravity_difference(arm)[2:5], rtol=0, atol=1e-9)
 
 
+@pytest.mark.heavy
 def test_the_example_prints_the_table_of_the_documentation(tmp_path, capsys):
     path = Path(__file__).parents[3] / "examples" / "contrast.py"
     spec = spec_from_file_location("contrast", path)

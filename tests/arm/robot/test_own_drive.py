@@ -30,7 +30,6 @@ from vdfmu.compiler.unit.interface import Interface
 from vdfmu.system.inspect_source import inspect_source
 from vdfmu.system.scenario import load_scenario
 
-EPS = np.finfo(float).eps
 EXAMPLE = Path(vdfmu.__file__).parents[1] / "examples" / "own_drive"
 TEXT = (EXAMPLE / "cubic_drive.py").read_text(encoding="utf-8")
 FREE = np.zeros(6)
@@ -178,6 +177,7 @@ def test_a_drive_is_a_regular_file_and_no_text(tmp_path, planar, drive, message)
         robot_from_dict(planar.to_dict() | {"drive": drive}, str(tmp_path / "arm.toml"))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("backend", ["python", "native"])
 def test_an_fmu_carries_the_drive_as_a_file_and_no_code_in_its_data(robot, tmp_path, backend):
     """The record of a native FMU is for people; a Python FMU makes its robot again from both."""
@@ -193,6 +193,7 @@ def test_an_fmu_carries_the_drive_as_a_file_and_no_code_in_its_data(robot, tmp_p
         assert again.to_dict() == robot.to_dict(looks=False) and again.files == robot.files
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("law", [
     "friction._replace(dry=0.1 * sliding)",  # a record, not an array
     "friction._replace(dry=friction.dry if sliding.velocity[0] > 0.0 else friction.dry)",  # works on numbers alone

@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-from fmpy import read_model_description
 
-from tests.conftest import ran
-from vdfmu.arm.fmus import build, build_fmus
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import OPTIONAL, PARAMETERS
@@ -63,16 +60,3 @@ def test_a_file_can_be_unfolded_and_settings_unfold():
         assert not robot_for(robot, [name]).folded
     only = robot_for(robot, ["payload_mass"])
     assert only.folded and only.payload
-
-
-@pytest.mark.parametrize("folded", [False, True])
-def test_a_plant_has_the_same_parameters_by_each_way_to_build_it(tmp_path, folded):
-    """Python FMUs: their descriptions are those of the native ones."""
-    robot = load_robot("planar_2dof")
-    single = build("plant", tmp_path / "one.fmu", robot=robot, folded=folded, backend="python")
-    many = build_fmus(robot, tmp_path / "many", units=["plant"], folded=folded, backend="python")["plant"]
-    words = ["build", "plant", "--robot", "planar_2dof", "--backend", "python", "-o", tmp_path / "command"]
-    ran(*words, *["--folded"] * folded)
-    descriptions = [read_model_description(str(file)) for file in (single, many, tmp_path / "command" / "Plant.fmu")]
-    first, *more = ([v.name for v in each.modelVariables if v.causality == "parameter"] for each in descriptions)
-    assert more == [first, first] and ("payload_mass" in first) is not folded

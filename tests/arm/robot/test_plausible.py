@@ -88,6 +88,7 @@ def test_shipped_robots_have_no_note(name):
     assert robot_notes(load_robot(name)) == []
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_shipped_scenarios_have_no_note(name):
     assert model_notes(load_scenario(name)) == []

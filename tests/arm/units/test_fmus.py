@@ -4,20 +4,16 @@ import html
 import subprocess
 import sys
 import zipfile
-from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
-from tests.compiler.native.binding import Instance, Model
-from tests.compiler.native.slopes import assert_slopes, directional, elements, slopes
 from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit, package_units
 from vdfmu.base.errors import UsageError
-from vdfmu.compiler.unit import Sampled
 
 UNITS = [
     name for name, unit in package_units().items() if unit.__module__.split(".")[-2] in ("laws", "observers", "devices")
@@ -62,47 +58,6 @@ def test_nothing_is_wrong_with_the_fmu(unit, form, general, tmp_path):
     with zipfile.ZipFile(path) as archive:
         page = html.unescape(archive.read("documentation/index.html").decode())
         assert find_unit(unit).description() in page
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-@pytest.mark.parametrize("unit", UNITS)
-def test_directional_derivatives_are_slopes(unit, version, planar, tmp_path):
-    """Of outputs at the initialization, and of the next sample in step mode, by the inputs."""
-    # Roundings count as their line in samples, not at the initialization; their steps are 2e-14 rad and 1e-9 N.m here.
-    rounds = unit in ("encoder", "torque_sensor")
-    fine = {"encoder": {"bits[1]": 48.0, "bits[2]": 48.0}} if unit == "encoder" else None
-    path = build_fmus(planar, tmp_path, units=[unit], fmi_version=version, parameters=fine, folded=True)[unit]
-    instance = Instance(Model(Path(fmpy.extract(str(path), str(tmp_path / "x"))))).setup().enter()
-    inputs = instance.model.of("input")
-    point = np.random.default_rng(8).uniform(0.2, 0.9, len(elements(inputs)))
-    steps = np.full(point.size, 1e-3)
-
-    def at_start(values):
-        return instance.write(inputs, values).read(instance.model.of("output"))
-
-    def sampled(values):
-        saved, time = instance.save(), instance.time
-        values_after = instance.write(inputs, values).step(1e-3).read(samples)
-        instance.restore(saved).forget(saved)
-        instance.time = time
-        return values_after
-
-    def compare(evaluate, unknowns):
-        value = evaluate(point)
-        matrix = directional(instance.write(inputs, point), unknowns, inputs)
-        assert_slopes(matrix, slopes(evaluate, point, steps), value, steps)
-        return matrix.any()
-
-    any_found = not rounds and compare(at_start, instance.model.of("output"))
-    names = {name for name, d in find_unit(unit).declared.items() if isinstance(d, Sampled)}
-    samples = [v for v in instance.model.of("output") if v.group in names]
-    if samples:
-        instance.do("ExitInitializationMode")
-        instance.write(inputs, 0.9 * point).step(1e-3)
-        any_found |= compare(sampled, samples)
-    assert any_found
-    instance.free()
 
 
 @pytest.mark.heavy

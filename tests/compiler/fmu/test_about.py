@@ -45,6 +45,7 @@ def folder(tmp_path):
     return tmp_path / "deep"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("backend", "version"), FORMS)
 def test_a_unit_has_the_author_and_the_licence_of_its_project_or_none(folder, backend, version):
     assert built(folder, backend, version)[0] == {}

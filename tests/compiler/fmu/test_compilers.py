@@ -29,6 +29,7 @@ def without_zig(monkeypatch):
     platforms._compiler.cache_clear()
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not OWN, reason="this machine has no C compiler")
 def test_a_compiler_of_the_machine_builds_without_ziglang(without_zig, monkeypatch, tmp_path):
     monkeypatch.setenv("VDFMU_CACHE_DIR", str(tmp_path / "cache"))

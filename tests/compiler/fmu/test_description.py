@@ -3,15 +3,16 @@
 import io
 import math
 import zipfile
+from collections.abc import Callable, Iterable
 from functools import cache
-from xml.etree.ElementTree import Element, tostring
+from xml.etree.ElementTree import Element
 
 import fmpy
-import numpy as np
 import pytest
-from fmpy.model_description import ModelDescription, ModelVariable
+from fmpy.model_description import ModelDescription, Unknown
 from fmpy.validation import validate_fmu
 
+from tests.conftest import heavy
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.measure import measure
 from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
@@ -21,7 +22,6 @@ ABOUT = {"author": "Ada", "license": "MIT"}
 GUID, TOOL = "{01234567-89ab-cdef-0123-456789abcdef}", "vdfmu 0"
 SOURCES = ("unit.c", "solver.c")
 EACH = pytest.mark.parametrize("form", ["python", "2.0", "3.0"])
-OF_FMI_2 = pytest.mark.parametrize("form", ["python", "2.0"])
 
 
 @cache
@@ -47,6 +47,11 @@ def interfaces(robots):
     return {(name, unit): Interface(shipped_units()[unit], robots[name]) for name in robots for unit in shipped_units()}
 
 
+@pytest.fixture(params=[*heavy("manipulator_6dof"), "planar_2dof", "slider_3dof"])
+def robot_name(request):
+    return request.param
+
+
 @pytest.fixture
 def interface(interfaces, robot_name, unit_name):
     return interfaces[robot_name, unit_name]
@@ -57,33 +62,10 @@ def root(interface, form):
     return root_of(interface, form)
 
 
-def structure(root: Element, tag: str) -> list[Element]:
-    element = root.find("ModelStructure")
-    assert element is not None
-    return element.findall(tag)
-
-
-def numbers(text: str | None) -> list[int]:
-    assert text is not None
-    return [int(word) for word in text.split()]
-
-
+@pytest.mark.heavy
 def test_fmpy_finds_no_problem(fmus, robot_name, unit_name):
     """It validates by the schema of the standard too; native FMUs in native/test_valid.py."""
     assert validate_fmu(str(fmus[robot_name][unit_name])) == []
-
-
-@pytest.mark.few(5)
-@EACH
-def test_native_plants_have_model_exchange_and_states(root, interface, form, unit_name):
-    description = read(root)
-    assert description.fmiVersion == ("2.0" if form == "python" else form)
-    assert description.guid == GUID
-    assert description.modelName == interface.model_name == description.coSimulation.modelIdentifier
-    assert (description.modelExchange is not None) == (unit_name == "plant" and form != "python")
-    n_x = interface.states.stop - interface.states.start
-    assert description.numberOfContinuousStates == (0 if form == "python" else n_x)
-    assert description.numberOfEventIndicators == 0
 
 
 ALL = {"canGetAndSetFMUstate", "canSerializeFMUstate", "canNotUseMemoryManagementFunctions"}
@@ -119,63 +101,64 @@ def test_capabilities_are_declared(root, form, unit_name):
         assert files == (list(SOURCES) if form == "2.0" else [])
 
 
-def test_each_variable_is_that_of_the_table(interface):
-    table, root = interface, root_of(interface, "python")
-    scalars = root.findall("ModelVariables/ScalarVariable")
-    assert len(scalars) == len(table)
-    for reference, (scalar, variable) in enumerate(zip(scalars, table, strict=True)):
-        (value,) = scalar
-        assert scalar.get("name") == variable.name
-        assert scalar.get("valueReference") == str(reference)
-        assert scalar.get("description") == variable.description
-        assert scalar.get("causality") == variable.causality
-        assert scalar.get("variability") == variable.variability
-        assert (
-            scalar.get("initial") == {"parameter": "exact", "output": "calculated", "input": None}[variable.causality]
-        )
-        assert value.tag == variable.type
-        assert value.get("unit") == variable.unit
-        assert value.get("displayUnit") == variable.display_unit
-        for attribute, expected in (
-            ("min", variable.minimum), ("max", variable.maximum), ("start", variable.start)
-        ):  # fmt: skip
-            text = value.get(attribute)
-            if expected is None:
-                assert text is None, (variable.name, attribute)
-            elif variable.type == "Boolean":
-                assert text == str(expected).lower()
-            else:
-                assert float(text) == expected, (variable.name, attribute)
-    native = [tostring(v) for v in root_of(interface, "2.0").iterfind("ModelVariables/ScalarVariable")]
-    assert native[: len(scalars)] == [tostring(v) for v in scalars]
-    assert len(native) == interface.time
+TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 
-@OF_FMI_2
-def test_the_structure_of_fmi_2_is_that_of_the_layout(interface, root, form):
-    def is_listed(i: int) -> bool:
-        return i != interface.time and (form == "2.0" or interface.memory[i].causality in ("input", "parameter"))
+@EACH
+def test_each_variable_is_that_of_the_table(interface, root, form):
+    """A scalar of FMI 2.0 has one of the table, an array of FMI 3.0 those of its elements, which share the rest."""
+    described = [v for v in read(root).modelVariables if v.causality != "independent"]
+    if form == "3.0":
+        expected = [(a.name, a.first, a.shape, interface.memory[a.positions]) for a in interface.arrays[:-1]]
+    else:
+        end = len(interface) if form == "python" else interface.time
+        expected = [(v.name, i, (), [v]) for i, v in enumerate(interface.memory[:end])]
+    assert [(v.name, v.valueReference, v.shape or ()) for v in described] == [each[:3] for each in expected]
+    for variable, (name, *_, members) in zip(described, expected, strict=True):
+        first = members[0]
+        assert variable.type == (TYPES[first.type] if form == "3.0" else first.type), name
+        for attribute in ("causality", "variability", "unit"):
+            assert getattr(variable, attribute) == getattr(first, attribute), (name, attribute)
+        assert variable.displayUnit == first.display_unit, name
+        assert form == "3.0" or variable.description == first.description
+        for text, limit in ((variable.min, first.minimum), (variable.max, first.maximum)):
+            assert (None if text is None else float(text)) == limit, name
+        texts = variable.start.split() if variable.start else [None]
+        values = [
+            text if text is None else text == "true" if first.type == "Boolean" else float(text) for text in texts
+        ]
+        assert values == [v.start for v in members][: len(texts)], name
 
-    description = read(root)
-    states, derivatives = (
-        [v.name for v in interface.memory[part]] if form == "2.0" else []
-        for part in (interface.states, interface.derivatives)
+
+def listed(unknowns: Iterable[Unknown]) -> list[tuple[str, set[str]]]:
+    """Return the names of unknowns, and of what each is said to depend on."""
+    return [(u.variable.name, {v.name for v in u.dependencies}) for u in unknowns]
+
+
+@EACH
+def test_the_structure_is_that_of_the_layout(interface, root, form):
+    """In FMI 3.0 an array depends on what its elements do. A Python FMU shows no derivatives, and no states."""
+    owners = (
+        [interface.arrays[k].name for k in interface.owners] if form == "3.0" else [v.name for v in interface.memory]
     )
-    assert [u.variable.name for u in description.derivatives] == derivatives
-    assert [u.variable.derivative.name for u in description.derivatives] == states
-    of = {kind: [i for i, v in enumerate(interface.memory) if v.causality == kind] for kind in ("output", "local")}
-    rates = of["local"] if form == "2.0" else []
-    expected = {"Outputs": (of["output"], interface.step_dependencies)}
-    if rates:
-        expected["Derivatives"] = (rates, interface.step_dependencies)
-    expected["InitialUnknowns"] = (of["output"] + rates, interface.start_dependencies)
-    assert [element.tag for element in root.find("ModelStructure")] == [*expected]
-    for tag, (unknowns, dependencies) in expected.items():
-        elements = structure(root, f"{tag}/Unknown")
-        assert [int(u.get("index", "")) - 1 for u in elements] == unknowns
-        for element, unknown in zip(elements, unknowns, strict=True):
-            sources = [i for i in dependencies(unknown) if is_listed(i)]
-            assert [i - 1 for i in numbers(element.get("dependencies"))] == sources
+    hidden = {"local", "output"} if form == "python" else set()
+
+    def joined(causalities: set[str], dependencies: Callable[[int], list[int]]) -> list[tuple[str, set[str]]]:
+        sources: dict[str, set[str]] = {}
+        for i, variable in enumerate(interface.memory):
+            if variable.causality in causalities:
+                known = [k for k in dependencies(i) if form == "3.0" or k != interface.time]
+                shown = {owners[k] for k in known if interface.memory[k].causality not in hidden}
+                sources[owners[i]] = sources.get(owners[i], set()) | shown
+        return [*sources.items()]
+
+    description, rates = read(root), set() if form == "python" else {"local"}
+    assert listed(description.outputs) == joined({"output"}, interface.step_dependencies)
+    assert listed(description.derivatives) == joined(rates, interface.step_dependencies)
+    assert listed(description.initialUnknowns) == joined({"output", *rates}, interface.start_dependencies)
+    states = dict.fromkeys(owners[interface.states] if rates else [])
+    assert [u.variable.derivative.name for u in description.derivatives] == [*states]
+    assert description.numberOfContinuousStates == (interface.states.stop - interface.states.start if rates else 0)
 
 
 @EACH
@@ -212,70 +195,6 @@ def test_log_categories_and_experiment(interface, root, form):
     start, stop, step = (float(experiment.pop(name)) for name in ("startTime", "stopTime", "stepSize"))
     assert start == 0.0 and not experiment
     assert stop / step == pytest.approx(round(stop / step), rel=1e-12)
-
-
-def test_arrays_of_fmi_3_are_those_of_the_layout(interface):
-    root3 = root_of(interface, "3.0")
-    elements = list(root3.find("ModelVariables"))
-    for array, element in zip(interface.arrays, elements, strict=True):
-        members = interface.memory[array.positions]
-        first = members[0]
-        assert element.tag == {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}[first.type]
-        assert element.get("name") == array.name
-        assert element.get("valueReference") == str(array.first)
-        assert (element.get("causality"), element.get("variability")) == (first.causality, first.variability)
-        assert (element.get("unit"), element.get("displayUnit")) == (first.unit, first.display_unit)
-        assert tuple(int(d.get("start", "")) for d in element.iterfind("Dimension")) == array.shape
-        for attribute, limit in (("min", first.minimum), ("max", first.maximum)):
-            text = element.get(attribute)
-            assert (text is None) == (limit is None)
-            assert text is None or float(text) == limit
-        starts = element.get("start")
-        if first.start is None:
-            assert starts is None
-        else:
-            values = {"true": 1.0, "false": 0.0}
-            assert starts is not None
-            assert [values[s] if s in values else float(s) for s in starts.split()] == [float(v.start) for v in members]
-        continuous = first.variability == "continuous"
-        assert element.get("intermediateUpdate") == ("true" if continuous else None)
-
-
-def test_structure_of_fmi_3_joins_the_dependencies_of_the_elements_and_derivatives_name_their_states(interface):
-    root3 = root_of(interface, "3.0")
-    description = read(root3)
-    derivatives = [u.variable for u in description.derivatives]
-    assert [v.name for v in derivatives] == [f"der({v.derivative.name})" for v in derivatives]
-    assert [v.shape for v in derivatives] == [v.derivative.shape for v in derivatives]
-    positions = [v.derivative.valueReference + k for v in derivatives for k in range(int(np.prod(v.shape)))]
-    assert positions == list(range(interface.states.start, interface.states.stop))
-    of_position = {i: array.first for array in interface.arrays for i in range(array.first, array.first + array.size)}
-    calculated = {i for i, v in enumerate(interface.memory) if v.causality in ("output", "local")}
-    for tag, kinds, dependencies in (
-        ("Output", {"output"}, interface.step_dependencies),
-        ("ContinuousStateDerivative", {"local"}, interface.step_dependencies),
-        ("InitialUnknown", {"output", "local"}, interface.start_dependencies),
-    ):
-        expected: dict[int, set[int]] = {}
-        for i in sorted(calculated):
-            if interface.memory[i].causality in kinds:
-                sources = {of_position[k] for k in dependencies(i)}
-                expected[of_position[i]] = expected.get(of_position[i], set()) | sources
-        elements = structure(root3, tag)
-        assert [numbers(u.get("valueReference")) for u in elements] == [[first] for first in expected]
-        assert [numbers(u.get("dependencies")) for u in elements] == [sorted(k) for k in expected.values()]
-    (time,) = (v for v in description.modelVariables if v.causality == "independent")
-    assert (time.name, time.valueReference, time.unit, time.start) == ("time", interface.time, "s", None)
-
-
-def test_start_values_of_arrays_are_the_robots_row_by_row(general):
-    variables = {v.name: v for v in read(root_of(Interface(shipped_units()["plant"], general), "3.0")).modelVariables}
-
-    def start(variable: ModelVariable) -> np.ndarray:
-        return np.array(variable.start.split(), dtype=float).reshape(variable.shape)
-
-    for field in ("gravity", "offset", "centroid", "mass", "f_ck"):
-        assert np.array_equal(start(variables[field]), getattr(general, field)), field
 
 
 def test_start_values_lie_within_their_limits_and_only_what_each_step_reads_is_tunable(interface, unit_name):

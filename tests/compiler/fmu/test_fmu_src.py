@@ -43,6 +43,7 @@ def run(folder: Path) -> dict[str, np.ndarray]:
     return dict(np.load(folder / "out.npz"))
 
 
+@pytest.mark.heavy
 def test_the_files_become_fmus_by_pythonfmu_that_give_the_bits_of_those_of_vdfmu(built, tmp_path):
     assert {file.stem for file in built.glob("*.fmu")} == {*FILES}
     units = [Path(file).stem.removeprefix("pd_") for file in FILES.values()]

@@ -25,29 +25,6 @@ def shapes(unit: str, robot: Robot) -> dict[str, tuple[int, ...]]:
     return {array.name: array.shape for array in Interface(shipped_units()[unit], robot).arrays}
 
 
-def test_arrays_fill_the_memory_row_by_row(interface):
-    position = 0
-    for array in interface.arrays:
-        members = interface.memory[array.positions]
-        assert array.first == position
-        if array.shape:
-            indices = [",".join(str(i + 1) for i in index) for index in np.ndindex(array.shape)]
-            expected = [
-                f"{array.name[:-1]}[{index}])" if array.name.endswith(")") else f"{array.name}[{index}]"
-                for index in indices
-            ]
-            assert [v.name for v in members] == expected
-        else:
-            assert [v.name for v in members] == [array.name]
-        alike = {(v.type, v.causality, v.variability, v.unit, v.minimum, v.maximum) for v in members}
-        assert len(alike) == 1, array.name
-        position += array.size
-    assert position == interface.size
-    assert [interface.arrays[owner].first for owner in interface.owners] == [
-        array.first for array in interface.arrays for _ in range(array.size)
-    ]
-
-
 def test_what_is_whole_and_of_one_unit_is_an_array(planar, general, robots):
     shape_by_name = shapes("plant", planar)
     expected = {

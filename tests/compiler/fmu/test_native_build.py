@@ -1,7 +1,6 @@
 """Native builds: the same bits everywhere, nothing stale, clear words where a build cannot be."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -29,15 +28,6 @@ import sys
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 build_fmus(load_robot("planar_2dof"), sys.argv[1], units=["trajectory", "controller"], backend="native", folded=True)
-"""
-INTERRUPTED = """
-import sys
-from vdfmu.arm.fmus import build_fmus
-from vdfmu.arm.robot import load_robot
-try:
-    build_fmus(load_robot("planar_2dof"), sys.argv[1], backend="native", folded=True)
-except KeyboardInterrupt:
-    sys.exit(130)
 """
 
 
@@ -233,21 +223,3 @@ def test_builds_at_the_same_time_do_not_meet(tmp_path):
     assert [process.wait(300) for process in processes] == [0, 0, 0]
     for name in ("Trajectory.fmu", "PDController.fmu"):
         assert len({(folder / name).read_bytes() for folder in folders}) == 1
-
-
-@pytest.mark.heavy
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no interrupt for a process")
-def test_an_interrupt_leaves_no_process_and_nothing_half_done(tmp_path):
-    (tmp_path / "tmp").mkdir()
-    environment = os.environ | {
-        "VDFMU_CACHE_DIR": str(tmp_path / "cache"), "TMPDIR": str(tmp_path / "tmp"),
-    }  # fmt: skip
-    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED, str(tmp_path / "out")], env=environment)
-    while not list((tmp_path / "tmp").glob("vdfmu_native_*/*/*.o*")):
-        assert process.poll() is None
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=60) == 130
-    assert list((tmp_path / "tmp").iterdir()) == []
-    assert not (tmp_path / "out").exists()
-    assert not list((tmp_path / "cache").rglob("*.tmp"))

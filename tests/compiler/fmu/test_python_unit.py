@@ -59,15 +59,6 @@ def test_an_error_is_one_fatal_message_whatever_the_name_of_the_instance_holds(o
     assert head == "Fatal py exception encountered: [doStep] PyObject_CallMethod"
 
 
-def test_the_words_reach_a_user_who_left_fmi_logging_off(open_unit, caplog):
-    unit = open_unit("plant").do("SetDebugLogging", 0, 0, None).start()
-    assert unit.call("DoStep", 0.0, -1.0, 1) == 4
-    assert unit.messages == []
-    assert [r.getMessage() for r in caplog.records] == [
-        "unit: doStep at t = 0 s failed: expected a finite positive communication step, got -1.0 s."
-    ]
-
-
 def test_a_state_of_another_unit_or_robot_is_refused(open_unit):
     plant = open_unit("plant").start()
     before = plant.outputs()

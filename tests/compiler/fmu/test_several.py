@@ -7,18 +7,6 @@ import pytest
 
 from tests.compiler.conftest import EACH
 from tests.compiler.native.driven import drive
-from vdfmu.arm.units import shipped_units
-
-
-@EACH
-def test_all_units_and_two_copies_of_each_run_as_if_each_were_alone(open_unit):
-    """Steps of all instances interleave; each must give the bits that it gives alone."""
-    alone = {(name, copy): drive(open_unit(name).start(), copy, 15) for name in shipped_units() for copy in (1, 2)}
-    units = {key: open_unit(key[0], name=f"{key[0]}{key[1]}").start() for key in alone}
-    for k in range(15):
-        for key, unit in reversed(units.items()):
-            assert np.array_equal(drive(unit, key[1] + k, 1)[0], alone[key][k]), key
-    assert not np.array_equal(alone["plant", 1], alone["plant", 2])
 
 
 @EACH

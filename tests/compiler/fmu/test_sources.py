@@ -8,12 +8,13 @@ from fmpy.validation import validate_fmu
 
 from tests.compiler.fmu.gain import UNIT
 from tests.compiler.unit.conftest import command
+from tests.conftest import heavy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import read_member
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("version", [*heavy("2.0"), "3.0"])
 def test_an_fmu_without_sources_runs_and_has_no_c_in_it(tmp_path, monkeypatch, version):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "gain.py").write_text(UNIT)

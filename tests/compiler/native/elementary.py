@@ -71,6 +71,15 @@ def assert_accurate(name: str, run: Callable[[np.ndarray], np.ndarray], count: i
         expected = of(x.astype(np.longdouble)).astype(float)
     # a number below the normal ones may be off by its own last place
     np.testing.assert_allclose(run(x), expected, rtol=last_places * 2.3e-16, atol=NEAREST)
+    if name in (
+        "sin",
+        "cos",
+        "tan",
+    ):  # beside multiples of pi/2, the last of which is the nearest of all numbers to one
+        turns = np.concatenate([np.arange(1.0, 10_000.0), random.integers(1, 2**53, 10_000).astype(float)])
+        beside = (turns.astype(np.longdouble) * (2 * np.arctan(np.longdouble(1.0)))).astype(float)
+        for x in (beside, np.nextafter(beside, 0.0), np.array([6381956970095103.0 * 2.0**797])):
+            assert errors(name, run, x).max() < last_places
     if name in LIKE_ITS_ARGUMENT:
         x = np.array([0.0, NEAREST, 3 * NEAREST, 7e-322, 1e-310, 2.3e-308, 1e-305, 1e-300])
         assert run(x).tobytes() == x.tobytes()

@@ -36,10 +36,12 @@ def functions(version):
 class Calls:
     """Arguments after the instance of a call of every function, right in everything but perhaps the phase."""
 
-    def __init__(self, unit):
+    def __init__(self, unit, reference=None):
+        """With a reference that stands for those of all variables."""
         version, n, S = unit.model.version, unit.model.n_states, unit._state
         (tau, *_), (q, *_) = unit.model.group("tau"), unit.model.group("q")
-        t, o, data = references([tau.reference]), references([q.reference]), unit.complete()
+        t, o = (references([v.reference if reference is None else reference]) for v in (tau, q))
+        data = unit.complete()
         self.state, self.new, self.size, self.orders = unit.save(), ct.c_void_p(), ct.c_size_t(len(data)), ct.c_int(1)
         self.room = room = (ct.c_double * 512)()
         new, at, two = ct.byref(self.new), ct.addressof(room), version == "2.0"
@@ -69,8 +71,8 @@ class Calls:
             "SetRealInputDerivatives": (t, 1, ct.byref(self.orders), room),
             "GetRealOutputDerivatives": (o, 1, ct.byref(self.orders), room),
             "GetOutputDerivatives": (o, 1, room, room, *k),
-            "GetNumberOfVariableDependencies": (q.reference, room),
-            "GetVariableDependencies": (tau.reference, None, None, None, None, 0),
+            "GetNumberOfVariableDependencies": (o[0], room),
+            "GetVariableDependencies": (t[0], None, None, None, None, 0),
             "ActivateModelPartition": (0, 0.0),
             **{f"Get{kind}Status": (0, room) for kind in ("", "Real", "Integer", "Boolean", "String")},
             **{f"Get{name}": into for name in ("ContinuousStates", "Derivatives", "ContinuousStateDerivatives")},
@@ -79,6 +81,9 @@ class Calls:
             **dict.fromkeys(("SetReal", "GetReal", "SetFloat64", "GetFloat64"), mass),
             **dict.fromkeys(("SetBoolean", "GetBoolean"), equilibrium),
         }
+        if reference is not None:
+            by_name |= dict.fromkeys(("SetReal", "GetReal", "SetFloat64", "GetFloat64"), (t, 1, room, *k))
+            by_name |= dict.fromkeys(("SetBoolean", "GetBoolean"), (t, 1, room, *([] if two else [1])))
         self.all = {}
         for name, types in functions(version).items():
             numbered = len(types) > 2 and types[-1] is ct.c_size_t

@@ -58,24 +58,3 @@ def test_co_simulation_and_model_exchange_under_cvode_are_the_same_motion(native
     assert exchange.shape == np.shape(rows)
     assert np.ptp(rows, axis=0).max() > 0.01  # the arm falls: nothing is compared with rest
     assert np.abs(exchange - rows).max() < 1e-7
-
-
-def test_the_derivatives_are_those_of_the_outputs_of_co_simulation(native, version):
-    """Differences of two tiny steps: truncation is (1e-6 s)^2 times the third derivative, 1e-4 of the scale."""
-    exchange = native("plant", version, kind="ModelExchange").start(q_0=[0.3, -0.2]).continuous()
-    x = exchange.get_states()
-    rng = np.random.default_rng(3)
-    x = x + 0.01 * rng.normal(size=len(x))
-    exchange.set(tau=[0.2, -0.1]).states(x)
-    slope = exchange.derivatives()
-    names = ("q_0", "q_dot_0", "kappa_dot_0", "tau_s_0")
-    start = dict(zip(names, x.reshape(4, 2), strict=True))
-    unit = native("plant", version).start(tolerance=1e-12, equilibrium=False, tau=[0.2, -0.1], **start)
-    h = 1e-6
-    rows = [np.concatenate([unit.get(g) for g in ("q", "q_dot", "kappa_dot", "tau_s")])]
-    for _ in range(2):
-        unit.step(h)
-        rows.append(np.concatenate([unit.get(g) for g in ("q", "q_dot", "kappa_dot", "tau_s")]))
-    difference = (-3.0 * rows[0] + 4.0 * rows[1] - rows[2]) / (2.0 * h)
-    # rounding of tau_s of 20 N.m: 4e-15 / 1e-6 s = 1e-8, far below
-    assert np.all(np.abs(difference - slope) <= 1e-4 * (1.0 + np.abs(slope)))

@@ -103,7 +103,9 @@ _CPU = {"x86_64-darwin": 0x01000007, "aarch64-darwin": 0x0100000C}
 @pytest.mark.parametrize("platform", _CPU)
 def test_the_libraries_for_macos_are_of_their_processor_and_export_fmi(everywhere, unit, version, platform):
     folder = everywhere(version)[unit]
-    parts = macho_parts(library(folder, version, platform).read_bytes())
+    data = library(folder, version, platform).read_bytes()
+    assert f"@rpath/{Path(library(folder, version, platform)).name}".encode() in data
+    parts = macho_parts(data)
     if version == "3.0" or platform == "aarch64-darwin":
         assert set(parts) == {_CPU[platform]}
     names = macho_exports(parts[_CPU[platform]])

@@ -10,6 +10,7 @@ import pytest
 
 from tests.compiler.native.binding import Instance
 from tests.compiler.native.conftest import GCC, HEADERS, HERE, VERSIONS, program, run
+from tests.conftest import heavy
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.platforms import this_platform
 from vdfmu.compiler.unit.declaration import SOLVERS
@@ -123,10 +124,13 @@ def test_each_step_has_the_same_instructions(stepping, tmp_path):
         assert worst / median < 1.1  # of 10,000 steps 1.06; one internal step more or less is 1.25
 
 
-@pytest.mark.parametrize("unit", ["plant", "controller"])
+@pytest.mark.parametrize("unit", ["controller", *heavy("plant")])
 def test_the_sources_are_c99(model, unit, tmp_path, version):
     sources = model(unit, version).folder / "sources"
-    flags = ["-std=c99", "-pedantic-errors", "-Wall", "-Wextra", "-Werror", "-DDISABLE_PREFIX", "-fsyntax-only"]
+    flags = [
+        "-std=c99", "-pedantic-errors", "-Wall", "-Wextra", "-Wconversion", "-Wno-sign-conversion", "-Wshadow",
+        "-Wmissing-prototypes", "-Werror", "-DDISABLE_PREFIX", "-fsyntax-only",
+    ]  # fmt: skip
     places = [f"-I{HEADERS}", f"-I{sources}"]
     run([program("gcc", "gcc"), *flags, *places, *sorted(sources.glob("*.c"))], cwd=tmp_path)
 

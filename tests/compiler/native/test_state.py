@@ -107,6 +107,7 @@ instance.free()
 """
 
 
+@pytest.mark.few(1)
 @EACH_KIND
 def test_a_serialized_state_continues_in_another_process_to_the_bit(
     native, version, kind, run_python, tmp_path, pytestconfig
@@ -212,7 +213,6 @@ def test_a_state_of_another_kind_of_instance_unit_or_robot_is_refused(native, ve
             "for co-simulation, got one of an instance for model exchange",
         ),
         (native("controller", version), r"expected a state of Plant with GUID \{.*got one with GUID \{"),
-        (native("plant", version, "slider_3dof"), r"expected a state of Plant with GUID \{.*got one with GUID \{"),
         (
             native("plant", "3.0" if version == "2.0" else "2.0"),
             r"expected a state of Plant with GUID \{.*got one with GUID",
@@ -256,6 +256,7 @@ def test_a_pointer_that_is_no_state_of_the_instance_and_room_of_the_wrong_size_a
         assert not any(room)
 
 
+@pytest.mark.few(15)
 @pytest.mark.parametrize("phase", ["instantiated", "initialization", "step", "terminated"])
 @EACH
 def test_after_reset_an_instance_is_a_new_one(native, version, unit_name, phase):

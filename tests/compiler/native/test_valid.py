@@ -44,20 +44,6 @@ def test_only_the_functions_of_fmi_are_exported(model, unit_name, version):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("flags", [
-    ("-std=c11", "-O1", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wshadow"),
-    ("-std=gnu17", "-O0", "-Wmissing-prototypes"),
-])  # fmt: skip
-@pytest.mark.parametrize("unit", ["plant", "controller"])
-def test_gcc_has_no_warning(model, tmp_path, unit, version, flags):
-    folder = model(unit, version).folder / "sources"
-    files = sorted(folder.glob("*.c"))
-    warnings = ("-Wall", "-Wextra", "-Werror", *flags)
-    run([program("gcc", "gcc"), *warnings, "-ffp-contract=off", "-DDISABLE_PREFIX", "-shared", "-fPIC",
-         "-fvisibility=hidden", f"-I{HEADERS}", f"-I{folder}", *files, "-o", tmp_path / "unit.so", "-lm"])  # fmt: skip
-
-
-@pytest.mark.heavy
 def test_the_sources_link_with_prefixes_into_one_program(model, tmp_path, version):
     """The functions of two units have their model identifiers as prefix, as the standard says for source code."""
     # Their other names are hidden in one object a unit. fmpy's header of FMI 2.0 leaves the prefix out; the official

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.conftest import heavy
 from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.unit import solver as module
@@ -63,9 +65,9 @@ def test_error_is_proportional_to_the_tolerance(planar, plant_function, friction
     assert (np.array(errors) < 100.0 * tolerances).all()
 
 
-@pytest.mark.few(1)
-def test_error_is_within_the_tolerance_for_every_robot(robot, plant_function):
-    robot = robot.with_parameters(eps=0.05)
+@pytest.mark.parametrize("name", ["planar_2dof", *heavy("manipulator_6dof", "slider_3dof")])
+def test_error_is_within_the_tolerance_for_every_robot(name, plant_function):
+    robot = load_robot(name).with_parameters(eps=0.05)
     integrator = integrator_of(robot, 1e-8)
     integrator.advance(0.0, 0.02)
     exact = reference(robot, plant_function, 0.02)

@@ -81,10 +81,14 @@ def test_an_event_leaves_other_states_alone(backend):
     assert unit.group("ground")[0] == 0.0
 
 
-def test_motions_without_an_end_end_with_a_sentence():
+@pytest.mark.heavy
+def test_bounces_without_an_end_end_with_a_sentence():
     words = "events do not end: there are more than 1000 in one interval, the last of ground. Let at_ground end"
     with pytest.raises(KernelError, match=rf"at t = 2\.5\d* s {words}"):
         Ball().simulate(stop=3.0, step=0.5)
+
+
+def test_events_without_an_end_at_one_time_end_with_a_sentence():
     with pytest.raises(KernelError, match="events do not end: there are more than 100 at one time, the last of"):
         Endless().simulate({"u": lambda t: float(t > 0.2)}, stop=1.0, step=0.5)
 

@@ -103,6 +103,7 @@ def test_an_fmu_has_the_sums_of_the_trace_and_exact_derivatives(model):
     unit.free()
 
 
+@pytest.mark.heavy
 def test_states_that_move_by_a_net(tmp_path):
     """The solver's Jacobian has the products too."""
     (path,) = build_fmus(None, tmp_path, units=[Flow]).values()

@@ -15,7 +15,6 @@ from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Simulator
-from vdfmu.study.analysis.loops import margins_along
 
 STEP, STOP, K, D, START = 0.01, 0.6, 30.0, 4.0, 0.2
 UNITS = '''
@@ -160,7 +159,7 @@ def own_loop(delay: int = 0, every: int = 1, measured: int = 0) -> tuple[np.ndar
 CLOSE = {"rtol": 0.0, "atol": 1e-11}
 
 
-@pytest.mark.parametrize("options", [{}, *heavy({"fmi_version": "3.0"}), {"backend": "python"}], ids=str)
+@pytest.mark.parametrize("options", [{}, *heavy({"fmi_version": "3.0"}, {"backend": "python"})], ids=str)
 def test_a_sample_acts_in_the_step_that_follows(scenario, run, options):
     """No delay but the hold, from the first step on; both references have the same."""
     results = run(scenario("plain"), reference=True, **options)
@@ -215,6 +214,7 @@ def test_the_fmu_declares_that_samples_depend_on_inputs_and_names_its_period(sce
     assert float(description.defaultExperiment.stepSize or "nan") == 0.01
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 @pytest.mark.parametrize(
     ("period", "way"), [(STEP / 2, 0.005), (1.5 * STEP, 0.0075), (0.7 * STEP, 0.007), (2.5 * STEP, 0.008333)]
@@ -242,55 +242,6 @@ def test_a_period_counts_in_packages_containers_and_each_run(scenario, run, tmp_
             simulator.run(step=0.004, stop=0.04)
         with pytest.raises(UsageError, match=r"such as 0\.007 s"):
             simulator.run(parameters={"control.period": 0.007})
-
-
-def matrix(delay: int = 0) -> np.ndarray:
-    """Return the matrix of a step of the loop: position, velocity, last position, and forces that wait."""
-    E = expm(STEP * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
-    force = np.array([-K - D / STEP, 0.0, D / STEP, *[0.0] * delay])
-    acts = force if delay == 0 else np.eye(3 + delay)[3]
-    whole = np.zeros((3 + delay, 3 + delay))
-    whole[:2, :2] = E[:2, :2]
-    whole[:2] += np.outer(E[:2, 2], acts)
-    whole[2, 0] = 1.0
-    if delay:
-        whole[3:-1, 4:] = np.eye(delay - 1)
-        whole[-1] = force
-    return whole
-
-
-@pytest.mark.parametrize(
-    ("system", "algorithm", "delay"),
-    [("plain", "gauss-seidel", 0), ("chain", "gauss-seidel", 0), ("plain", "jacobi", 1),
-     ("coarse", "gauss-seidel", 0), ("wrapped", "gauss-seidel", 0)],
-)  # fmt: skip
-def test_a_sampled_loop_has_the_poles_of_its_equations(scenario, system, algorithm, delay):
-    """Those beyond are zeros: what is held or waits is set anew in each step. Steps of an encoder are their line."""
-    linear = vdfmu.linearize(scenario(system, algorithm), at=3 * STEP, sampled=True)
-    poles = np.linalg.eigvals(linear.A)
-    poles = poles[np.argsort(-np.abs(poles))]
-    wanted = np.linalg.eigvals(matrix(delay))
-    wanted = wanted[np.argsort(-np.abs(wanted))]
-    # rounding; the nilpotent rest of up to 4 states has eigenvalues of 1e-16 ** (1/4)
-    np.testing.assert_allclose(np.sort_complex(poles[: len(wanted)]), np.sort_complex(wanted), atol=1e-11)
-    assert np.abs(poles[len(wanted) :]).max() < 1e-3
-    assert np.abs(wanted).max() < 1.0
-    assert not any("constant" in note for note in linear.notes)
-
-
-@pytest.mark.parametrize("n", [1, 2, 5])
-def test_margins_are_those_of_the_sampled_loop(scenario, n):
-    """By the transfer function of cart and controller, on a grid of its own; samples come at every n-th point."""
-    settings, T = {"control.period": n * STEP}, n * STEP
-    (margin,) = margins_along(scenario("plain"), ("cart.u",), at=[2 * STEP], parameters=settings).margins
-    E = expm(T * np.array([[0.0, 1.0, 0.0], [0.0, -0.5, 1.0], [0.0, 0.0, 0.0]]))
-    z = np.exp(1j * np.linspace(1e-4, np.pi, 200_001))
-    cart = [(np.linalg.inv(each * np.eye(2) - E[:2, :2]) @ E[:2, 2])[0] for each in z[::100]]
-    loop = (K + D / T * (1 - 1 / z[::100])) * np.array(cart)
-    # the smallest distance is flat around its place: squares of the grids' distances, 1e-2 of it
-    assert margin.modulus[0] == pytest.approx(np.abs(1 + loop).min(), rel=1e-3)
-    if n == 1:
-        assert np.exp(margin.rate * STEP) == pytest.approx(np.abs(np.linalg.eigvals(matrix())).max(), abs=1e-11)
 
 
 def test_derivatives_of_samples_are_declared_and_transposed(scenario, tmp_path):

@@ -1,12 +1,8 @@
 """The solver's step of any unit, its Jacobian, and sampled states: against closed forms and differences."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from benchmarks.chains import repeated_link
-from tests.conftest import TYPICAL
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import KernelError, UnitError
@@ -222,18 +218,6 @@ def test_a_balance_without_the_derivative_of_its_row_is_refused_with_its_unit(ki
         interface.functions.casadi_function(interface.program.step[0].function.replace("step", kind))
 
 
-class AlongChain(Plant):
-    """The plant with the elimination of long chains."""
-
-    chain = 1
-
-
-class DenseBlock(Plant):
-    """The plant with the elimination of short chains."""
-
-    chain = None
-
-
 def step_of(unit, robot):
     interface = Interface(unit, robot)
     return interface.functions.casadi_function(interface.program.step[0].function)
@@ -263,36 +247,6 @@ def test_inputs_of_a_balance_may_have_names_of_the_solver():
     at = dict(zip(direct.name_in(), np.random.default_rng(0).uniform(0.1, 0.2, direct.n_in()), strict=True))
     x_new = [np.asarray(step(*(at[name] for name in step.name_in()))[0]) for step in (direct, balanced)]
     np.testing.assert_allclose(*x_new, rtol=0, atol=1e3 * EPS)  # a step is some hundred operations on numbers below 1
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", TYPICAL)
-@pytest.mark.parametrize("coupling", [False, True])
-def test_elimination_along_the_chain_gives_the_step_of_the_dense_block(name, coupling):
-    robot = dataclasses.replace(load_robot(name), rotor_coupling=coupling)
-    along, dense = step_of(AlongChain, robot), step_of(DenseBlock, robot)
-    random = np.random.default_rng(5)
-    for h in (1e-6, 1e-3):
-        arguments = {group: random.uniform(-0.5, 0.5, dense.numel_in(group)) for group in dense.name_in()}
-        arguments |= {"p": robot.values(), "h": h, "tolerance": 1e-7}
-        eliminated, other = (f.call([arguments[k] for k in f.name_in()])[0].full() for f in (along, dense))
-        # Two elimination orders of one matrix, pivots of both as in docs/internals.md: 1e4 roundings.
-        np.testing.assert_allclose(eliminated, other, rtol=0, atol=1e4 * EPS * np.abs(other).max())
-
-
-def test_a_long_chain_moves_as_scipy_moves_it():
-    robot = repeated_link(12)
-    solver = solver_of(Plant, tolerance=1e-10, robot=robot)
-    assert solver.unit.x.size == 48
-    solver.unit.group("tau")[:] = 0.05 * (-1.0) ** np.arange(12)
-    other = Traced(solver.unit.interface)
-    other.memory[:] = solver.unit.memory
-    solver.advance(0.0, 0.02)
-    ScipySolver(other).move(0.0, 0.02)
-    assert np.abs(other.x).max() > 0.1
-    # Steps of a tolerance of 1e-10 against LSODA at 1e-12: 100 of them give 1e-8, the stiffest states ten times that.
-    # At 1e-9 a step that the error control nearly refuses, which one rounding decides, gives 2.5e-6.
-    np.testing.assert_allclose(solver.unit.x, other.x, rtol=1e-7, atol=1e-7)
 
 
 class Delay(Unit):

@@ -106,7 +106,7 @@ def test_no_pulse_is_stepped_over(fmu, duty, step):
         np.testing.assert_allclose([rows["i"][-1], rows["w"][-1]], wanted, **CLOSE)
 
 
-@pytest.mark.parametrize("fmu", ["2.0", "3.0"], indirect=True)
+@pytest.mark.parametrize("fmu", [*heavy("2.0"), "3.0"], indirect=True)
 @pytest.mark.parametrize("duty", [0.3, 0.01])
 def test_model_exchange_has_them_as_time_events(fmu, duty):
     rows = fmpy.simulate_fmu(

@@ -183,6 +183,7 @@ def test_end_stops_are_those_of_the_component(inside):
         load_scenario("beyond.toml")
 
 
+@pytest.mark.heavy
 def test_fmus_of_any_tool_need_no_robot(inside, ran):
     fmus = build_fmus(None, inside / "any", units=["motor.py:DCMotor", "motor.py:SpeedPI"])
     assert len(fmus) == 2

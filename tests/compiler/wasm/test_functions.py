@@ -10,6 +10,7 @@ import pytest
 import wasmtime
 
 from tests.compiler.wasm.linked import linked
+from tests.conftest import heavy
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.functions import lookup_table
 from vdfmu.compiler.c.text import EXPRESSIONS
@@ -93,7 +94,7 @@ def test_there_is_code_of_each_operation_that_has_c():
     assert OPERATIONS.keys() == EXPRESSIONS.keys()
 
 
-@pytest.mark.parametrize("own_library", [True, False])
+@pytest.mark.parametrize("own_library", [True, *heavy(False)])
 def test_an_operation_has_the_bits_of_casadi(own_library):
     functions = operation_functions()
     instance = Instance(list(functions.values()), own_library)
@@ -119,7 +120,7 @@ def test_an_operation_without_code_is_said():
         Assembler().traced(ca.Function("wrong", [x], [ca.erf(x)]))
 
 
-@pytest.mark.parametrize("scenario", ["tracking", "screw", "estimation", "kr300"])
+@pytest.mark.parametrize("scenario", ["screw", *heavy("tracking", "estimation", "kr300")])
 def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
     """Start, outputs, derivatives, updates and steps of the solver, with random numbers."""
     system = WiredUnits(SystemDescription(load_scenario(scenario)))

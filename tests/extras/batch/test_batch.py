@@ -105,6 +105,7 @@ def test_inputs_from_outside_and_both_masters(bench, algorithm):
         all_in_lanes(bench, "planar_tracking", over, **options)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("options", [
     {"parameters": {"plant.solver": "fixed_2"}},
     *heavy(*({"units": {"controller": law}} for law in ("disturbance_observer", "virtual_decomposition"))),
@@ -209,6 +210,7 @@ def test_units_of_a_user_with_states_and_twice_in_a_system(bench, tmp_path):
     assert len({row["end"] for row in rows}) == 12
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
 def test_units_that_are_sampled_or_switched_by_time(bench, tmp_path, algorithm):
     scenario = switched_file(tmp_path)

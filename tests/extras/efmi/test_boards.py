@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.extras.efmi.boards import BOARDS, on_board
-from tests.extras.efmi.efmu import Efmu, Production
+from tests.extras.efmi.efmu import Efmu
 from tests.extras.efmi.runs import ScenarioRun
 
 pytestmark = pytest.mark.heavy
@@ -20,15 +20,6 @@ sum of some hundred such terms, some a hundred times as large as it: 1e-12. In s
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory, kernel_cache):
     return ScenarioRun("tracking", tmp_path_factory.mktemp("tracking"))
-
-
-@pytest.mark.parametrize("unit", ["controller", "feedforward"])
-def test_production_code_gives_the_bits_of_the_run(tracking, unit, tmp_path):
-    efmu = Efmu(tracking.efmus(tmp_path / "efmus", "double")[unit])
-    inputs, expected = tracking.inputs(unit, efmu), tracking.outputs(unit, efmu)
-    series = Production(efmu, tmp_path).run(inputs, 10_000)
-    for name, values in expected.items():
-        np.testing.assert_array_equal(series[name], values, err_msg=name)
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda board: board.name)

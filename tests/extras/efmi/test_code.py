@@ -25,6 +25,7 @@ def assert_same(actual: Rows, expected: Rows) -> None:
         np.testing.assert_array_equal(actual[name], values, err_msg=name)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("unit", [*QUICK, *(pytest.param(unit, marks=pytest.mark.heavy) for unit in USERS)])
 def test_production_code_gives_the_bits_of_the_fmu(efmu, unit, tmp_path):
     path = efmu(unit)

@@ -42,6 +42,7 @@ def findings(efmu: Path, folder: Path) -> list[str]:
     return errors or [f"exit code {done.returncode}"] * (done.returncode != 0)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("unit", ["notch_filter", *heavy("controller")])
 def test_checker_finds_nothing(efmu, unit, tmp_path):
     assert not findings(efmu(unit), tmp_path)
@@ -65,6 +66,7 @@ def test_checker_finds_nothing_in_units_of_users(efmu, unit, tmp_path):
     assert not findings(efmu(f"examples/units/{unit}.py"), tmp_path)
 
 
+@pytest.mark.heavy
 def test_checker_sees_faults(efmu, tmp_path):
     whole = Efmu(efmu("controller"))
     broken = tmp_path / "PDController.fmu"
@@ -105,7 +107,7 @@ def test_files_are_those_of_the_manifests(efmu, precision):
 
 
 def test_production_code_has_each_variable_and_method_and_the_interface_of_the_fmu(efmu, planar):
-    whole = Efmu(efmu("virtual_decomposition"))
+    whole = Efmu(efmu("disturbance_observer"))
     here = {e.attrib["foreignRefId"] for e in whole.production.iter() if "foreignRefId" in e.attrib}
     methods = {m.attrib["id"] for m in whole.algorithm.iter("BlockMethod")}
     assert here == {*whole.variables, *methods, "errorSignals"}

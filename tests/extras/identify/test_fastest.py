@@ -1,13 +1,10 @@
-"""The shortest motions: limits and path kept, against linear programs that know neither toppra nor splines."""
+"""The shortest motions: limits and path kept, against the closed form of a straight line."""
 
 import dataclasses
 import re
 
 import numpy as np
 import pytest
-from scipy.interpolate import make_interp_spline
-from scipy.optimize import linprog
-from scipy.sparse import diags_array, vstack
 
 from tests.arm.motion.jumps import jumps, rounding
 from vdfmu import dynamics
@@ -33,8 +30,6 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     # the spline's error, seen below 1e-6
     near = np.linalg.norm(q - points[1], axis=1).min()
     assert near < 0.5 * np.linalg.norm(q_dot, axis=1).max() * (t[1] - t[0]) + 1e-5
-    with pytest.raises(UsageError, match=r"smoothing: expected from .* s to .* s, got 0.0001"):
-        fastest(points, velocity, acceleration, smoothing=1e-4)
     with pytest.raises(UsageError, match="torque"):
         fastest(points, velocity, acceleration, robot=planar, torque=5.0)  # 11.8 N.m hold it level
 
@@ -50,7 +45,7 @@ def shortest_between(a, b, velocity, acceleration):
 
 def test_between_two_points_the_shortest_motion_is_the_straight_line():
     random = np.random.default_rng(7)
-    for k in range(60):
+    for k in range(24):
         n = 1 + k % 6
         a, b = random.uniform(-2.0, 2.0, (2, n)) * 10.0 ** random.uniform(-4, 1)
         if n > 1 and k % 4 == 0:
@@ -73,58 +68,6 @@ def test_between_two_points_the_shortest_motion_is_the_straight_line():
         said = float(re.search(r"([\d.]+) % more", motion.notes[0])[1])
         # of the true shortest time: off by those 0.5 %, and by its one printed digit
         assert said == pytest.approx(100.0 * (motion.duration / shortest - 1.0), abs=0.6)
-
-
-def shortest_along(points, velocity, acceleration, robot=None, torque=None):
-    """Shortest time along the natural spline by a linear programme: the largest squares of the speed on 1000 intervals.
-
-    Their sum is largest where each is, which is the fastest motion (Verscheure et al. 2009); limits hold in the middle
-    of each interval. It shares nothing with toppra, which goes along the path twice.
-    """
-    points = np.array(points, dtype=float)
-    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    free = [(order, np.zeros(points.shape[1])) for order in (3, 4)]
-    path = make_interp_spline(s, points, k=5, bc_type=(free, free))
-    places = np.linspace(0.0, s[-1], 1001)
-    step, middle = places[1], 0.5 * (places[1:] + places[:-1])
-    q, first, second = (path(middle, order) for order in range(3))
-    rows = [(first, second, 0.0 * q, np.broadcast_to(acceleration, q.shape))]
-    if torque is not None:
-        still = np.zeros_like(q)
-        weight = dynamics.inverse_dynamics(robot, q, still, still)
-        rows += [
-            (
-                dynamics.inverse_dynamics(robot, q, still, first) - weight,
-                dynamics.inverse_dynamics(robot, q, first, second) - weight, weight, np.broadcast_to(torque, q.shape),
-            )
-        ]  # fmt: skip
-    A, b = [], []
-    for by_change, by_square, constant, most in rows:
-        for j in range(q.shape[1]):
-            change, square = by_change[:, j] / (2.0 * step), by_square[:, j] / 2.0
-            part = diags_array([square - change, square + change], offsets=[0, 1], shape=(1000, 1001))
-            A += [part, -part]
-            b += [most[:, j] - constant[:, j], most[:, j] + constant[:, j]]
-    most = ((velocity / np.maximum(np.abs(path(places, 1)), 1e-12)) ** 2).min(axis=1)
-    most[[0, -1]] = 0.0
-    optimum = linprog(-np.ones(1001), vstack(A), np.concatenate(b), bounds=[(0.0, bound) for bound in most])
-    assert optimum.status == 0
-    speed = np.sqrt(optimum.x)
-    return float((2.0 * step / (speed[1:] + speed[:-1])).sum())
-
-
-@pytest.mark.parametrize("points", [
-    [[-1.5, 0.0], [-0.5, 0.6], [0.4, 0.2]], [[0.0, 0.2], [0.7, -0.4], [0.9, 0.5], [-0.3, 0.1]],
-    [[0.0, 0.0], [0.02, 0.01], [1.0, 1.0]],
-])  # fmt: skip
-@pytest.mark.parametrize("torque", [None, 14.0])
-def test_more_than_the_shortest_is_measured_against_the_shortest(planar, points, torque):
-    velocity, acceleration = np.array([3.0, 4.0]), np.array([12.0, 20.0])
-    shortest = shortest_along(points, velocity, acceleration, planar, torque)
-    motion = fastest(points, velocity, acceleration, robot=planar, torque=torque)
-    said = float(re.search(r"([\d.]+) % more", motion.notes[0])[1])
-    # two discretisations, of 200 intervals between points and of 1000 in all, each some 1 / 200 of the time at worst
-    assert motion.duration / (1.0 + said / 100.0) == pytest.approx(shortest, rel=5e-3)
 
 
 def test_points_too_near_for_a_path_are_refused():

@@ -1,19 +1,21 @@
 """Ways to identify a measured arm, on made-up logs of a rigid one; no assertion on any time."""
 
 import logging
+import subprocess
 import sys
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
+import scipy.io
 
 from benchmarks import kr300
 from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.files import data_path
-from vdfmu.extras.identify.log import Log
+from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.problem import regressor
 
 H = 0.01
@@ -51,6 +53,7 @@ def at_rest(model, q):
     return data.qfrc_inverse.copy()
 
 
+@pytest.mark.heavy
 def test_mujoco_has_the_same_rigid_arm_and_the_spring_near_dead_centre(kr):
     log = rigid_log(kr.with_parameters(f_c=0.0), 1)
     moved = kr300.Motion(log, None, log.kappa, np.gradient(log.kappa, H, axis=0), None, None)
@@ -89,3 +92,30 @@ def test_the_toolbox_finds_the_arm(robot, guess, monkeypatch):
     assert np.max(positions.left) < 1.6e-2
     # ten of each body, armature, damping and friction of each joint; constants for torques
     assert [fit.parameters for fit in fits] == [28, 28, 26]
+
+
+def test_a_log_from_a_public_record_counts_from_its_start(tmp_path, capfd):
+    """Positions in degrees from the pose 0, -90, 90, 0, 0, 0; encoders behind the gears of axes 1 to 3 only."""
+    arm, random, t = load_robot("kr_6dof"), np.random.default_rng(0), 0.004 * np.arange(600)
+    mot = np.cumsum(np.cumsum(random.normal(size=(6, 600)), axis=1), axis=1) * 1e-3
+    rec = {
+        "time_cont": t,
+        "act_pos_mot_deg": mot,
+        "act_pos_se_deg": mot,
+        "act_torque_abs_nm": random.normal(size=(6, 600)),
+    }
+    record, made = tmp_path / "data.mat", tmp_path / "log.csv"
+    script = [sys.executable, data_path("examples") / "kr300" / "log.py", record, made]
+    scipy.io.savemat(record, {"rec": rec})
+    subprocess.run(script, check=True)
+    log = read_log(made, arm)
+    start = np.deg2rad([0, -90, 90, 0, 0, 0])
+    np.testing.assert_allclose(log.kappa, np.deg2rad(mot.T) + start, rtol=1e-14, atol=1e-16)
+    np.testing.assert_allclose(log.q[:, :3], log.kappa[:, :3], rtol=1e-14)
+    assert np.isnan(log.q[:, 3:]).all()
+    np.testing.assert_array_equal(log.tau, rec["act_torque_abs_nm"].T)  # motor-side, as it is
+    motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * arm.ell
+    ratios = {"para": {"u": arm.ell}, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}}
+    scipy.io.savemat(record, {"rec": rec, **ratios})
+    assert subprocess.run(script).returncode == 1
+    assert "expected a start at [  0. -90.  90." in capfd.readouterr().err

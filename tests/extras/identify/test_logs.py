@@ -9,7 +9,6 @@ import pytest
 import scipy.io
 from scipy.interpolate import CubicSpline
 
-import vdfmu
 from tests.extras.identify.recorded import STEP, M, T, motion
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
@@ -245,13 +244,7 @@ def test_a_log_without_a_whole_row_has_its_sentences_alone(robot, data, tmp_path
     assert len(lines) == 2 and all(any(start in line for line in lines) for start in starts)
 
 
-def test_a_robot_with_stops_shows_degrees_without_links(robot, data, tmp_path):
-    path = write(tmp_path / "log.csv", table((np.rad2deg(data[0] * 0.1), data[1], data[2])))
-    arm = robot.__class__(**{**robot.__dict__, "limits": True, "q_min": np.full(2, -2.0), "q_max": np.full(2, 2.0)})
-    with pytest.raises(UsageError, match=r"kappa\[1\]: expected less than 4 from end to end, as the robot's stops are"):
-        read_log(path, arm)
-
-
+@pytest.mark.few(1)
 @pytest.mark.parametrize("amplitude", [0.3, 1.0])
 @pytest.mark.parametrize("name", ["planar_2dof", "manipulator_6dof"])
 def test_positions_in_degrees_are_named_with_and_without_links_and_torques_of_rotors_are_not(name, amplitude, tmp_path):
@@ -281,30 +274,3 @@ def test_torques_that_fit_otherwise_are_failed_checks(robot, data, tmp_path):
         assert len(checks) == len(sentences)
         assert all(c.sentence.startswith(start) for c, start in zip(checks, sentences, strict=True)), checks
         assert all(check.state == FAILED for check in checks)
-
-
-def test_a_record_of_the_kuka_kr300_counts_from_its_start(tmp_path):
-    """Positions in degrees from the pose 0, -90, 90, 0, 0, 0; encoders behind the gears of axes 1 to 3 only."""
-    robot, random = vdfmu.load_robot("kr_6dof"), np.random.default_rng(0)
-    t = STEP * np.arange(600)
-    mot = np.cumsum(np.cumsum(random.normal(size=(6, 600)), axis=1), axis=1) * 1e-3
-    se = mot * np.array([1, 1, 1, 0, 0, 0])[:, None]
-    tau = random.normal(size=(6, 600))
-    rec = {"time_cont": t, "act_pos_mot_deg": mot, "act_pos_se_deg": se, "act_torque_abs_nm": tau}
-    path = tmp_path / "A.mat"
-    scipy.io.savemat(path, {"rec": rec, "para": {"u": np.array([256.9, 267.4, 252.3, 221.0, 239.6, 154.3])}})
-    log = read_log(path, robot)
-    start = np.deg2rad([0, -90, 90, 0, 0, 0])
-    np.testing.assert_allclose(log.kappa, np.deg2rad(mot.T) + start, rtol=1e-14)
-    np.testing.assert_allclose(log.q[:, :3], np.deg2rad(mot.T[:, :3]) + start[:3], rtol=1e-14)
-    assert np.isnan(log.q[:, 3:]).all()
-    np.testing.assert_array_equal(log.tau, tau.T)  # motor-side, as it is
-    said = "\n".join(log.notes)
-    for part in ("kappa is rec.act_pos_mot_deg[{}] [deg]",
-                 "from its start, at 0, -90, 90, 0, 0, 0 deg, which are added",
-                 "the ratios of the file are 256.9, 267.4", "q[4], q[5], q[6]: the same in all rows"):  # fmt: skip
-        assert part in said
-    motors = np.deg2rad([0, -80, 90, 0, 0, 0]) * robot.ell
-    scipy.io.savemat(path, {"rec": rec, "ref_dyn": {"phi_r_m_all": np.tile(motors, (600, 1))}})
-    with pytest.raises(UsageError, match="expected a start at 0, -90, .* divided by the gear ratios, got 0, -80, 90"):
-        read_log(path, robot)

@@ -1,7 +1,5 @@
-"""The example of a plugin for MCAP: results of runs, and logs of ROS 2 and JSON, as other tools read and write them."""
+"""The example of a plugin for MCAP: results of runs, and logs of ROS 2, as other tools read and write them."""
 
-import json
-import logging
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
@@ -21,7 +18,7 @@ from tests.added import installed
 from tests.engine.files import assert_same_bits, hollow_results
 from tests.extras.identify.recorded import M, T, motion
 from vdfmu.base.errors import UsageError
-from vdfmu.engine.run import Results, Signal
+from vdfmu.engine.run import Results
 from vdfmu.extras.identify.log import read_log
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "mcap"
@@ -75,22 +72,6 @@ def test_other_readers_have_the_numbers_of_the_file(results, tmp_path):
         np.testing.assert_array_equal([bool(d.on[0]) for d in mine], results["a.on"])
 
 
-def test_files_of_another_form_and_damaged_ones_are_named(results, tmp_path):
-    path = tmp_path / "r.mcap"
-    results.write(path)
-    text = path.read_bytes()
-    for content in (text[:3000], b"time,a\n", b""):
-        path.write_bytes(content)
-        with pytest.raises(vdfmu.VdfmuError, match="r.mcap"):
-            Results.read(path)
-    for place in range(2500, 20_000, 2000):  # in the chunk of the messages, which has a checksum
-        path.write_bytes(text[:place] + bytes([text[place] ^ 1]) + text[place + 1 :])
-        with pytest.raises(vdfmu.VdfmuError, match="cannot read"):
-            Results.read(path)
-    with pytest.raises(vdfmu.VdfmuError, match="No such file"):
-        Results.read(tmp_path / "none.mcap")
-
-
 @pytest.fixture(scope="module")
 def robot():
     return vdfmu.load_robot("planar_2dof")
@@ -105,16 +86,6 @@ def same(log, data):
     for mine, other in zip((log.kappa, log.q, log.tau), data, strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-14, atol=1e-14)  # a factor that is taken off again
     np.testing.assert_allclose(log.t - log.t[0], T, atol=1e-9)  # stamps are whole nanoseconds
-
-
-def test_results_of_a_run_are_a_log(robot, data, tmp_path):
-    names = [f"plant.{name}[{i}]" for name in ("kappa", "q", "tau") for i in (1, 2)]
-    signals = [Signal(name, "real", "N.m" if "tau" in name else "rad", i) for i, name in enumerate(names)]
-    Results(T, signals, {"real": np.hstack(data)}).write(tmp_path / "log.mcap")
-    log = read_log(tmp_path / "log.mcap", robot)
-    for mine, other in zip((log.t, log.kappa, log.q, log.tau), (T, *data), strict=True):
-        np.testing.assert_array_equal(mine, other)
-    assert log.notes == ()
 
 
 @pytest.fixture(scope="module")
@@ -150,33 +121,3 @@ def test_joint_states_of_ros(robot, data, bag):
     assert log.notes[1].startswith("tau_link is /joint_states.effort[lift]") and len(log.notes) == 2
     with pytest.raises(UsageError, match=r"there are .*/joint_states.position\[lift\]"):
         read_log(bag, robot)
-
-
-def test_json_at_times_of_its_own(robot, data, tmp_path, caplog):
-    kappa, q, tau = data
-    late = 0.0013
-    _, q_late, _ = motion(robot, T + late)
-    with open(tmp_path / "log.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("arm", "jsonschema", b'{"type": "object"}')
-        topics = {name: writer.register_channel(name, "json", schema) for name in ("/drives", "/links")}
-        odd = writer.register_channel("/odd", "protobuf", schema)
-        writer.add_message(odd, 0, b"", 0)
-        for k in range(M):
-            stamp = round(T[k] * 1e9)
-            text = json.dumps({"pos": kappa[k].tolist(), "state": {"tau": tau[k].tolist(), "ok": True}}).encode()
-            writer.add_message(topics["/drives"], stamp, text, stamp)
-            stamp += round(late * 1e9)
-            writer.add_message(topics["/links"], stamp, json.dumps({"q": q_late[k].tolist()}).encode(), stamp)
-        writer.finish()
-    columns = {"kappa": "/drives.pos[{}]", "tau": "/drives.state.tau[{}]", "q": "/links.q[{}]"}
-    with caplog.at_level(logging.WARNING, "vdfmu"):
-        log = read_log(tmp_path / "log.mcap", robot, columns)
-    wanted = motion(robot, log.t)
-    # a spline of 4 ms on 0.9 Hz: (2 pi 0.9 h)^4 / 384 of 1.2 rad is 8e-10; ten times of it at the ends
-    np.testing.assert_allclose(log.kappa, wanted[0], atol=1e-8)
-    np.testing.assert_allclose(log.q, wanted[1], atol=1e-8)
-    assert log.t[0] == pytest.approx(late) and len(log.t) == M - 1
-    assert "/odd: not read, its encoding is protobuf" in caplog.text
-    assert any("columns have different times" in note for note in log.notes)

@@ -150,6 +150,7 @@ EXPERIMENT = """<Experiments name="e"><Experiment name="one" {times}>{kind}<Stim
 <Experiment name="four"><References source="seen.hdf5" type="application/hdf5"/></Experiment></Experiments>"""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("times", "kind"), [('startTime="0" stopTime="1"', ""), ("", '<TransientSimulation stopTime="1"/>')]
 )

@@ -15,6 +15,7 @@ LAG, VECTOR = (
 )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("factor", [1.0, 1.01])
 @pytest.mark.parametrize(("model", "version"), [(LAG, "2.0"), (LAG, "3.0"), (VECTOR, "3.0")])
 def test_the_check_compares_with_reference_results_of_model_exchange(built, tmp_path, model, version, factor):

@@ -44,6 +44,7 @@ def test_random_numbers_are_those_that_the_author_of_the_generator_prints():
     np.testing.assert_allclose(numbers, [0.127011, 0.318528, 0.309186, 0.825847, 0.221630], rtol=0, atol=5e-7)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [0, 7, 2147483645])
 def test_random_numbers_are_exact(seed):
     numbers, state = uniform(seeded(float(seed)), 1000)
@@ -114,9 +115,10 @@ def test_an_encoder_reads_in_steps_and_late_and_with_whole_samples_of_delay_has_
     np.testing.assert_allclose(rows[3:], x[:-3], rtol=0, atol=2.0 * np.pi / 2**49 + 4.0 * EPS)  # half a step
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("delay", "jitter", "loss"), [(2e-3, 0.0, 0.0), (1.5e-3, 6e-3, 0.2), (0.0, 0.0, 0.3)])
 def test_communication_gives_the_newest_of_what_has_arrived(planar, delay, jitter, loss):
-    n = 1000
+    n = 400
     unit = find_unit("communication")(planar, T_d=delay, T_j=jitter, loss=loss, seed=5.0)
     rows = sampled(unit, n, tau_c=lambda t: [t, -t])
     numbers, packets, newest, expected = of_seed(5), [], -1, []
@@ -178,6 +180,7 @@ def braked(planar, load, v, tau_b, late=0):
     return np.array(rows), inertia
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("late", [0, 1])
 def test_a_brake_slows_down_by_its_torque_and_holds_without_creep(planar, late):
     load, tau_b, v = np.array([0.1, -0.05]), np.array([0.3, 0.4]), np.array([20.0, -30.0])

@@ -130,7 +130,7 @@ def test_the_wall_is_felt_within_two_percent_50_ms_after_the_touch(tmp_path, pla
 def test_the_notch_filter_has_the_gain_of_its_closed_form_below_half_of_the_sampling_frequency(one_joint, tmp_path):
     h, f, zeta_n, zeta_d = 1e-3, 35.0, 0.05, 0.7
     w = 2.0 * np.pi * f
-    for f_z in (5.0, 20.0, 35.0, 80.0, 300.0):
+    for f_z in (5.0, 35.0, 300.0):
         notch = find_unit("notch_filter")(one_joint, f=f, zeta_n=zeta_n, zeta_d=zeta_d)
         steps = 2000  # 2 s: whole periods in the last 1 s, after exp(-0.7 w 1 s) = 1e-67
         y = sampled(notch, steps, u=lambda t, f_z=f_z: [np.sin(2.0 * np.pi * f_z * t)])["y"][1000:, 0]

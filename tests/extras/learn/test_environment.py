@@ -105,29 +105,6 @@ def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
     env.close()
 
 
-@pytest.mark.heavy
-def test_devices_of_a_system_are_part_of_what_the_agent_acts_through(tmp_path):
-    units, links = (
-        'encoder = "encoder"\nactuator = "actuator"',
-        '"plant.q" = ["encoder.q"]\n"actuator.tau" = ["plant.tau"]',
-    )
-    path = with_devices(tmp_path, units, links)
-    seen = ("encoder.q_m", "encoder.q_dot_m", "trajectory.q_d")
-    track = ("trajectory.q_d", "encoder.q_m")
-    task = {"action": "actuator.tau_c", "seen": seen, "track": track}
-    env = ArmEnv(path, **task)
-    assert set(env.task.scenario.system.parts) == {"trajectory", "plant", "encoder", "actuator"}
-    counts = env.reset()[0][:2] / (2.0 * np.pi / 2**17)
-    np.testing.assert_allclose(counts, np.rint(counts), rtol=0, atol=1e-9)  # of 3e4 steps, rounded
-    many = ArmVectorEnv(2, path, **task)
-    many.reset()
-    for action in np.random.default_rng(0).uniform(-0.3, 0.3, (10, 2)):
-        row, rows = env.step(action)[0], many.step(np.tile(action, (2, 1)))[0]
-        # as below; rounding is exact, so that counts differ by whole steps of 5e-5 rad or not at all
-        np.testing.assert_allclose(rows, np.tile(row, (2, 1)), rtol=0, atol=1e-7 * max(1.0, np.abs(row).max()))
-    env.close()
-
-
 @pytest.mark.parametrize(("options", "message"), [
     ({"hold": 7}, "whole multiple, got 7"),
     ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),

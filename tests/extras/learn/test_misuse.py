@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 import vdfmu
@@ -27,15 +26,6 @@ def reward(seen, action):
 def environment(plant, **changes):
     arguments = dict(system=plant, actions={"a.u": 1.0}, observations={"b.y": 5.0}, reward=reward) | changes
     return Environment(**arguments)
-
-
-def _one_step(**arguments):
-    made = Environment(**arguments)
-    try:
-        made.reset(seed=1)
-        made.step(np.zeros(made.action_space.shape))
-    finally:
-        made.close()
 
 
 @pytest.mark.parametrize(("changes", "message"), [

@@ -72,11 +72,3 @@ def test_a_law_with_fewer_stable_cells_is_never_the_best(example):
     assert example["ranked"](rows, ["bad", "good"], 2) == [(0, 1.0, "good"), (1, pytest.approx(0.5), "bad")]
     equal = [row("good", "m", 1e-9), row("bad", "m", 1e-7)]  # both below what counts
     assert [mean for _, mean, _ in example["ranked"](equal, ["bad", "good"], 1)] == [1.0, 1.0]
-
-
-def test_unknown_laws_are_refused(example, tmp_path):
-    with pytest.raises(SystemExit, match="laws: must be controller, pd_gravity, .* or a Python file, got pid"):
-        example["main"](["--laws", "pid"])
-    (tmp_path / "no_law.py").write_text("LAW = {}")
-    with pytest.raises(SystemExit, match="LAW must be a dict with unit, text, vary, start"):
-        example["load_law"](str(tmp_path / "no_law.py"))

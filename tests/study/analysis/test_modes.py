@@ -30,6 +30,7 @@ def test_friction_of_one_joint_has_its_closed_form(lift, dry):
     np.testing.assert_allclose(modes.rates, [*s[s.imag == 0].real, 0.0], rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("coupling", [False, True])
 @pytest.mark.parametrize("name", POSES)
 def test_modes_without_friction_are_those_of_the_energies(name, coupling):

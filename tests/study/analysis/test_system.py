@@ -45,6 +45,7 @@ def masses_and_springs():
     return robot, Linear(np.block(rows), np.vstack([zero, zero, rotor, zero])), K
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("algorithm", "delay"), [("gauss-seidel", 0), ("jacobi", 1)])
 def test_margins_by_fmus_are_those_of_masses_and_springs(algorithm, delay):
     robot, plant, K = masses_and_springs()
@@ -60,6 +61,7 @@ def test_margins_by_fmus_are_those_of_masses_and_springs(algorithm, delay):
         np.testing.assert_allclose(mine, other, rtol=1e-5)
 
 
+@pytest.mark.heavy
 def test_the_closed_loop_is_plant_and_controller():
     robot, plant, K = masses_and_springs()
     scenario = load_scenario("planar_tracking", robot)

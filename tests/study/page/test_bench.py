@@ -1,4 +1,4 @@
-"""The first screen and the bench: what is in sight together, where tiles lead, what an address keeps, the print."""
+"""The first screen and the bench: what is in sight together, where tiles lead, what an address keeps."""
 
 import json
 import shlex
@@ -140,28 +140,3 @@ def test_the_command_has_what_the_sliders_changed(run, browser):
     browser.run("report.simulation.open([{ unit: 'controller', name: 'K_p', value: 1234 }])")
     clicked(browser, "Copy as command")
     assert shlex.split(browser.run("kept"))[-2:] == ["--set", "controller.K_p=1234"]
-
-
-def test_the_arm_is_saved_as_a_picture(run, browser):
-    show(browser, run / "report.html")
-    browser.run("""HTMLAnchorElement.prototype.click = () => {};
-        URL.createObjectURL = ({ type, size }) => { globalThis.kept = [type, size]; return 'data:,'; };""")
-    clicked(browser, "Picture")
-    until(browser, "globalThis.kept")
-    kind, size = browser.run("kept")
-    assert kind == "image/png" and size > 10_000
-
-
-def test_print_has_the_legend_and_says_what_is_hidden(run, browser):
-    show(browser, run / "report.html", 703, 1000)
-    browser.run("document.querySelectorAll('#figures .chip')[1].click()")
-    browser.call("Emulation.setEmulatedMedia", media="print")
-    browser.settle()
-    chips = "[...document.querySelectorAll('#figures .chip')].slice(0, 3)"
-    assert browser.run(f"{chips}.every(e => e.offsetHeight > 0)")
-    after = browser.run(f"{chips}.map(e => getComputedStyle(e, '::after').content)")
-    assert after == ["none", '" (hidden)"', "none"]
-    buttons = "[...document.querySelectorAll('.transport, .actions, figcaption button')]"
-    assert browser.run(f"{buttons}.every(e => !e.offsetHeight)")
-    assert browser.run("getComputedStyle(document.querySelector('.chart')).breakInside") == "avoid"
-    browser.call("Emulation.setEmulatedMedia", media="")

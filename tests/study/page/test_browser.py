@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.study.page.browser import centre, pixels, show
+from tests.study.page.browser import centre, show
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.base import page
 from vdfmu.base.measure import fitted
@@ -33,7 +33,7 @@ def test_poses_are_those_of_the_equations(run, browser):
     poses = np.array(browser.run("""(() => {
         const run = report.runs[0], chain = new report.Chain(run.arm), motion = new report.Motion(run);
         return Array.from(motion.time, (_, k) => {
-            const p = chain.toolAt(motion.row("q", k));
+            const p = (chain.set(motion.row("q", k)), chain.tool.getWorldPosition(chain.tool.position.clone()));
             return [...p, ...chain.tool.matrixWorld.elements];
         });
     })()"""))  # fmt: skip
@@ -75,16 +75,6 @@ def test_dragging_zooms_all_figures_and_a_double_click_ends_it(run, browser):
     for kind in ("mousePressed", "mouseReleased") * 2:
         browser.mouse(kind, x, y, button="left", clickCount=2)
     assert browser.run(limits) == [[0, 1], [0, 1]]
-
-
-def test_selector_of_joints_and_logarithmic_scale(run, browser):
-    show(browser, run / "report.html", 1280, 1400)
-    browser.run("document.querySelectorAll('#figures .chip')[1].click()")
-    assert browser.run("report.charts[0].plot.series.map(s => s.show)") == [True, True, False, *[True] * 4]
-    browser.run("document.querySelector('#figures .chart:nth-child(1) figcaption button').click()")
-    browser.settle()
-    assert browser.run("report.charts[0].plot.scales.y.distr") == 3
-    assert browser.run("report.charts[0].plot.data.slice(1).flat().every(v => v === null || v > 0)")
 
 
 def test_names_stand_at_the_ends_of_curves_without_overlaps(run, browser):
@@ -177,26 +167,6 @@ def test_keys_play_step_and_read_the_values_of_a_figure(run, browser):
         browser.key("ArrowRight", 39)
     words = browser.run("document.querySelector('#figures .tip').innerText")
     assert words.startswith("0.01 s") and "joint 6" in words
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_phone_scrolls_down_only(run, browser, scheme):
-    show(browser, run / "report.html", *PHONE, scheme=scheme)
-    assert browser.run("document.documentElement.scrollWidth") == PHONE[0]
-    lightness = pixels(browser, "h1").max()
-    background = np.median(pixels(browser, "body"))
-    assert (background < 60 and lightness > 200) if scheme == "dark" else background > 200
-    assert browser.run("matchMedia('(prefers-color-scheme: dark)').matches") == (scheme == "dark")
-
-
-def test_several_runs_are_drawn_over_each_other(run, browser, tmp_path):
-    first = read_run(run)
-    path = write_report([first, first._replace(name="other")], tmp_path / "comparison.html")
-    show(browser, path)
-    centre(browser, "#figures .chart:nth-child(1)")
-    assert browser.run("report.charts[0].plot.series.length") == 13  # time, six joints of two runs
-    browser.run("document.querySelector('.chip.run1').click()")
-    assert browser.run("report.charts[0].plot.series.filter(s => s.show).length") == 7
 
 
 def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_path):

@@ -15,7 +15,7 @@ from tests.conftest import ran
 from tests.study.page.shown import numbers
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.report import content, page
+from vdfmu.study.report import content
 from vdfmu.study.report.content import EXTREMES, FRAMES, content_of
 from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.scripts import data_element
@@ -106,30 +106,6 @@ def test_figures_have_degrees_or_millimetres_and_torques_on_the_link(kind, angle
         "position": (unit, *np.float32([0.25 * angle, 0.5 * angle])), "tracking": (unit, np.float32(0.25 * angle)),
         "torque": (force, 300.0, 200.0), "compensation": (force, 100.0), "torsion": (unit, np.float32(0.75 * angle)),
     }  # fmt: skip
-
-
-@pytest.mark.heavy
-def test_figures_and_frames_are_sums_of_outputs(planar):
-    """The page evaluates the recipes for what it simulates, whose signals are the outputs."""
-    results = planar[1]
-    drawn = content_of(results, results.summary)
-
-    def evaluated(recipe, rows):
-        scale, terms = recipe
-        parts = [factor * results[name][rows] for factor, name in terms]
-        return scale * np.sum(parts, axis=0)
-
-    for figure in drawn["figures"] + drawn["signals"]:
-        t, values = curves(figure)
-        rows = np.rint(1e3 * t).astype(int)
-        again = np.array([evaluated(recipe, rows) for recipe in figure["recipes"]])
-        np.testing.assert_array_equal(again.astype("<f4"), values)
-    frames = drawn["frames"]
-    rows = np.rint(1e3 * numbers(frames["time"], "<f8")).astype(int)
-    assert list(frames["recipes"]) == ["q", "error", "torque", "torsion"]
-    for name, recipes in frames["recipes"].items():
-        again = np.concatenate([evaluated(recipe, rows) for recipe in recipes])
-        np.testing.assert_array_equal(again.astype("<f4"), numbers(frames[name]))
 
 
 def test_the_arm_has_the_values_of_the_run_and_rails_reach_as_far(planar):
@@ -236,11 +212,3 @@ def test_checks_pass_and_fail_by_their_limits_and_a_chaotic_loop_by_statistics()
     sampled["rms_torque_difference"] = 0.06
     (check,) = calculated_checks(summary)
     assert check.state == "failed"
-
-
-def test_the_file_is_written_where_it_belongs(planar, tmp_path):
-    folder, _ = planar
-    assert newest_run(folder.parent).exists()
-    assert "report.html" in json.loads((folder / "summary.json").read_text())["files"]
-    with pytest.raises(UsageError, match="cannot write"):
-        write_report([read_run(folder)], tmp_path / "missing" / page.NAME)

@@ -55,41 +55,6 @@ def test_a_page_of_joined_fmus_has_diagram_figures_components_and_verdict(place)
     assert run.package == folder / "system.ssp" and run.package.is_file()
 
 
-def test_the_next_run_replaces_the_page_and_another_file_is_kept(place):
-    folder = place[0] / "results" / "one"
-    words = ("run", place[1].name, "--stop", "0.1", "--step", "0.01", "--out", folder)
-    for _ in range(2):
-        assert command(*words, cwd=place[0]).returncode == 0
-    (folder / "summary.json").unlink()
-    refused = command(*words, cwd=place[0])
-    assert refused.returncode == 2 and "report.html" in refused.stderr
-
-
-GAIN = """from vdfmu.unit import Input, Output, Unit
-
-
-class Gain(Unit):
-    \"\"\"Half of a signal, and 1.\"\"\"
-
-    u = Input("1", text="signal")
-    y = Output("1", text="signal")
-
-    def outputs(self) -> None:
-        self.y = 0.5 * self.u + 1.0
-"""
-
-
-def test_an_algebraic_loop_is_solved_by_the_algorithm_that_the_message_names(place):
-    (place[0] / "gain.py").write_text(GAIN)
-    words = ("a=gain.py", "b=gain.py", "--connect", "a.y=b.u", "--connect", "b.y=a.u", "--stop", "1", "--step", "0.1")
-    refused = command("run", *words, "--out", "loop", cwd=place[0])
-    assert refused.returncode == 2 and "iterative solves it" in refused.stderr
-    done = command("run", *words, "--algorithm", "iterative", "--out", "loop", cwd=place[0])
-    assert done.returncode == 0, done.stderr
-    results = read_run(place[0] / "loop").results
-    assert results["a.y"] == pytest.approx(2.0) and results["b.y"] == pytest.approx(2.0)  # y = y/2 + 1
-
-
 def with_a_fault(place) -> dict[str, bytes]:
     """Write ``odd.fmu``, whose description breaks a rule; return the members of the FMU that is right."""
     content = members(place[1])
@@ -98,6 +63,7 @@ def with_a_fault(place) -> dict[str, bytes]:
     return content
 
 
+@pytest.mark.heavy
 def test_a_sweep_of_fmus_has_the_options_of_their_run(place):
     with_a_fault(place)
     studied = ("--vary", "odd.u=1, 2", "--measure", "end=final(odd.x)", "--step", "0.01", "--workers", "1")
@@ -114,6 +80,7 @@ def test_a_sweep_of_fmus_has_the_options_of_their_run(place):
     assert small.returncode == 2 and "limit" in small.stderr
 
 
+@pytest.mark.heavy
 def test_a_sweep_of_a_package_runs_the_variant_that_is_named(place):
     content = members(place[0] / "results" / "system" / "system.ssp")
     cut = re.sub(
@@ -145,15 +112,6 @@ def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     del content["modelDescription.xml"]
     pack_zip(place[0] / "none.fmu", content)  # nothing can be run
     assert command("run", "none.fmu", "--run-anyway", cwd=place[0]).returncode == 2
-
-
-def test_a_run_without_connected_signals_is_refused_before_it_runs_if_it_is_to_be_judged(place):
-    words = ("run", "gain.py", "--stop", "1e3", "--step", "1e-3", "--judge", "1", "--out", "alone")
-    (place[0] / "gain.py").write_text(GAIN)
-    command("build", "gain.py", "--out", ".", cwd=place[0])
-    done = command(*["Gain.fmu" if word == "gain.py" else word for word in words], cwd=place[0])
-    assert done.returncode == 2 and "judge needs connected signals" in done.stderr
-    assert not (place[0] / "alone").exists()
 
 
 def test_a_run_that_is_stopped_while_it_is_judged_keeps_its_own_rows(place, tmp_path, monkeypatch):

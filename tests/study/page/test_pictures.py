@@ -108,20 +108,3 @@ def test_a_page_looks_as_it_did(pages, robot, drawn, state):
     assert picture.shape == kept.shape
     places = [(CELL * int(x), CELL * int(y)) for y, x in np.argwhere(np.abs(picture - kept) > TOLERANCE)]
     assert places == [], f"{path.name}: the page looks otherwise around these pixels; see the top of this file"
-
-
-@pytest.mark.parametrize(
-    ("state", "style"),
-    {
-        "run_limits": ".share { display: flex; width: 18px }",
-        "run": ".tile { padding: 1.5rem }",
-        "study": ".card { padding: 0 }",
-        "run_phone": ".tiles { grid-template-columns: 1fr }",
-        "run_dark": ":root { --card: #fff }",
-    }.items(),
-)
-def test_a_fault_of_the_style_is_seen(pages, drawn, state, style):
-    kind, size, scheme, script = STATES[state]
-    fault = f"document.head.insertAdjacentHTML('beforeend', '<style>{style}</style>');"
-    picture = shot(drawn, pages[kind], size, scheme, f"{fault} {script}")
-    assert np.abs(picture - np.asarray(Image.open(KEPT / f"{state}.png"), dtype=int)).max() > TOLERANCE

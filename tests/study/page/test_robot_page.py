@@ -165,12 +165,3 @@ def test_where_motion_is_not_wanted_a_mode_is_still(page, browser):
     assert still != browser.run("report.state.q")
     browser.settle()
     assert browser.run("report.scene.q") == still
-
-
-@pytest.mark.heavy
-@in_browser
-def test_on_a_phone_the_arm_is_above_the_panel(page, browser):
-    show(browser, page, 390, 844)
-    assert browser.run("document.documentElement.scrollWidth") <= 390
-    assert (pixels(browser, ".canvas") < 200).mean() > 0.005
-    assert browser.run("document.querySelector('.canvas').getBoundingClientRect().bottom") < 500

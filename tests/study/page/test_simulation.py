@@ -132,6 +132,7 @@ def test_why_a_run_is_not_simulated_is_said(planar, changed, words):
     assert words in described["reason"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("options", "words"), [
     ({"algorithm": "iterative"}, "algorithm: expected gauss-seidel or jacobi, got iterative"),
     ({"inputs": {"plant.F_e[1]": ([0.0, 1.0], [0.0, 1.0])}}, "some of its inputs come from files"),

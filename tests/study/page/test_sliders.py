@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.study.page.browser import Browser, calm, centre, number, show
+from tests.study.page.browser import Browser, calm, centre, show
 from vdfmu.base.errors import CosimError
 from vdfmu.base.measure import quantity
 from vdfmu.engine.package_run import run_system
@@ -131,25 +131,6 @@ def test_a_slider_draws_the_run_of_the_fmus_with_that_value(run, browser):
     assert 0 <= browser.run("report.simulation.apart") < EQUAL
     assert browser.run("report.player.scene.puppets.length") == 1
     assert words_of(browser, "#found table") == table
-
-
-def test_pointing_shows_both_runs(run, browser):
-    opened(browser, run / "report.html", 1280, 2600)
-    slide(browser, "Proportional", -100)
-    x, y = centre(browser, "#figures .chart:nth-child(1) .u-over")
-    browser.mouse("mouseMoved", x, y)
-    heads = browser.run("[...document.querySelectorAll('.chart:nth-child(1) .tip b')].map(e => e.textContent)")
-    assert heads[1:] == ["tracking", "simulated"]
-    time, unit = heads[0].removesuffix("deg]").split(" s [")
-    row, factor = round(1e3 * float(time)), {"": 1.0, "m": 1e-3, "µ": 1e-6}[unit]
-    cells = browser.run("[...document.querySelectorAll('.chart:nth-child(1) .tip output')].map(e => e.textContent)")
-    assert len(cells) == 12  # of one row: recorded and simulated
-    results = Results.read(run / "results.csv")
-    error = np.degrees(results["trajectory.q_d"] - results["plant.q"])[row]
-    expected = np.stack([error, simulated(browser, 0)[:, row]], axis=1).ravel()
-    span = browser.run("report.charts[0].plot.scales.y.max - report.charts[0].plot.scales.y.min")
-    # three digits of the stretch that the axis spans: half of its third
-    np.testing.assert_allclose([factor * number(cell) for cell in cells], expected, rtol=0, atol=5e-3 * span)
 
 
 def test_a_mass_of_one_link_and_what_the_feedforward_knows(run, browser):
@@ -296,27 +277,6 @@ def test_what_limits_a_run_is_found_by_running_again(run, browser):
     assert words_of(browser, ".budget [role=status]") == "Stopped for a slider."
 
 
-def test_the_last_of_many_moves_is_shown(run, browser):
-    opened(browser, run / "report.html")
-    browser.run(f"""(async () => {{
-        const slider = document.querySelector(".slider input"), {{ worker }} = report.simulation;
-        const run = worker.run.bind(worker);
-        report.runsMade = 0;
-        worker.run = (...how) => {{ report.runsMade += 1; return run(...how); }};
-        for (let place = -1; place >= -60; place -= 1) {{
-            slider.value = place;
-            slider.dispatchEvent(new Event("input"));
-            if (place % 10 === 0) await new Promise((done) => setTimeout(done, 5));
-        }}
-        {DONE}
-    }})()""")
-    many = simulated(browser, 0)
-    assert 2 <= browser.run("report.runsMade") < 60
-    slide(browser, "Proportional", 0)
-    slide(browser, "Proportional", -60)
-    assert (simulated(browser, 0) == many).all()
-
-
 def test_a_slow_run_ends_for_a_newer_one(run, browser):
     opened(browser, run / "report.html")
     # the runs before were fast; this one takes seconds, of which the page waits one
@@ -335,34 +295,6 @@ def test_a_slow_run_ends_for_a_newer_one(run, browser):
     assert browser.run("report.first !== report.simulation.worker.worker")  # it was ended
     assert simulated(browser, 0).shape == (6, 1001)
     assert browser.run("report.simulation.changes()[0].factor") == 0.251
-
-
-def test_keys_and_names_of_the_sliders(run, browser):
-    opened(browser, run / "report.html")
-    browser.run("document.querySelectorAll('.slider input')[1].focus()")
-    browser.key("ArrowLeft", 37)
-    browser.run(f"(async () => {{ {DONE} }})()")
-    assert browser.run("report.view.time") == 0.0  # it is not the arm that was moved
-    assert browser.run("report.simulation.sliders[1].places[0]") == -1
-    assert browser.run("document.querySelectorAll('.slider input')[1].getAttribute('aria-valuetext')").startswith(
-        "times 0.977; margin 0."
-    )
-    unnamed = browser.run("""[...document.querySelectorAll("#simulate :is(button, select, input, progress)")]
-        .filter(e => !(e.getAttribute("aria-label") || e.textContent.trim())).map(e => e.outerHTML)""")
-    assert unnamed == []
-    tree = browser.call("Accessibility.getFullAXTree")["nodes"]
-    names = {(node["role"]["value"], node.get("name", {}).get("value")) for node in tree if not node["ignored"]}
-    assert {("slider", "Derivative gains"), ("combobox", "Joint of the sliders"), ("button", "Reset")} <= names
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_panel_fits_a_phone(run, browser, scheme):
-    opened(browser, run / "report.html", 390, 844, scheme=scheme)
-    slide(browser, "Proportional", -60, joint=6)
-    assert browser.run("document.documentElement.scrollWidth") == 390
-    outside = browser.run("""[...document.querySelectorAll("#simulate :is(input, select, button, output, td, th)")]
-        .filter(e => e.getBoundingClientRect().right > 390).map(e => e.outerHTML)""")
-    assert outside == []
 
 
 def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
@@ -387,14 +319,6 @@ def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
     assert words_of(browser, ".canvas").split() == ["recorded", "simulated"]
 
 
-def test_a_run_that_stops_is_not_said_to_have_small_errors(browser, tmp_path):
-    """The errors of the recorded contact are larger than those before the failure."""
-    vdfmu.run("wall", out=tmp_path, reference=False, simulate=True)
-    opened(browser, tmp_path / "report.html")
-    slide(browser, "Derivative gains", 100)
-    assert re.match(r"Simulated, failed: unstable from the start, joint \d", words_of(browser, ".verdict"))
-
-
 def test_undo_takes_back_one_slider_after_the_other(run, browser):
     opened(browser, run / "report.html")
     places = "report.simulation.sliders.map(({ places }) => places[0]).slice(0, 2)"
@@ -413,23 +337,3 @@ def test_undo_takes_back_one_slider_after_the_other(run, browser):
         browser.run(f"{undo}.click()")
         calm(browser)
     assert browser.run(f"{undo}.disabled") and browser.run(places) == [0, 0]
-
-
-def test_undo_looks_as_if_it_works_only_when_it_does(run, browser):
-    opened(browser, run / "report.html")
-    undo = "[...document.querySelectorAll('#simulate button')].find((b) => b.textContent === 'Undo')"
-    opacity = f"Number(getComputedStyle({undo}).opacity)"
-    assert browser.run(f"{undo}.disabled") and browser.run(opacity) < 0.6
-    for drag in ([3, 5], [4, 0], [4, 0, 6]):  # the second and the begin of the third end where they began
-        browser.run(f"""for (const place of {drag}) {{
-            const {{ slider }} = report.simulation.sliders[0];
-            slider.value = place;
-            slider.dispatchEvent(new Event("input"));
-        }}""")
-        calm(browser)
-        assert browser.run(f"{undo}.disabled") == (drag[-1] == 0)
-        assert browser.run(opacity) == (1.0 if drag[-1] else pytest.approx(0.45))
-        if drag[-1]:
-            browser.run(f"{undo}.click()")
-            calm(browser)
-        assert browser.run("report.simulation.sliders[0].places[0]") == 0

@@ -109,6 +109,7 @@ def test_a_joint_has_one_look_in_all_figures_and_many_joints_differ(made):
 # --- that they can be read, and set in a paper -----------------------------------------------------------
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("width", ["85mm", *heavy("16cm", "5in")])
 def test_a_figure_has_the_width_asked_for_8_pt_and_no_title_or_caption(made, tmp_path, width):
     results, robot = made.results(3), made.scenario(MIXED).robot
@@ -124,8 +125,8 @@ def test_a_figure_has_the_width_asked_for_8_pt_and_no_title_or_caption(made, tmp
         assert texts and {text.get_fontsize() for text in texts} == {8.0}
 
 
-def test_legends_are_inside_and_hide_no_data(made, types):
-    for key, picture in every_picture(made, types).items():
+def test_legends_are_inside_and_hide_no_data(made):
+    for key, picture in every_picture(made, MIXED).items():
         picture.canvas.draw()
         (axes,) = picture.axes
         panel = axes.get_window_extent()

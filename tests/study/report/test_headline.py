@@ -117,7 +117,7 @@ OWED = {"stability": {"reason": "the native FMUs cannot be built: no compiler", 
     ({"margin": MARGIN | {"value": 0.14}}, {}, "Doubtful: modulus margin 0.14 at joint 5, 1.2 s (limit 0.5)"),
     ({"margin": MARGIN, "delay": MARGIN | {"value": 0.51}}, {},
      "Doubtful: delay margin of 0.51 samples at joint 5, 1.2 s (limit 1)"),
-    ({"margin": MARGIN, "excited": UNSTABLE}, {}, "Doubtful: friction excites itself, most at joint 5"),
+    ({"margin": MARGIN, "excited": UNSTABLE}, {}, "Doubtful: friction-induced oscillation, growing fastest at joint 5"),
     ({"margin": MARGIN, "growth": {"value": 0.12, "place": "joint 1", "at_s": 1.14, "until_s": 1.44}}, {},
      "Doubtful: joint 1 is unstable from 1.14 s to 1.44 s (grows 12 %, limit 10 %)"),
     ({"margin": MARGIN | {"value": 1.0}, "open": UNSTABLE}, {}, "Doubtful: nothing is fed back to joint 5"),
@@ -266,6 +266,7 @@ def planar(tmp_path_factory):
     return vdfmu.run("planar_tracking", stop=0.2, out=folder, reference=False), folder
 
 
+@pytest.mark.heavy
 def test_another_plant_has_its_own_modes_and_a_tool_error_unless_its_geometry_is_another(planar):
     short: dict[str, Any] = {"stop": 0.05, "out": False, "reference": False}
     rigid = planar[0].summary["key_figures"]["mode"]["value"]

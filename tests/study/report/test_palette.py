@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from vdfmu.base import page, style
+from vdfmu.base import page
 from vdfmu.study.report.scripts import look
 
 NORMAL = np.eye(3)
@@ -55,10 +55,3 @@ def test_each_colour_stands_out_from_the_page(colours, scheme):
     for value in luminance[1:]:
         high, low = max(value, luminance[0]), min(value, luminance[0])
         assert (high + 0.05) / (low + 0.05) >= 3.0  # WCAG 2.1, 1.4.11, of graphics
-
-
-def test_pictures_and_pages_have_these_colours():
-    assert style.COLORS == page.LIGHT
-    light, dark = (look().split(":root{")[k] for k in (1, 2))
-    for i, (bright, dim) in enumerate(zip(page.LIGHT, page.DARK, strict=True), 1):
-        assert f"--joint-{i}:{bright}" in light and f"--joint-{i}:{dim}" in dark

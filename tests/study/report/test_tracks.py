@@ -54,6 +54,7 @@ def loops_of(checked: Checked, parameters: dict[str, float] | None = None) -> Al
     return poses.loops
 
 
+@pytest.mark.heavy
 def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
     second = {**GAIN, "targets": [{"unit": "controller", "name": name} for name in ("K_p[2]", "K_v[2]")]}
     (track,) = tracks_of(planar, [second])

@@ -74,6 +74,7 @@ def test_a_row_counts_with_the_length_of_its_step_and_the_largest_share_has_its_
     assert "limits" in time_at_limits(brief, [limits]) and "key_figures" not in time_at_limits(brief, [limits])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("tau_max", "code", "line"), [
     (0.08, 1, r"✗ Failed: tool off its path by 1\.2 m, 72\.3 % of the motion, at 2 s \(limit 50 %\)"),
     *heavy((0.1, 0, r"! Doubtful: torque limit of joint 1 for 48\.9 % of the run, from 0\.767 s on \(limit 1 %\)")),
@@ -103,6 +104,7 @@ def test_a_controller_that_cuts_its_torque_is_at_the_torque_limit(tmp_path):
     assert sheet.title in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.heavy
 def test_a_run_away_from_its_limits_has_no_table_and_its_values_are_those_of_the_motor(planar_run):
     assert "limits" not in planar_run[1].summary
     rests = {"plant": dict.fromkeys(("torque", "speed", "stop"), [0.0, 0.0])}

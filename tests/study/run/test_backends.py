@@ -32,6 +32,7 @@ def largest_difference(a, b, pattern=""):
     return max(np.abs(a[name] - b[name]).max() for name in a.names if pattern in name)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_python_and_native_fmus_compute_the_same(runs, algorithm):
     _, python = runs(backend="python", algorithm=algorithm)
@@ -41,12 +42,6 @@ def test_python_and_native_fmus_compute_the_same(runs, algorithm):
     # The same operations in the same order; libraries round sin, tanh, exp by an ulp at most differently. Snap
     # and torque are of order 10: 1e-9 is 1e6 roundings of them, and far below what one wrong sign would make.
     assert largest_difference(python, native) <= 1e-9
-
-
-@pytest.mark.heavy
-def test_python_and_native_fmus_agree_over_the_tracking_run():
-    runs = [vdfmu.run("tracking", backend=name, out=False, reference=False) for name in ("python", "native")]
-    assert largest_difference(*runs, "plant.q[") <= 1e-9
 
 
 @pytest.fixture(scope="module")

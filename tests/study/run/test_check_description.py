@@ -58,33 +58,6 @@ def test_references_that_lead_nowhere_hide_no_other_fault(problems):
     ]
 
 
-def test_ranges_initial_and_aliases(problems):
-    exact = 'initial="exact"'
-    faults = problems(
-        local("a", 3, '<Real start="5" max="1"/>', exact),
-        local("b", 4, '<Real start="0" min="2" max="1"/>', exact),
-        local("c", 5, '<Real start="2" declaredType="Angle"/>', exact),
-        local("d", 6, '<Integer start="-1" min="0"/>', f'variability="discrete" {exact}'),
-        local("v", 7, '<Real start="0"/>', f'causality="input" {exact}'),
-        local("e", 8, '<Real start="0" unit="rad"/>', exact),
-        local("f", 8, '<Real start="0" unit="m"/>', exact),
-        local("g", 9, '<Real start="0"/>', exact),
-        local("h", 9, "<Real/>"),
-        local("i", 9, '<Integer start="1"/>', f'variability="discrete" {exact}'),
-        local("k", 10, '<Real start="1.0"/>', 'variability="constant"'),
-        local("l", 10, '<Real start="1"/>', 'variability="constant"'),
-    )
-    assert [text.partition(": ")[2] for text in faults] == [
-        "variable 'a': start 5 is above max 1",
-        "variable 'b': min 2 is above max 1",
-        "variable 'c': start 2 is above max 1",
-        "variable 'd': start -1 is below min 0",
-        "variable 'v': initial is 'exact'; FMI 2.0 allows none where causality is 'input'",
-        "'e', 'f' share value reference 8: one of them may have a start value, 2 have",
-        "'e', 'f' share value reference 8: they must have the same unit, they have 'rad', 'm'",
-    ]
-
-
 ALIAS = """<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToken="1">
 <CoSimulation modelIdentifier="m"/><ModelVariables>
 <Float64 name="time" valueReference="0" causality="independent"><Alias name="t"/></Float64>

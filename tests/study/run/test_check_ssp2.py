@@ -9,7 +9,6 @@ from tests.engine.texts import connection, connections, elements, ssd
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.engine.package import parse
 from vdfmu.system.scenario import load_scenario
 
 
@@ -119,15 +118,6 @@ def test_every_variant_of_a_package_is_checked(package):
     assert "'x' is not a valid value" in problem  # faults of the schema are the only ones
 
 
-def test_without_schemas_what_cannot_be_read_is_a_problem_and_no_traceback(package, monkeypatch):
-    monkeypatch.setattr(parse, "schema_of", lambda *_: None)
-    for old, new in (('size="2"', 'size="x"'), ("resources/Plant.fmu", "http://[bad/Plant.fmu")):
-        (problem,) = inspect_file(package(GOOD.replace(old, new, 1)), run=False).problems
-        assert problem.startswith("x.ssp: SystemStructure.ssd: cannot be read, an element or attribute is missing")
-    (problem,) = inspect_file(package(GOOD.replace('Connector name="q_d"', "Connector", 1)), run=False).problems
-    assert problem.endswith("Connector has no name")
-
-
 def test_indices_choose_elements_and_must_lie_in_the_array(package):
     def linked(start, end, plant="E_kin"):
         size = 0 if plant == "E_kin" else 2
@@ -155,30 +145,3 @@ def test_indices_choose_elements_and_must_lie_in_the_array(package):
             f"{name}endIndices: {index} is outside of PDController.q_d, an array of 2; the first index is 1"
         ]
     assert linked([""], ['endIndices="1 1"']) == [f"{name}endIndices: 2 for PDController.q_d, an array of 2"]
-
-
-def test_units_sizes_of_parameters_and_the_implementation_are_checked(package):
-    def check(value, size, factor="1", implementation="CoSimulation"):
-        trajectory = component(
-            "Trajectory",
-            connector("q_d", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="m"/>'),
-            connector("q_d_dot", "output").replace("<ssc:Float64/>", '<ssc:Float64 unit="none"/>'),
-            inner=values(parameter("q_start", value, unit="m", size=size)),
-        ).replace("<ssd:Component", f'<ssd:Component implementation="{implementation}"')
-        units = f'<ssc:Unit name="m"><ssc:BaseUnit m="1" factor="{factor}"/></ssc:Unit>'
-        return inspect_file(package(system(trajectory, units=units)), run=False).problems
-
-    where = "Trajectory: parameter 'q_start' (p: q_start): "
-    always = [
-        "x.ssp: SystemStructure.ssd: unit 'none' of Trajectory.q_d_dot is not defined; define it in ssd:Units",
-        "Trajectory.q_d: unit mismatch, the SSD declares 'm' (m), the FMU 'rad' (rad)",
-        "Trajectory.q_d_dot: unit mismatch, the SSD declares 'none' (without definition), the FMU 'rad/s' (rad/s)",
-        f"{where}unit mismatch, 'm' (m) to 'rad' (rad)",
-    ]
-    assert check("0 0", 2) == always
-    assert check("0 0 0", 2) == ["x.ssp: p: q_start: 3 value(s) for an array of 2", *always]
-    assert f"{where}is an array of 3, the FMU declares an array of 2" in check("0 0 0", 3)
-    asked = "Trajectory: the SSD asks for ModelExchange, resources/Trajectory.fmu has CoSimulation"
-    assert asked in check("0 0", 2, implementation="ModelExchange")
-    for factor in ("0", "INF"):
-        assert any(" unit 'm': factor" in p for p in check("0 0", 2, factor))

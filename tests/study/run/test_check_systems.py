@@ -26,7 +26,7 @@ def scenario():
 @pytest.fixture(scope="module")
 def fmus(scenario, tmp_path_factory):
     values = system_values(scenario)
-    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), parameters=values, backend="native", folded=True)
+    return build_fmus(scenario.robot, tmp_path_factory.mktemp("fmus"), parameters=values, backend="python", folded=True)
 
 
 @pytest.fixture(scope="module")

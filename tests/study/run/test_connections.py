@@ -124,6 +124,7 @@ def test_what_cannot_be_connected_is_named(source, target, said):
     assert said in str(error.value)
 
 
+@pytest.mark.heavy
 def test_load_and_sweep_take_connections(renamed):
     added = {"plant.q": "controller.q_d"}
     system = vdfmu.load("planar_tracking", added)

@@ -38,6 +38,7 @@ def described(name="planar_tracking", parameters=None):
     return SystemDescription(scenario, system_values(scenario, parameters))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "scenario"), [
     *((name, "planar_tracking") for name in NAMES), ("continuous", "slider_tracking"), ("continuous", "two_arms"),
 ])  # fmt: skip
@@ -112,16 +113,6 @@ def test_a_compiled_solution_that_is_not_that_of_scipy_is_no_reference(own_cache
     monkeypatch.setattr(tables, "B", tables.B * (1.0 + 1e-5))  # of some 1e-3 in an interval, for 2e-10
     with pytest.raises(VdfmuError, match=r"from t = 0 s to 0.001 s its compiled solver and scipy's differ by \d"):
         reference("sampled", described("planar_tracking"), step=1e-3, stop=0.05)
-
-
-def test_a_long_run_without_states_has_nothing_to_solve_again(own_cache, monkeypatch):
-    monkeypatch.setattr(solution, "SCIPY_ALONE", 0.0)
-    whole = load_scenario("planar_tracking")
-    parts = {"trajectory": whole.system.parts["trajectory"]}
-    system = dataclasses.replace(whole.system, parts=parts, connections={}, shared={})
-    alone = dataclasses.replace(whole, system=system, sections={"trajectory": whole.sections["trajectory"]})
-    solved = reference("sampled", SystemDescription(alone, system_values(alone)), step=1e-3, stop=0.05)
-    assert solved.repeated.intervals == 0 and np.ptp(solved["trajectory.q_d"]) > 0.0
 
 
 def test_a_damaged_solution_is_solved_again(own_cache):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import vdfmu
+from tests.conftest import heavy
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
@@ -18,7 +19,7 @@ EXAMPLE = ROOT / "examples" / "fmpy_master.py"
 STOP, STEP = 0.3, 1e-3
 
 
-@pytest.fixture(scope="module", params=["auto", "fmpy"])
+@pytest.fixture(scope="module", params=["auto", *heavy("fmpy")])
 def run(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     vdfmu.run("planar_tracking", stop=STOP, algorithm="gauss-seidel", stepper=request.param, out=folder, overwrite=True)

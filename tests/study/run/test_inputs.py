@@ -68,17 +68,6 @@ def test_a_scenario_names_its_file_from_its_own_folder(tmp_path):
         load_scenario(folder / "pushed.toml")
 
 
-@pytest.mark.heavy
-def test_arrays_feed_a_run_as_a_file_does():
-    t = np.array([0.0, 0.1])
-    force = np.zeros((2, 6))
-    force[1, 1] = 30.0
-    options = {"stop": 0.05, "reference": False, "out": False}
-    results = vdfmu.run("planar_tracking", inputs={"plant.F_e": (t, force)}, **options)
-    # the value of the start of each step, whose rounding is that of two factors
-    np.testing.assert_allclose(results["plant.F_e[2]"][1:], 300.0 * results.time[:-1], rtol=1e-12)
-
-
 def test_a_reference_refuses_a_signal_for_no_free_input():
     scenario = load_scenario("planar_tracking")
     scenario = dataclasses.replace(scenario, inputs={"plant.tau[1]": ([0.0], [0.0])})

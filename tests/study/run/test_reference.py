@@ -75,28 +75,13 @@ def test_the_whole_tracking_run_matches_its_sampled_reference(folder, algorithm)
     case.require_same(algorithm, 1e-3, 10.0)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("velocity", ["q_dot", "mixed"])
 def test_each_choice_of_the_derivative_term_matches_its_reference(folder, velocity, algorithm):
     """Across the spring (q_dot) the loop is unstable: short enough to stay small."""
     case = Case(folder, "planar_tracking", "1e-9", controller__velocity=velocity)
     case.require_same(algorithm, 1e-3, 0.02)
-
-
-@pytest.mark.heavy
-def test_a_payload_that_the_feedforward_does_not_know_costs_accuracy(folder):
-    robot = load_robot("planar_2dof").to_dict() | {"payload": {"mass": 0.5, "centroid": [0.1, 0.0, 0.0]}}
-    worst = []
-    for mass in (0.5, 0.0):
-        settings = {"feedforward__payload_mass": mass, "plant__payload_mass": 0.5}
-        case = Case(folder, "planar_tracking", "1e-9", robot_from_dict(robot), **settings)
-        case.require_same("gauss-seidel", 1e-3, 0.5)
-        solution = reference("sampled", case.description, step=1e-3, stop=0.5)
-        q = solution["plant.q"]
-        worst.append(np.abs(q - positions(case.scenario, solution.t)).max())
-    # 0.5 kg at 0.5 m weighs 2.5 N m on joint 2, over K_p of 1000 N m/rad; sampling leaves 1e-5 rad.
-    assert worst[0] < 2e-5
-    assert worst[1] > 1e-3
 
 
 def limited():
@@ -107,6 +92,7 @@ def limited():
     return robot_from_dict(data)
 
 
+@pytest.mark.heavy
 def test_limits_of_joints_and_motors_are_those_of_the_reference_and_no_start_is_beyond_them(folder):
     motions = []
     for settings in ({}, {"plant__q_max[1]": -1.55, "plant__tau_stall": 0.05}):
@@ -141,15 +127,6 @@ def test_the_rotor_follows_its_own_desired_velocity_without_sampling():
         largest[velocity] = np.abs(solution["plant.q"] - desired).max()
     assert largest["kappa_dot"] < 1e-8
     assert largest["mixed"] > 5e-6
-
-
-@pytest.mark.heavy
-def test_the_algorithms_do_not_match_each_other(folder):
-    """The test above can fail: one sample of delay is far outside its bounds."""
-    case = Case(folder, "planar_tracking", "1e-9")
-    position, torque = case.differences("jacobi", "sampled", 1e-3, 0.5)
-    assert position > 10 * POSITION
-    assert torque > 10 * TORQUE
 
 
 @pytest.mark.heavy
@@ -218,6 +195,6 @@ def test_a_run_that_differs_by_what_its_solvers_may_is_doubtful_and_by_more_it_h
 
 
 def test_a_reference_that_was_not_asked_for_or_cannot_be_solved_lowers_no_verdict():
-    for summary, why in (({}, "not asked for"), ({"reference": {}, "no_reference": "an FMU"}, "an FMU")):
+    for summary, why in (({}, "not requested"), ({"reference": {}, "no_reference": "an FMU"}, "an FMU")):
         (check,) = calculated_checks(summary)
         assert check.state == "not judged" and check.sentence == f"no scipy reference: {why}"

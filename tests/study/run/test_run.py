@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import vdfmu
-from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, ModelError, UsageError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Results, simulate
@@ -50,16 +49,6 @@ def test_the_summary_holds_the_errors_of_the_recorded_signals_and_against_both_r
     assert compared["sampled"]["max_torque_difference_nm"] < 1e-4
     # the held input is first order in the step: far above the sampled difference, far below the motion
     assert 1e-7 < compared["continuous"]["max_position_difference_rad"] < 1e-3
-
-
-@pytest.mark.heavy
-def test_a_wrench_changes_the_run_and_its_reference_alike():
-    results = vdfmu.run("planar_tracking", out=False, stop=0.1, parameters={"plant.F_e[2]": 30.0})
-    assert results.summary["parameters"] == {"plant.F_e[2]": "30.0"}
-    free = vdfmu.run("planar_tracking", out=False, stop=0.1, reference=False)
-    assert np.abs(results["plant.q[1]"] - free["plant.q[1]"]).max() > 1e-3
-    # as without a wrench
-    assert results.summary["reference"]["sampled"]["max_position_difference_rad"] < 1e-7
 
 
 def with_references(monkeypatch, folder, change):
@@ -133,13 +122,6 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
 
 
 @pytest.mark.heavy
-def test_files_that_no_run_wrote_are_replaced_when_asked(tmp_path):
-    (tmp_path / "results.csv").write_text("mine")
-    vdfmu.run("planar_tracking", out=tmp_path, stop=0.01, reference=False, overwrite=True)
-    assert len(Results.read(tmp_path / "results.csv")) == 11
-
-
-@pytest.mark.heavy
 def test_rows_of_a_failed_run_are_replaced_by_those_of_the_next_failed_one_only(tmp_path):
     options = {"out": tmp_path, "stop": 0.05, "reference": False}
     for gain in (1e9, 1e8):
@@ -173,13 +155,6 @@ def test_a_folder_that_cannot_hold_results_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"cannot hold the results.*--out"):
         vdfmu.run("planar_tracking", out=tmp_path / "file" / "results")
-
-
-def test_a_robot_by_name_where_a_robot_is_expected_says_how_to_load_it(tmp_path):
-    with pytest.raises(UsageError, match=r"expected a Robot, got 'planar_2dof'\. Load it with vdfmu\.load_robot"):
-        build_fmus("planar_2dof", tmp_path, folded=True)
-    with pytest.raises(UsageError, match="expected a Robot, got"):
-        vdfmu.dynamics.inverse_dynamics("planar_2dof", [0, 0], [0, 0], [0, 0])
 
 
 @pytest.mark.heavy

@@ -64,6 +64,7 @@ def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     assert verdict["state"] == verdict["checks"][0]["state"] == "failed"
 
 
+@pytest.mark.heavy
 def test_another_gain_end_or_master_has_loops_of_its_own():
     def margin(**options):
         return run("planar_tracking", **({"stop": 0.02} | options)).summary["key_figures"]["margin"]
@@ -164,11 +165,12 @@ def test_a_run_that_fails_says_that_its_loop_is_unstable(tmp_path):
 def test_friction_that_excites_itself_is_doubtful_and_python_fmus_are_judged_by_their_native_twins():
     split = run("tracking_split", stop=1.0)
     assert checks(split)["friction"].state == "doubtful" and checks(split)["stability"].state == "good"
-    assert headline_of(split.summary).startswith("Doubtful: friction excites itself, most at joint ")
+    assert headline_of(split.summary).startswith("Doubtful: friction-induced oscillation, growing fastest at joint ")
     native, python = (run("planar_tracking", stop=0.05, backend=backend) for backend in ("native", "python"))
     assert checks(python)["margin"] == checks(native)["margin"] and checks(python)["margin"].state == "good"
 
 
+@pytest.mark.heavy
 def test_a_system_of_a_scenario_has_the_verdict_of_its_run(tmp_path):
     """Made when the summary is asked for: with the values and the end of that run, by the same checks."""
     whole = run("planar_tracking", stop=0.1, parameters={"controller.K_v": 30.0})
@@ -184,6 +186,7 @@ def test_a_system_of_a_scenario_has_the_verdict_of_its_run(tmp_path):
     assert next(check for check in solved["checks"] if check["key"] == "reference")["state"] == "good"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("settings", "headline"), [
     ({"controller.K_p": 0.0, "controller.K_v": 0.0}, "Doubtful: nothing is fed back to joint 1"),
     # 97 % of the gain that is unstable (verdict on the edge of stability: its modulus margin is below 0.01)

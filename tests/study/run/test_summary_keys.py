@@ -22,6 +22,7 @@ def undeclared(value, of, where=""):
             yield from undeclared(entry, of.of, where)
 
 
+@pytest.mark.heavy
 def test_each_key_of_a_summary_is_declared(tmp_path, planar_run):
     runs = {name: tmp_path / name for name in ("estimation", "own", "simulate")}
     short = {"stop": 0.02, "reference": False}

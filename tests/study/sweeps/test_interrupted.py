@@ -1,6 +1,5 @@
-"""Studies that are killed, stopped, begun twice, or whose disk fails: nothing is lost, and nothing occurs twice."""
+"""Studies that are killed, stopped, begun twice, or whose files are damaged: nothing is lost, or occurs twice."""
 
-import errno
 import os
 import re
 import signal
@@ -17,7 +16,6 @@ import pytest
 
 import vdfmu
 from tests.study.sweeps.conftest import study, table
-from vdfmu.base import files
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.study.sweeps import ledger, worker
 from vdfmu.study.sweeps.sweep import Sweep
@@ -99,26 +97,6 @@ def test_workers_end_with_a_killed_study(wild, tmp_path):
         time.sleep(0.02)
 
 
-@pytest.mark.heavy
-def test_a_full_disk_stops_it_and_what_is_done_is_kept(wild, tmp_path, undisturbed, monkeypatch):
-    whole = ledger.replacing
-    count = 0
-
-    def full(place):
-        nonlocal count
-        count += place.suffix == ".parquet"
-        if count > 3:
-            raise OSError(28, "No space left on device")
-        return whole(place)
-
-    monkeypatch.setattr(ledger, "replacing", full)
-    with pytest.raises(VdfmuError, match="No space left on device.*free space, and give the same command again"):
-        study(wild, tmp_path / "study")
-    assert len(parts(tmp_path / "study")) == 3
-    monkeypatch.setattr(ledger, "replacing", whole)
-    assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
 def stopped(wild, out, monkeypatch):
     """Return the parts of a study that ends before it makes a table of them."""
     with monkeypatch.context() as patch:
@@ -126,16 +104,6 @@ def stopped(wild, out, monkeypatch):
         with pytest.raises(VdfmuError, match="stop"):
             study(wild, out)
     return parts(out)
-
-
-@pytest.mark.heavy
-def test_a_part_that_cannot_be_read_is_made_again(wild, tmp_path, undisturbed, monkeypatch):
-    broken = stopped(wild, tmp_path / "study", monkeypatch)[2]
-    broken.write_bytes(broken.read_bytes()[:100])
-    made = study(wild, tmp_path / "study")
-    assert table(made) == undisturbed
-    assert len(made.notes) == 1 and broken.name in made.notes[0]
-    assert len((broken.parent / f"{broken.name}.broken").read_bytes()) == 100
 
 
 @pytest.mark.heavy
@@ -152,63 +120,6 @@ def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monke
         study(wild, tmp_path / "study")
     assert broken.with_name(f"{broken.name}.broken").read_bytes() == data
     assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("number", [errno.EIO, errno.EACCES, errno.EMFILE])
-def test_a_study_that_the_disk_does_not_give_now_is_left_as_it_is(wild, tmp_path, undisturbed, monkeypatch, number):
-    whole = study(wild, tmp_path / "study").path
-    there, opened = whole.read_bytes(), files.open_regular
-
-    def failing(path):
-        if path == whole:
-            raise OSError(number, os.strerror(number))
-        return opened(path)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(files, "open_regular", failing)
-        for options in ({}, {"retry": True}):
-            with pytest.raises(UsageError, match=r"sweep\.parquet: cannot be read: .*It is left as it is"):
-                study(wild, tmp_path / "study", **options)
-    assert whole.read_bytes() == there
-    assert table(study(wild, tmp_path / "study")) == undisturbed
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("times", [2, 3])
-def test_a_worker_whose_disk_fails_is_replaced_and_at_last_ends_the_study(
-    wild, tmp_path, undisturbed, monkeypatch, times
-):
-    """The package that it writes for itself meets a full disk in the first workers."""
-    hook = f"""
-import errno, os, sys
-if "vdfmu.study.sweeps.child" in sys.orig_argv:
-    from pathlib import Path
-    plain, count = Path.write_bytes, Path({str(tmp_path / "count")!r})
-    def write_bytes(path, content):
-        if path.suffix == ".ssp" and (not count.exists() or count.stat().st_size < {times}):
-            with count.open("a") as file:
-                file.write("x")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return plain(path, content)
-    Path.write_bytes = write_bytes
-"""
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site" / "sitecustomize.py").write_text(hook)
-    with monkeypatch.context() as patch:
-        patch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
-        if times == 3:
-            with pytest.raises(VdfmuError, match="point 0: the disk fails: .*No space left.*same command again"):
-                study(wild, tmp_path / "study", workers=1)
-        assert table(study(wild, tmp_path / "study", workers=1)) == undisturbed
-
-
-@pytest.mark.heavy
-def test_a_folder_whose_name_is_not_text_holds_a_study(wild, tmp_path, undisturbed):
-    folder = tmp_path / os.fsdecode(b"caf\xe9")
-    study(wild, folder)
-    again = study(wild, folder)
-    assert table(again) == undisturbed and not again.notes
 
 
 @pytest.mark.heavy

@@ -1,6 +1,5 @@
 """What a run is judged by."""
 
-import dataclasses
 import os
 import subprocess
 import sys
@@ -9,12 +8,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-import vdfmu
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.study.sweeps.digest import function_digest
 from vdfmu.study.sweeps.measures import read_measures
-from vdfmu.system.scenario import load_scenario
 
 T = np.linspace(0.0, 2.0, 201)
 Q = np.column_stack([np.sin(T), 0.5 * T])
@@ -169,18 +166,6 @@ HELPED = "def helper(x): return {scale} * x\ndef measure(results): return helper
 def test_the_digest_has_what_a_function_refers_to(first, second):
     assert function_digest(first) != function_digest(second)
     assert function_digest(first) == function_digest(first)
-
-
-def test_the_digest_does_not_change_as_a_scenario_is_used():
-    """A study that goes on in a notebook, whose function names the scenario that was run."""
-    scenario = load_scenario("planar_tracking")
-    measure = made("measure = lambda r: s.stop + s.robot.n", s=scenario)
-    before = function_digest(measure)
-    assert scenario.resolved.plants  # found once, and kept
-    vdfmu.dynamics.forward_kinematics(scenario.robot, [0.0, 0.0])
-    assert function_digest(measure) == before
-    other = made("measure = lambda r: s.stop + s.robot.n", s=dataclasses.replace(scenario, stop=1.0))
-    assert function_digest(other) != before
 
 
 def test_the_digest_is_that_of_another_process(tmp_path):

@@ -25,6 +25,7 @@ def test_a_table_of_others_is_no_study(tmp_path):
     assert "sweep.parquet has no facts of a study, so no study of vdfmu wrote it." in said
 
 
+@pytest.mark.heavy
 def test_a_study_of_joined_fmus_keeps_their_package(tmp_path):
     lag = models.build(models.LAG, "2.0", tmp_path)
     axis = ("--vary", "a.u=1, 3", "--measure", "end=final(b.x)", "--stop", "1", "--step", "0.1")

@@ -15,7 +15,6 @@ from tests.study.sweeps.conftest import MEASURES, WAYS, study
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.run import simulate
-from vdfmu.study.sweeps.plan import make_plan
 from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.scenario import load_scenario
@@ -31,7 +30,6 @@ class Late(Trajectory):
         motion = desired_motion(self.t - 0.02, self.q_start, self.q_end, self.T, self.t_start)
         self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion
 """
-OVER = {"controller.K_p": "*0.9, 1.1"}
 
 
 def test_each_point_is_the_run_of_its_values(tmp_path):
@@ -57,15 +55,6 @@ def test_each_point_is_the_run_of_its_values(tmp_path):
         np.testing.assert_allclose([row["error[1]"], row["error[2]"]], np.sqrt(np.mean(error**2, axis=0)), rtol=1e-12)
         np.testing.assert_array_equal(row["plant.q[1]"], results["plant.q[1]"])
         np.testing.assert_array_equal(row["time"], results.time)
-
-
-@pytest.mark.heavy
-def test_a_measure_without_a_finite_value_is_noted(tmp_path):
-    swept = vdfmu.sweep(
-        "planar_tracking", {"controller.K_p": [900.0, 1000.0]}, stop=0.01, workers=1, out=tmp_path, engine="fmu",
-        measure={"error": "rms(plant.q)", "root": "sqrt(min(plant.q[1]))"},
-    )  # fmt: skip
-    assert swept.notes == ["root has no finite value at 2 of 2 points."]  # the arm hangs at -1.57 rad
 
 
 @pytest.mark.heavy
@@ -110,16 +99,6 @@ def test_a_point_that_fails_crashes_or_hangs_is_a_row_with_its_reason(wild, tmp_
 
 
 @pytest.mark.heavy
-def test_an_error_of_the_unit_says_when(tmp_path):
-    swept = vdfmu.sweep(
-        "planar_tracking", {"controller.K_v[1]": [10.0, 1e5]}, stop=0.5, out=tmp_path / "study", workers=1
-    )
-    assert list(swept.failed) == [1]
-    assert "plant" in swept.failed[1]
-    assert 0.0 < swept["failed_at"][1] < 0.5
-
-
-@pytest.mark.heavy
 def test_failed_points_are_run_again_on_request(wild, tmp_path):
     trap = tmp_path / "trap.py"
     trap.write_text("import os\ndef end(results):\n    if os.path.exists(os.environ['TRAP']):\n"
@@ -153,49 +132,8 @@ def test_a_function_of_a_script_goes_to_the_workers_and_one_that_fails_is_named(
     assert swept.failed[0].startswith("measure m = boom: AttributeError: ")
 
 
-def test_another_function_is_another_study(wild, tmp_path):
-    def ask(offset):
-        measure = {"m": lambda results: results["unit.y"][-1] + offset}
-        return vdfmu.sweep(wild, {"unit.at": [0.0]}, measure=measure, step=0.5, out=tmp_path / "study")
-
-    assert ask(3.0)["m"] == ask(3.0)["m"]
-    with pytest.raises(UsageError, match=r"differ in functions\."):
-        ask(4.0)
-
-
 def boom(results):
     return results.missing
-
-
-WRENCH = "plant.F_e[1]"
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("kind", ["arrays", "csv"])
-def test_other_numbers_of_an_input_are_another_study(kind, tmp_path):
-    """The plan alone is enough for the key."""
-
-    def inputs(last):
-        if kind == "arrays":
-            return {WRENCH: ([0.0, 0.05], [0.0, last])}
-        (tmp_path / "push.csv").write_text(f"time,{WRENCH}\n0,0\n0.05,{last}\n")
-        return tmp_path / "push.csv"
-
-    def key(last, hold=False):
-        options = {"stop": 0.02, "inputs": inputs(last), "input_hold": hold}
-        plan = make_plan("planar_tracking", OVER, **options, engine="fmu")
-        json.dumps(plan.facts)
-        return plan.key
-
-    assert key(10.0) == key(10.0)
-    assert len({key(10.0), key(20.0), key(10.0, True)}) == 3
-
-
-@pytest.mark.heavy
-def test_zero_is_not_left_out_of_a_row_that_is_run_again(tmp_path):
-    vdfmu.sweep("planar_tracking", OVER, stop=0.02, out=tmp_path / "study")
-    for option, words in (("--step", "step"), ("--stop", "stop"), ("--adaptive", "adaptive")):
-        assert words in refused("run", "--from", tmp_path / "study", option, "0", "--out", tmp_path / "run"), option
 
 
 @pytest.mark.heavy
@@ -320,13 +258,6 @@ def test_a_row_of_a_scenario_that_was_changed_is_run_with_a_note(tmp_path):
     assert "changed since the study" in done.output
     assert "--row goes with --from" in refused("run", "planar_tracking", "--row", "3")
     assert "two_joint: expected no scenario with" in refused("run", "two_joint", "--from", swept.folder)
-
-
-@pytest.mark.heavy
-def test_a_row_of_a_package_is_named(wild, tmp_path):
-    made = study(wild, tmp_path / "study")
-    with pytest.raises(UsageError, match=r"'vdfmu run .*wild.ssp' runs it, with unit.at="):
-        made.options(0)
 
 
 @pytest.mark.heavy

@@ -13,9 +13,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.study.sweeps.axes import shares
 from vdfmu.study.sweeps.failures import cause_of, failed_groups
 from vdfmu.study.sweeps.indices import morris_indices, sobol_indices
-from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.measures import read_measures, unit_of
-from vdfmu.study.sweeps.sweep import Sweep
 from vdfmu.study.sweeps.table import groups, view
 
 A, B = 7.0, 0.1
@@ -55,12 +53,6 @@ def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_poi
     assert 0.15 < widths[1] / widths[0] < 0.4
 
 
-def test_sobol_indices_of_the_same_values_have_the_same_half_widths():
-    x = np.pi * (2 * shares(3, "saltelli", 64, 0) - 1)
-    first, second = (sobol_indices(ishigami(*x.T), "abc").widths for _ in range(2))
-    assert all(np.array_equal(first[name], second[name], equal_nan=True) for name in first)
-
-
 def test_morris_gives_slopes_and_bends_of_functions_and_of_the_points_of_a_study(tmp_path):
     u = shares(3, "morris", 20, 0)
     effects = morris_indices(3 * u[:, 0] - 2 * u[:, 1], u, "abc")
@@ -96,14 +88,6 @@ def test_axes_come_by_influence(tmp_path):
     # means over the other two axes, 0.5 - 0.5 * 5 and so on: rounding
     ends = [groups(side, shown.value) for side in shown.sides]
     np.testing.assert_allclose([e[-1][1] - e[0][1] for e in ends], [-5.0, 3.0, 1.0], rtol=1e-12)
-
-
-def test_files_are_named_without_their_folders(tmp_path):
-    over = {"robot": ["/far/away/light.toml", "heavy"], "f.a": "lin(1e4, 5e4, 3)"}
-    sides = {
-        side.name: side for side in view(study_of(tmp_path / "s", over, lambda robot, a: a + (robot == "heavy"))).sides
-    }
-    assert sides["robot"].words == ("light.toml", "heavy")
 
 
 def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said(tmp_path):
@@ -185,16 +169,3 @@ def test_a_study_knows_the_units_of_its_axes_and_measures(tmp_path):
     assert swept.facts["units"] == {
         "plant.K_f0[2]": "N.m/rad", "plant.mass": "", "feedforward.mode": "", "error": "rad",
     }  # fmt: skip
-
-
-def test_parts_do_not_repeat_what_the_study_is(tmp_path):
-    """100,000 listed values in each of 2,000 parts would take gigabytes."""
-    values = np.linspace(0.0, 1.0, 5000)
-    made = study_of(tmp_path / "s", {"f.a": values}, lambda a: a)
-    assert len(made.facts["axes"][0]) > 5000
-    facts = {**made.facts, "n": 5000}
-    with Ledger(tmp_path / "t", facts, "key", {"f.a": values}) as ledger:
-        ledger.add([{"point": k, "failed": None, "failed_at": None, "wall_s": 0.1, "y": 1.0} for k in range(10)])
-        part = next((tmp_path / "t" / "parts").glob("*.parquet"))
-        assert part.stat().st_size < 10_000  # ten rows of five columns; the axis alone is 100 kB of text
-        assert Sweep(tmp_path / "t").facts["axes"] == made.facts["axes"]  # before the end too

@@ -1,9 +1,6 @@
 """The files of both versions of SSP by the schemas of another package, libcosim, and what is refused."""
 
-import json
 import re
-import subprocess
-import sys
 import zipfile
 from xml.etree import ElementTree
 
@@ -118,45 +115,3 @@ def test_the_page_shows_the_system(scenario):
             if Interface(shipped_units()[unit], scenario.robot).find(name).type == "Real":
                 assert repr(float(value)) in cells, (unit, name)
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")  # needs no network
-
-
-RUN = """
-import json, sys
-from libcosimpy.CosimExecution import CosimExecution
-from libcosimpy.CosimObserver import CosimObserver
-from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
-
-log_output_level(CosimLogLevel.ERROR)
-execution, wanted = CosimExecution.from_ssp_file(sys.argv[1]), json.load(open(sys.argv[2]))
-observer = CosimObserver.create_last_value()
-execution.add_observer(observer)
-assert execution.simulate_until(20_000_000)
-read = {"Real": observer.last_real_values, "Integer": observer.last_integer_values,
-        "Boolean": observer.last_boolean_values}
-found = [read[kind](execution.slave_index_from_instance_name(unit), [reference])[0]
-         for unit, reference, kind in wanted]
-print(json.dumps([execution.status().current_time, found]))
-"""
-
-
-@pytest.mark.skipif(sys.version_info >= (3, 15), reason="libcosimpy has no files for Python 3.15")
-def test_libcosim_applies_the_values(scenario, fmus, tmp_path):
-    """FMUs without the scenario's values get all but the start, which is mapped."""
-    values = system_values(scenario)
-    path = write_ssp(scenario, fmus, tmp_path / "system.ssp", values)
-    for unit, group in (("trajectory", "q_start"), ("plant", "q_0")):
-        for name in [name for name in values[unit] if name.startswith(group)]:
-            del values[unit][name]
-    names = [(unit, name) for unit in values for name in values[unit]]
-    tables = {unit: Interface(shipped_units()[unit], scenario.robot) for unit in values}
-    wanted = [(u, tables[u].reference[n], tables[u].find(n).type) for u, n in names]
-    (tmp_path / "wanted.json").write_text(json.dumps(wanted))
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, str(path), str(tmp_path / "wanted.json")],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    time, applied = json.loads(done.stdout.splitlines()[-1])
-    assert time == 20_000_000  # ns: 20 steps of the size that the file says
-    for (unit, name), value in zip(names, applied, strict=True):
-        assert value == values[unit][name], (unit, name)  # the shortest text of a double reads back as that double

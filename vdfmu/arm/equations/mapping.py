@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.equations.inverse_dynamics import NO_WRENCH, inverse_dynamics
 from vdfmu.arm.equations.kinematics import joint_transforms, tool_transform
 from vdfmu.arm.equations.rigid_body import mass_matrix as body_mass_matrix
 from vdfmu.arm.equations.spatial import joint_axis
-from vdfmu.compiler.scalar import factorize, solve_factorized, zeros
+from vdfmu.compiler.scalar import zeros
 
 
 def velocity_mapping(robot: Any, q: np.ndarray) -> np.ndarray:
@@ -68,15 +67,3 @@ def joint_space_mass_matrix(robot: Any, q: np.ndarray) -> np.ndarray:
         J_i = J_ba[6 * (i + 1) : 6 * (i + 2)]
         M = M + J_i.T @ body_mass_matrix(*robot.body(i)) @ J_i
     return M
-
-
-def forward_dynamics_by_mapping(
-    robot: Any, q: np.ndarray, q_dot: np.ndarray, tau: np.ndarray, F_e: np.ndarray = NO_WRENCH
-) -> np.ndarray:
-    """Joint accelerations by the mapping matrices (37)-(43): ``M q_ddot = tau - ID(q, q_dot, 0)``.
-
-    The cost is O(n^3). Parameters and result as in :func:`.forward_dynamics`; the two agree to rounding.
-    """
-    M = joint_space_mass_matrix(robot, q)
-    bias = inverse_dynamics(robot, q, q_dot, np.zeros(robot.n), F_e)
-    return solve_factorized(factorize(M), tau - bias)

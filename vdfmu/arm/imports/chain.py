@@ -92,7 +92,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placeme
                 name,
                 "links of one chain",
                 f"a loop: it joins {first} to {second} beside the joints",
-                "An arm must be an open chain: delete it, or end the arm before by --tip.",
+                "An arm must be an open chain: delete it, or end the arm before it with --tip.",
             )
     if held:
         names = few([joint.name for joint in held])

@@ -1,4 +1,4 @@
-"""Reading of MJCF, by MuJoCo itself: its compiler resolves defaults, includes, and inertia from shapes."""
+"""Read MJCF files with MuJoCo, whose compiler resolves defaults, includes, and inertia from shapes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7
 _OF_JOINT = 1
 """Part of a tendon along a joint, of MuJoCo's mjtWrap."""
 _SQUARED = ("damping", "armature")
-"""Numbers of a rotor that are ell^2 times as large at its link. The others are ell times as large."""
+"""Parameters of a rotor that are ell^2 times as large at its link; the others are ell times as large."""
 _REST = 1e-9
-"""Share of a rotor's inertia about its axis that stays with its link, which is a rigid body so."""
+"""Share of a rotor's inertia about its axis that stays with its link, so that the link has a valid inertia."""
 _VISIBLE = 3
 """First group of shapes that MuJoCo's viewer hides."""
 
@@ -38,7 +38,7 @@ _VISIBLE = 3
 def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
     """Return the tree of a MuJoCo file, bodies as links, and `sites` if wanted.
 
-    ModelError if MuJoCo refuses the file, UsageError without MuJoCo.
+    Raises ModelError if MuJoCo rejects the file, and UsageError without MuJoCo.
     """
     try:
         mujoco: Any = import_module("mujoco")
@@ -49,7 +49,7 @@ def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
     _require_regular(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-    except Exception as error:  # of a type that differs with the version
+    except Exception as error:  # its type depends on the version
         text = " ".join(str(error).split())
         raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
     return _MjcfReader(model, path, problems).tree(sites)
@@ -62,7 +62,7 @@ _LARGEST = 2**26
 
 
 def _require_regular(path: Path) -> None:
-    """Raise ModelError if a file that the model names is a pipe, a device or a folder: MuJoCo would wait for a pipe."""
+    """Raise ModelError if the model names a pipe, a device or a folder, because MuJoCo would wait for a pipe."""
     texts, folders, names = [read_bytes(path, "an MJCF file", _LARGEST)], {path.parent}, dict[str, None]()
     for text in texts:  # those of includes are added below
         folders |= {path.parent / html.unescape(name.decode(errors="replace")) for name in _FOLDERS.findall(text)}
@@ -79,7 +79,7 @@ def _require_regular(path: Path) -> None:
 
 
 class _Rotor(NamedTuple):
-    """The rotor of a joint: its own joint and inertia, the tendon that is its spring, ratio, stiffness link-side."""
+    """The rotor of a joint: its joint, inertia, the tendon that is its spring, gear ratio, link-side stiffness."""
 
     joint: int
     inertia: float
@@ -107,7 +107,7 @@ class _MjcfReader:
         return f"joint {number} of {self.bodies[body]}"
 
     def _rotors(self) -> Iterator[tuple[int, _Rotor]]:
-        """Yield each joint with its rotor: a body without others, on the same parent, that a tendon joins to it."""
+        """Yield each joint with its rotor: a body without children on the same parent, coupled by a tendon."""
         m = self.model
         for t in range(m.ntendon):
             wraps = [int(m.tendon_adr[t]) + k for k in range(int(m.tendon_num[t]))]
@@ -140,11 +140,11 @@ class _MjcfReader:
                 joints.append(Joint(f"{name} (site)", "fixed", parent, name, place, np.array([1.0, 0.0, 0.0])))
         stiff = [self.names[j] for j in range(m.njnt) if np.any(m.jnt_stiffness[j])]
         if stiff:
-            self.notes.append(f"springs at joints are left out: {', '.join(stiff)}.")
+            self.notes.append(f"springs at joints are ignored: {', '.join(stiff)}.")
         unread = {*range(m.ntendon)} - {rotor.tendon for rotor in self.rotors.values()}
         tendons = [printable(m.tendon(i).name) or f"tendon {i}" for i in sorted(unread)]
         if tendons:
-            self.notes.append(f"tendons are left out: {', '.join(tendons)}.")
+            self.notes.append(f"tendons are ignored: {', '.join(tendons)}.")
         return Tree(
             self.path.stem,
             self.problems,
@@ -161,7 +161,7 @@ class _MjcfReader:
         m = self.model
         R = _rotation(m.body_iquat[i])
         inertia = R @ np.diag(m.body_inertia[i]) @ R.T
-        if i in self.rotor_of:  # what turns is in the drive, the rest is a part of the link that carries it
+        if i in self.rotor_of:  # the part that turns is in the drive, the rest belongs to the link that carries it
             axis = np.array(m.jnt_axis[self.rotor_of[i].joint])
             inertia = inertia - (1.0 - _REST) * self.rotor_of[i].inertia * np.outer(axis, axis)
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
@@ -220,7 +220,7 @@ class _MjcfReader:
         return Placement(R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R.T, np.zeros(3))
 
     def joint_numbers(self, j: int, kind: int) -> dict[str, float]:
-        """Return limits, damping, friction, armature and effort of a joint; the default 0 counts as missing."""
+        """Return limits, damping, friction, armature and effort of a joint; the default 0 is treated as missing."""
         m = self.model
         if kind not in (_SLIDE, _HINGE):
             return {}
@@ -261,7 +261,7 @@ class _MjcfReader:
         return whole
 
     def follows(self, j: int) -> str:
-        """Return the joint that a joint follows by an equality."""
+        """Return the joint that an equality couples a joint to."""
         m = self.model
         for e in range(m.neq):
             if int(m.eq_type[e]) == _JOINT and int(m.eq_obj1id[e]) == j and m.eq_active0[e]:
@@ -270,7 +270,7 @@ class _MjcfReader:
         return ""
 
     def loops(self) -> tuple[tuple[str, str, str], ...]:
-        """Return the equalities that close chains: name, and the joined links."""
+        """Return the equality constraints that close chains: name, and the connected links."""
         m = self.model
         loops: list[tuple[str, str, str]] = []
         for e in range(m.neq):

@@ -1,4 +1,4 @@
-"""Content of a robot's file: links on joints, in the file's own frames, and bodies with mass and inertia."""
+"""Content of a robot's file: links and joints in the frames of the file, and bodies with mass and inertia."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.toml_tables import Problems
 
 MOVING = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-"""Kinds of joints that an arm can have, to their type in its robot file."""
+"""Kinds of joints that an arm can have, and their type in its robot file."""
 _MOST_NAMES = 12
-"""Most names that a text lists."""
+"""Largest number of names in a list."""
 
 
 class Placement(NamedTuple):
@@ -35,7 +35,7 @@ class Placement(NamedTuple):
 
 
 HERE = Placement(np.eye(3), np.zeros(3))
-"""A frame in itself."""
+"""The placement of a frame in itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Joint:
 
     name: str
     kind: str
-    """URDF's word: in `MOVING`, "fixed", or unsupported."""
+    """Type as in URDF: in `MOVING`, "fixed", or unsupported."""
     parent: str
     child: str
     placement: Placement
@@ -99,8 +99,8 @@ class Body:
 class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
-    Gravity is `standard` if the file lacks it. `notes` are for the user. `loops` close chains in addition to joints:
-    name, and the joined links.
+    Gravity is `standard` if the file does not give it. `notes` are for the user. `loops` close chains in addition to
+    joints: name, and the connected links.
     """
 
     name: str
@@ -127,14 +127,14 @@ class Tree:
 
     @cached_property
     def coupled(self) -> frozenset[str]:
-        """Joints that others follow."""
+        """Joints that other joints mimic."""
         return frozenset(joint.follows for joint in self.joints)
 
 
 def aligned(axis: Floats) -> Floats:
     """Rotation (3, 3) whose third column is `axis`, (3,) of length 1, by the shortest turn from z."""
     x, y, z = axis
-    if z < -1 + 1e-12:  # any axis across z will do for half a turn
+    if z < -1 + 1e-12:  # for half a turn any axis perpendicular to z is suitable
         return np.diag([1.0, -1.0, -1.0])
     turn = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])
     return np.eye(3) + turn + turn @ turn / (1.0 + z)
@@ -167,7 +167,7 @@ class Mass(NamedTuple):
 
 
 def joined(parts: Sequence[Mass]) -> Mass:
-    """Join masses to one."""
+    """Combine masses into one."""
     if len(parts) == 1:
         return parts[0]  # without rounding
     mass = sum(part.mass for part in parts)
@@ -205,9 +205,9 @@ def with_inertia(
 ) -> tuple[Body, ...]:
     """Return bodies with the numbers of ``link`` in a file of drives, or else with their shapes' inertia.
 
-    Shapes count if a body lacks mass or inertia, and their density [kg/m3] or the mass of the body is known. Bodies,
-    and their entries `chosen` of the file of drives, go from base to tip; numbers of shapes are added to `chosen`.
-    `file` is the robot's, for sources. `tree` takes notes and problems.
+    Shapes are used if a body has no mass or inertia, and their density [kg/m3] or the mass of the body is known.
+    Bodies, and their entries `chosen` of the file of drives, are in the order from base to tip; numbers from shapes are
+    added to `chosen`. `file` is the robot's, for sources. Notes and problems are added to `tree`.
     """
     problems = tree.problems
     wholes: list[Body] = []
@@ -229,8 +229,8 @@ def with_inertia(
         whole = replace(body, **values)
         wholes.append(whole)
         ways = (
-            f"Give them by --drives: [{body.joint.name}] link = {{ mass, centroid, inertia }}; the mass alone, or "
-            "--density, will do for a body of boxes, cylinders and spheres"
+            f"Give them by --drives: [{body.joint.name}] link = {{ mass, centroid, inertia }}; for a body of boxes, "
+            f"cylinders and spheres the mass alone, or --density, is enough"
         )
         if not whole.mass:
             problems.add(

@@ -49,7 +49,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
         for joint in transmission.findall("joint")
     ]
     if geared:
-        reader.notes.append(f"ratios of transmissions are left out; --drives can give them: {few(geared)}.")
+        reader.notes.append(f"ratios of transmissions are ignored; give them in the file of --drives: {few(geared)}.")
     return Tree(
         str(root.get("name") or path.stem),
         problems,

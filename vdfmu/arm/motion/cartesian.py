@@ -9,12 +9,12 @@ import numpy.typing as npt
 import scipy
 
 from vdfmu.arm.dynamics import forward_kinematics, jacobian
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.joint_space import limit
 from vdfmu.arm.motion.polynomial import Motion, joined, spline
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 Pose = tuple[Floats, Floats]
 """Position (3,) [m] and rotation (3, 3) of {O} in {I}."""
@@ -44,7 +44,7 @@ _PULL = 0.5
 """Rate, over the path, of a redundant arm to the middle between its end stops."""
 
 
-@of_numbers
+@checks_types
 def line(
     robot: Robot,
     start: npt.ArrayLike,
@@ -101,7 +101,7 @@ def line(
     return joined(parts)
 
 
-@of_numbers
+@checks_types
 def circle(
     robot: Robot,
     start: npt.ArrayLike,
@@ -141,16 +141,13 @@ def circle(
             f"angle: expected at most {_MOST_TURNS} turns, {_MOST_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As "
             f"degrees it is {np.radians(angle):.4g} rad; join several circles for more turns."
         )
-    turning = isinstance(orientation, str) and orientation == "turn"
-    kind, fixed = ("turn", None) if turning else _orientation(robot, orientation)
-    if fixed is not None:
-        raise UsageError("orientation: expected keep, turn or free for a circle, got a rotation.")
+    kind = "turn" if orientation == "turn" else _orientation(robot, orientation)[0]
     p_0, R_0 = forward_kinematics(robot, q)
     z = z / np.linalg.norm(z)
     c = c + z * float(z @ (p_0 - c))
     radius = float(np.linalg.norm(p_0 - c))
     if radius <= tolerance:
-        raise UsageError(f"centre: expected an axis away from the end effector's start at {p_0}.")
+        raise UsageError(f"centre: expected an axis that does not pass through the end effector's start at {p_0}.")
 
     def path(s: float) -> Pose:
         turned = scipy.spatial.transform.Rotation.from_rotvec(s * angle * z).as_matrix()
@@ -174,7 +171,7 @@ def _straight(
     p_0, R_0 = forward_kinematics(robot, q)
     turn = np.zeros(3) if R_1 is None else scipy.spatial.transform.Rotation.from_matrix(R_0.T @ R_1).as_rotvec()
     if np.linalg.norm(p_1 - p_0) <= tolerance and np.linalg.norm(turn) <= tolerance:
-        raise UsageError(f"{where}: expected another place than that at which it starts, got {p_1}.")
+        raise UsageError(f"{where}: expected a point other than its start, got {p_1}.")
 
     def path(s: float) -> Pose:
         return p_0 + s * (p_1 - p_0), R_0 @ scipy.spatial.transform.Rotation.from_rotvec(s * turn).as_matrix()
@@ -192,9 +189,7 @@ def _orientation(robot: Robot, orientation: str | npt.ArrayLike | None) -> tuple
     R = np.array(orientation, dtype=float)
     # numbers in files have some six digits
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-5) or np.linalg.det(R) < 0.0:
-        raise UsageError(
-            f"orientation: expected a rotation, three rows of unit length at right angles, got {orientation}."
-        )
+        raise UsageError(f"orientation: expected a rotation, three orthogonal rows of unit length, got {orientation}.")
     return "keep", scipy.spatial.transform.Rotation.from_matrix(R).as_matrix()
 
 

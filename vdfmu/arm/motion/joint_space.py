@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.polynomial import Motion, joined, rest, spline
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 _ROUNDS = 20
 """Rounds that change the shares of the intervals in the time; the shortest motion is kept."""
@@ -20,7 +20,7 @@ _AT_REST = 0.2
 """Share of the largest slope of samples below which their ends are at rest."""
 
 
-@of_numbers
+@checks_types
 def waypoints(
     points: npt.ArrayLike,
     times: npt.ArrayLike | None = None,
@@ -77,7 +77,7 @@ def waypoints(
     return joined([*parts, *rests[-1]])
 
 
-@of_numbers
+@checks_types
 def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
     """Return the motion through dense samples, at rest at both ends; arguments and errors: see :func:`waypoints`."""
     t, q = np.array(times, dtype=float), np.array(points, dtype=float)

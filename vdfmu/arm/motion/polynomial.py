@@ -11,12 +11,13 @@ from math import factorial, perm
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.played import Cycle, Played
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 DEGREE = 5
 """Lowest degree of a spline with a continuous fourth derivative: the elastic feedforward needs it."""
@@ -205,14 +206,14 @@ def spline(t: Floats, q: Floats) -> Motion:
     return Motion(knots, np.moveaxis(coefficients, 0, 1).copy())
 
 
-@of_numbers
-def rest(q: Floats, seconds: float) -> Motion:
+@checks_types
+def rest(q: npt.ArrayLike, seconds: float) -> Motion:
     """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
     if not 0.0 < seconds < np.inf:
-        raise UsageError(f"dwell: expected one time above 0 s, got {seconds}.")
+        raise UsageError(f"dwell: expected one positive time in s, got {seconds}.")
     if np.ndim(q) != 1:
         raise UsageError(f"q: expected a position for each joint, got {q}.")
-    coefficients = np.zeros((1, DEGREE + 1, len(q)))
+    coefficients = np.zeros((1, DEGREE + 1, np.size(q)))
     coefficients[0, 0] = q
     return Motion(np.array([0.0, seconds]), coefficients)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -14,7 +15,6 @@ import numpy as np
 
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.dynamics import inverse_dynamics
-from vdfmu.arm.motion.arguments import NUMBERS, ONE, Argument, arguments_of
 from vdfmu.arm.motion.cartesian import circle, line
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.polynomial import Motion
@@ -24,7 +24,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
 from vdfmu.base.extras import extra_modules
 from vdfmu.base.measure import JOINT_TYPES
-from vdfmu.base.option import checks_types
+from vdfmu.base.option import NUMBERS, checks_types
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 from vdfmu.engine.plan.inputs import csv_columns
@@ -32,6 +32,26 @@ from vdfmu.engine.plan.inputs import csv_columns
 _LOOKS = 1001
 """Times at which torques are compared with those of the motors."""
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
+
+
+class Argument(NamedTuple):
+    """Whether a parameter takes text, whole numbers alone, a single number, and is required, by its annotation."""
+
+    text: bool
+    whole: bool
+    single: bool
+    needed: bool
+
+
+def _arguments_of(make: Callable[..., Any]) -> dict[str, Argument]:
+    """Return the parameters of a function except for the robot, by name."""
+    arguments: dict[str, Argument] = {}
+    for name, parameter in signature(make).parameters.items():
+        words = {*re.findall(r"\w+", parameter.annotation)}
+        text, single = bool(words & {"str", "Literal"}), words <= {"float", "int", "None"}
+        arguments[name] = Argument(text, "int" in words, single, parameter.default is parameter.empty)
+    arguments.pop("robot", None)
+    return arguments
 
 
 class MotionKind(NamedTuple):
@@ -52,7 +72,7 @@ def kinds() -> dict[str, MotionKind]:
     makers: list[Callable[..., Motion]] = [waypoints, samples, line, circle]
     for module in extra_modules("motions"):
         makers += module.MOTIONS
-    return {make.__name__: MotionKind(make, arguments_of(make)) for make in makers}
+    return {make.__name__: MotionKind(make, _arguments_of(make)) for make in makers}
 
 
 @checks_types
@@ -185,7 +205,7 @@ def _value(table: Table, key: str, argument: Argument) -> Any:
         return table.text(key)
     shape, numbers = shape_of(value), np.array(value, dtype=object).ravel()
     if shape and argument.single:
-        table.problems.add(table.key(key), ONE, value_text(value), "Correct it.")
+        table.problems.add(table.key(key), "one number", value_text(value), "Correct it.")
     elif shape is None or len(shape) > 2 or 0 in shape:
         table.problems.add(table.key(key), NUMBERS, value_text(value), "Correct it.")
     elif argument.whole and any(type(number) is not int for number in numbers):

@@ -1,4 +1,4 @@
-"""Gears and motors by name: their tables of a joint, and the fit of (2)-(3) to the printed stiffnesses of gears."""
+"""Gears and motors by name: their tables of a joint, and how well (2)-(3) fits the printed stiffnesses of gears."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.arm.equations.harmonic_drive import deformation
-from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS, SPRING_KEYS
+from vdfmu.arm.robot.parameters import JOINT_OPTIONS, PARAMETERS
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.text import nearest
@@ -96,10 +96,8 @@ def filled_from_catalogue(problems: Problems, joint: Any, path: str) -> tuple[An
     return {key: value for key, value in joint.items() if key not in NAMED} | parts, sources
 
 
-_POINTS, _PASSES = 60, 200
-_NAMES = SPRING_KEYS[1:5]  # of (2)-(3)
-_LEAST = np.log(1e-6)
-"""Smallest value of any parameter: the flexspline of a c_f of 1e-6 is a linear spring."""
+_POINTS = 60
+"""Torques at which a spring is compared with printed stiffnesses."""
 
 
 def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
@@ -111,36 +109,13 @@ def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
     return first / K[0] + second / K[1] + np.clip(torque - T[1], 0.0, None) / K[2]
 
 
-def fit_spring(ratio: float, K: Any, T: Any, largest: float) -> tuple[dict[str, float], float, float]:
-    """Fit the deformation D of (2)-(3) to :func:`catalogue_torsion`, by least squares up to the torque `largest` [N m].
+def spring_residual(gear: dict[str, Any]) -> tuple[float, float]:
+    """Return the largest difference of (2)-(3) from the printed stiffnesses of a gear, up to its repeated peak torque.
 
-    Levenberg's method in the logarithms keeps the parameters positive. scipy's methods with bounds end in another
-    minimum for two gears of the catalogue.
-
-    Returns
-    -------
-    numbers : the parameters by name
-    residual, share : float [rad, -]
-        Largest difference of the torsions, and the same over the largest torsion.
+    In rad, and over the largest torsion.
     """
-    torque = np.linspace(0.0, largest, _POINTS + 1)[1:]
-    wanted = catalogue_torsion(torque, K, T)
-
-    def residual(logarithms: Any) -> Any:
-        drive = SimpleNamespace(ell=ratio, **dict(zip(_NAMES, np.exp(logarithms), strict=True)))
-        return (deformation(drive, torque) - wanted) / wanted[-1]
-
-    # as if half of the compliance at rest, and of its fall, were the flexspline's
-    start = [2.0 * K[0], 1.0 / largest, 2.0 * K[0] / ratio**2, ratio / T[1]]
-    x, damping = np.log(start), 1e-2
-    r = residual(x)
-    for _ in range(_PASSES):
-        J = np.stack([(residual(x + step) - residual(x - step)) / 2e-6 for step in 1e-6 * np.eye(4)], axis=1)
-        trial = np.maximum(x - np.linalg.solve(J.T @ J + damping * np.eye(4), J.T @ r), _LEAST)
-        better = residual(trial)
-        if better @ better < r @ r:
-            x, r, damping = trial, better, damping / 4.0
-        else:
-            damping *= 4.0
-    share = float(np.abs(r).max())
-    return dict(zip(_NAMES, map(float, np.exp(x)), strict=True)), share * float(wanted[-1]), share
+    torque = np.linspace(0.0, gear["repeated"], _POINTS + 1)[1:]
+    printed = catalogue_torsion(torque, [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]])
+    drive = SimpleNamespace(ell=gear["ratio"], **gear["drive"])
+    residual = float(np.abs(deformation(drive, torque) - printed).max())
+    return residual, residual / float(printed[-1])

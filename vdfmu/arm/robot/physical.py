@@ -62,7 +62,7 @@ CONTRACTION = Condition(
     "theta_err_amplitude",
     f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
     lambda robot: CONTRACTION_LIMIT - 2.0 * robot.ell * robot.theta_err_amplitude,
-    "Lower the amplitude, or the rotor's position does not follow from the spring.",
+    "Lower the amplitude; otherwise the rotor's position does not follow uniquely from the spring.",
 )
 STATIC_FRICTION = Condition(
     "f_s",

@@ -62,7 +62,7 @@ class PDController(Unit):
         )
 
     def experiment(self) -> None:
-        """Follow a small motion nearly."""
+        """Approximate the motion of an arm near its start by a linear one."""
         t, phase = self.t, 0.4 * np.arange(self.n)
         motion = small_motion(t, self.n, self.experiment_stop)
         self.q_d, self.q_d_dot = motion.q_d, motion.q_d_dot

@@ -84,7 +84,7 @@ class Feedforward(Unit):
         self.tau_m, self.tau_s, self.kappa_dot_d = torques
 
     def experiment(self) -> None:
-        """Follow a small motion nearly."""
+        """Approximate the motion of an arm near its start by a linear one."""
         t, phase = self.t, 0.4 * np.arange(self.n)
         motion = small_motion(t, self.n, self.experiment_stop)
         self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion

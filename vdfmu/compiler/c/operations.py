@@ -1,8 +1,8 @@
-"""Exact derivatives of long functions along directions: a table of operations for a C function that runs both ways.
+"""Exact directional derivatives of long functions: a table of operations, which a C function runs forward and backward.
 
-A line of the table is an operation of the trace. Each argument, result, constant and value has a separate place in a
-memory. Forward, the change of a value is calculated beside it. Backward, the derivative by a value is shared out to its
-operands. A table compiles in a hundredth of the time of C text.
+Each line of the table is an operation of the trace. Each argument, result, constant and intermediate value has its own
+address in memory. In the forward pass the tangent of each value is calculated together with it. In the backward pass
+the adjoint of each value is distributed to its operands. A table compiles in a hundredth of the time of C code.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ _CODES = {operation: code for code, operation in enumerate(EXPRESSIONS)}
 
 
 def c_operations() -> dict[str, str]:
-    """Return file name to text of the runner of tables, the same for all units."""
+    """Return the C files that run the tables, by name; they are the same for all units."""
     cases: list[str] = []
     for operation, code in _CODES.items():
         value, by_a, by_b, *_ = (x.format("a", "b") for x in (EXPRESSIONS[operation], *slopes(operation), "0.0"))
         cases.append(f"    case {code}: *value = {value}; *by_a = {by_a}; *by_b = {by_b}; return;")
     return {
         "operations.h": head("Tables of operations.") + source_text("operations.h"),
-        "operations.c": head("What runs tables of operations.")
+        "operations.c": head("The interpreter of tables of operations.")
         + source_text("operations.c").replace("    /* CASES */", "\n".join(cases)),
     }
 
 
 def has_table(function: ca.Function) -> bool:
-    """Whether each operation of a function of SX has a line: it calls nothing."""
+    """Whether every operation of a function of SX can be a line, because it calls no other function."""
     codes = {function.instruction_id(k) for k in range(function.n_instructions())}
     return codes <= {*_CODES, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
 

@@ -1,7 +1,7 @@
 """One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sections VI.3 and VI.4. The step is traced
-like the equations: its matrix with the elimination once, then one function for all six stages.
+in the same way as the equations: once the elimination of its matrix, and one function for all six stages.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ class Stages(NamedTuple):
     """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized."""
 
     factors: Any
-    """Elements (l, 1) of the factors, of E and of R_t that are not constant, each once."""
+    """Elements (l, 1) of the factors, of E and of R_t that are not constant, without repetition."""
     solve: ca.Function
     """Increment as a function of `factors`, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t
     [s]. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
     explicit: ca.DM
     """(m, 1): 1 for rows ``f(x, t) - y`` that need no y, else 0."""
     carried: list[int]
-    """Rows whose y is carried from stage to stage. A plain right-hand side lacks such rows."""
+    """Rows whose y is carried from stage to stage; an explicit right-hand side has none."""
 
 
 def stage_equations(
@@ -67,7 +67,7 @@ def stage_equations(
         step needs no inverse of a mass matrix in it. With k rows and columns of algebraic equations and unknowns after
         the m states, the columns of E are 0 there.
     R_t : (m + k, 1) partial derivative of R with respect to time
-    order : elimination order of the m + k unknowns. It decides the fill-in, not the result.
+    order : elimination order of the m + k unknowns. It affects the fill-in, not the result.
     name : prefix of the function, ``<name>_solve``
     """
     size = len(order)
@@ -98,7 +98,7 @@ def permuted(matrix: ca.SX, order: npt.NDArray[np.int_]) -> Rows:
 
 
 def varying(expressions: list[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """Return the different elements that are not constant, symbols for them, and the expressions of the symbols."""
+    """Return the distinct elements that are not constant, symbols for them, and the expressions of the symbols."""
     expressions = ca.cse(expressions)
     nonzeros: list[list[Any]] = [expression.nonzeros() for expression in expressions]
     elements: dict[int, Any] = {}
@@ -128,7 +128,7 @@ def rodas_step(
 
     Parameters
     ----------
-    f : function of the state, the time since the start of the step and, if rows carry y, their y
+    f : function of the state, the time since the start of the step and, if y is carried, its rows
         Returns R (m, 1), with f in explicit rows.
     x, x_dot : (m, 1) state at the start of the step, and its derivative there
     h : (1, 1) step [s]

@@ -32,7 +32,7 @@ class Jet:
         return f"Jet({self.x!r}, {self.x_dot!r}, {self.x_ddot!r})"
 
     def __float__(self) -> float:
-        raise TypeError("A jet is not a float: take derivative(jet, 0) for its value.")
+        raise TypeError("A jet is not a float: use derivative(jet, 0) for its value.")
 
     def __neg__(self) -> Jet:
         return Jet(-self.x, -self.x_dot, -self.x_ddot)

@@ -47,7 +47,7 @@ def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
 def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
     """Yield the variable or method, and the fault, of variables that do not fit together."""
     if not re.fullmatch(_WORDS, unit.__name__):
-        yield "", f"a unit cannot be called {unit.__name__}: {_LETTERS}"
+        yield "", f"a unit cannot be named {unit.__name__}: {_LETTERS}"
     if not unit.declared and unit.robot_fields is None:
         yield "", "a unit needs variables: u = Input(..), y = Output(..)"
     states = [d for d in unit.declared.values() if type(d) is State]

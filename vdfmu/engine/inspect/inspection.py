@@ -42,7 +42,7 @@ class Report(Findings):
 
     @classmethod
     def of(cls, findings: Findings, path: Path, kind: str, standard: str | None = None) -> Report:
-        """Return the report on a file, with each finding once, as a line."""
+        """Return the report on a file, with each finding once, as one line."""
         lines = list(dict.fromkeys(map(one_line, findings.entries)))
         return cls(lines, findings.compared, findings.ran, str(path), kind, standard)
 
@@ -66,7 +66,7 @@ class Report(Findings):
 def inspect_file(
     path: str | os.PathLike[str], run: bool = True, say: Callable[[str], None] = lambda text: None, anyway: bool = False
 ) -> Report:
-    """Check an FMU, an SSP or an SSD, by the ending of its name.
+    """Check an FMU, an SSP or an SSD, depending on the suffix of its name.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def inspect_file(
     say : callable, optional
         Called with the file before its code may run.
     anyway : bool, optional
-        Whether to run FMUs that break rules of FMI too, such as a model structure with missing entries.
+        Whether to also run FMUs that break rules of FMI, such as a model structure with missing entries.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def inspect_file(
     try:
         return _inspect(path, suffix, run, anyway)
     except OSError as error:
-        way = "The check needs a temporary folder with free space; TMPDIR names another folder."
-        raise StorageError(f"{path}: was not checked: {error}. {way}") from error
+        way = "The check needs a temporary folder with free space; set TMPDIR to another folder."
+        raise StorageError(f"{path} was not checked: {error}. {way}") from error
 
 
 def _inspect(path: Path, suffix: str, run: bool, anyway: bool) -> Report:
@@ -137,7 +137,7 @@ def _require(path: Path, suffix: str) -> None:
     except OSError as error:
         raise UsageError(f"{path}: cannot be opened: {error.strerror}.") from error
     if suffix not in _ENDINGS:
-        raise UsageError(f"{path}: is not of a kind that can be checked; expected {', '.join(_ENDINGS)}.")
+        raise UsageError(f"{path}: has a type that cannot be checked; expected {', '.join(_ENDINGS)}.")
 
 
 def _pack(ssd: Path, package: Path) -> None:
@@ -155,7 +155,7 @@ def _pack(ssd: Path, package: Path) -> None:
 
 
 def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> tuple[Findings, str | None]:
-    """Check every SSD of a package; without faults, run the default SSD and FMUs with reference results.
+    """Check every SSD of a package; if there are no faults, run the default SSD and the FMUs with reference results.
 
     `folder` is for its FMUs. For `anyway` see `note_run`. Returns the standard too, such as ``SSP 1.0``.
     """
@@ -234,7 +234,7 @@ def _same_names(heads: Mapping[str, Any]) -> list[Finding]:
     users: dict[str, list[str]] = {}
     for file, root in heads.items():
         users.setdefault("" if root is None else root.get("name") or "", []).append(file)
-    text = "have the same name, {!r}; tools let users choose by it"
+    text = "have the same name, {!r}; tools use it to let users choose"
     same = [(name, files) for name, files in users.items() if name and len(files) > 1]
     return [finding("SSP006", f"{' and '.join(files)}: {text.format(name)}") for name, files in same]
 

@@ -224,7 +224,7 @@ class ContinuousStepper(Stepper):
             why = f"it falls with the step, but none is shorter than {self._floor:.3g} s, {_SHORTEST:g} of the run"
             way = "Simulate the fast part in a separate run, or allow a larger error"
         else:
-            why = "a shorter step does not lower it: the signal jumps repeatedly, or the units' solvers have this error"
+            why = "a shorter step does not reduce it: the signal jumps repeatedly, or the units' solvers cause it"
             way = "Allow a larger error, lower their tolerance, or use a master without error control"
         text = f"the error of {variable.name} in a step of {h:.3g} s is {ratio:.3g} times the allowed {self.error:g}"
         return CosimError(unit, "doStep", time, f"{text}; {why}. {way}", kind=FailureKind.COUPLING)

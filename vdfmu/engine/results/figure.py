@@ -42,8 +42,6 @@ class Figure(NamedTuple):
     title: str
     quantity: Shown
     curves: Sequence[Curve]
-    peak: str = ""
-    """Name of its largest absolute value; empty if not of interest."""
 
 
 def signal_figures(results: Recorded, hidden: Collection[str] = (), joints: int | None = None) -> Iterator[Figure]:

@@ -19,7 +19,7 @@ __all__ = ["KINDS", "TYPES", "Listing", "Recorded", "Results", "Signal", "group_
 
 
 class Listing(NamedTuple):
-    """A table that shows itself, as text and as HTML in a notebook; `rows` has its contents."""
+    """A table that is displayed as text, or as HTML in a notebook; `rows` has its contents."""
 
     title: str
     head: tuple[str, ...]
@@ -71,14 +71,14 @@ def _needed(package: str) -> Any:
 class Results(Recorded):
     """Recorded signals on the communication points.
 
-    A row holds the outputs at its communication point; an input has the value that its unit used in the step
+    A row has the outputs at its communication point; an input has the value that its unit used in the step
     that ended there (first row: as set during initialization).
 
     Parameters
     ----------
     time : (m,) array [s]
     signals : sequence of Signal
-        In their order in tables and files.
+        In the order of tables and files.
     data : mapping of str to (m, columns) array
         Columns by kind: ``real`` float64, ``integer`` and ``boolean`` int32.
     summary : dict, optional
@@ -102,7 +102,7 @@ class Results(Recorded):
         return self.contents().to_html()
 
     def contents(self) -> Listing:
-        """Return the contents, as a table that shows itself: groups, their shapes, units and extremes."""
+        """Return the contents as a table: groups, their shapes, units and extremes."""
         rows: list[tuple[Any, ...]] = []
         for group, elements in self.groups.items():
             columns = [self[name] for name in elements.values()]
@@ -145,10 +145,10 @@ class Results(Recorded):
         return dataset
 
     def compare(self, other: Results) -> Listing:
-        """Return the differences to other results in their common time, group by group, the largest of a unit first.
+        """Return the differences from other results over their common time, by group, the largest of each unit first.
 
-        Values of `other` between its rows are interpolated; integers and booleans hold. UsageError for results without
-        common signals or time.
+        Values of `other` are interpolated between its rows; integers and booleans are held. Raises UsageError if the
+        results have no signals or time in common.
         """
         common = [name for name in self.names if other.kinds.get(name) == self.kinds[name]]
         if not common:
@@ -195,9 +195,9 @@ class Results(Recorded):
         Parameters
         ----------
         *names : str
-            Signals or groups; default as many of all as a picture holds.
+            Signals or groups; by default as many as a picture can show.
         over : mapping of str to Results, optional
-            Other runs to draw over this run, by their labels.
+            Other runs to draw over this run, by label.
         path : path, optional
             File to write: PNG, SVG or PDF by its suffix.
 

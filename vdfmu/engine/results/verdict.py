@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 GOOD, DOUBTFUL, FAILED = STATES = ("good", "doubtful", "failed")
-"""States of a verdict, the worst last. A failed run ends with exit code 1."""
+"""States of a verdict, the worst last. A failed run exits with code 1."""
 UNJUDGED = "not judged"
-"""State of a check that does not apply, or that was not asked for. It leaves the verdict as it is."""
+"""State of a check that does not apply, or that was not asked for. It does not change the verdict."""
 SIGNS = {GOOD: "\u2713", DOUBTFUL: "!", FAILED: "\u2717", UNJUDGED: "\u2013"}
 LONGEST = 90
 """Most characters of a headline."""
@@ -65,7 +65,7 @@ def verdict_of(checks: Sequence[Check], results: Sequence[str] = ()) -> dict[str
     """Return the entry ``verdict`` of a summary: ``state``, ``headline``, ``results`` and ``checks``.
 
     The headline is the sentence of the worst check, the first of several; of a good run, the first of its `results`,
-    the phrases for what the run came to. Checks that were not judged are named behind the results. A run without any
+    the phrases for the results of the run. Checks that were not judged are named behind the results. A run without any
     check that could be judged is doubtful.
     """
     judged = [check for check in checks if check.state != UNJUDGED]
@@ -114,7 +114,7 @@ def headline_of(summary: Mapping[str, Any]) -> str:
 
 
 def results_of(summary: Mapping[str, Any]) -> str:
-    """Return what a run came to beside its headline: largest errors, and checks that were not judged."""
+    """Return the results of a run in addition to its headline: largest errors, and checks that were not judged."""
     return _verdict(summary).get("results", "")
 
 

@@ -416,7 +416,7 @@ class Simulator:
         end = stop if stop is not None else experiment.stop
         step = step if step is not None else experiment.step
         if end is None:
-            raise UsageError("stop: expected a time, since the system's default experiment has no stop time.")
+            raise UsageError("stop: expected a time, because the system's default experiment has no stop time.")
         if step is None:
             raise UsageError("step: expected a communication step, since the system's default experiment has no step.")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))

@@ -70,8 +70,8 @@ class DaskWorkers:
             except (OSError, TimeoutError):
                 time.sleep(_ASKED)
         raise VdfmuError(
-            f"the scheduler at {self._address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and give "
-            "the same command again."
+            f"the scheduler at {self._address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and "
+            f"repeat the command."
         )
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of, read_settings
+from vdfmu.cli.analysis import read_numbers
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import OverwriteOption, Positional, refuse, target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
@@ -16,7 +17,6 @@ from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions
 
 if TYPE_CHECKING:
-    from vdfmu.arm.robot import Robot
     from vdfmu.base.arrays import Floats
     from vdfmu.extras.identify.fit import Identified, LogScore
 
@@ -31,7 +31,7 @@ def identify(
     log: Annotated[Path | None, Positional("Log of a motion.",
         more="Results of a run, CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads.")] = None,
     robot: Annotated[str | None, option_of(RobotOptions, "robot",
-        "Robot to start from: kinematics, ratios, the rest.")] = None,
+        "Robot to start from: kinematics, ratios, guesses.")] = None,
     column: Annotated[dict[str, str] | None, Option("Column of the log: 'tau=I{} [-1.81 N.m]'.", flag="--column",
         metavar="WHAT=NAME", typed=TEXTS,
         read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
@@ -39,21 +39,21 @@ def identify(
         "follow in brackets, with a factor.")] = None,
     time: Annotated[str, Option("Column of the times.", metavar="NAME",
         more="s, ms, us or ns may follow in brackets.")] = "",
-    band: Annotated[float | None, Option("Band of the equations in Hz.", more="Default: from the motion.")] = None,
-    prior: Annotated[float, Option("How far the links of the robot may be off.", metavar="SHARE",
-        more="A share of masses and moments of inertia, and for centres of mass of the radius of gyration; inf if "
-        "nothing is known.")] = 0.2,
-    other: Annotated[Path | None, Option("Another log, to score the model with.", flag="--score",
+    band: Annotated[float | None, Option("Band of the equations in Hz.", more="By default it follows from the "
+        "motion.")] = None,
+    prior: Annotated[float, Option("Uncertainty of the robot's links.", metavar="SHARE",
+        more="As a fraction of masses and moments of inertia, and of the radius of gyration for centres of mass; inf "
+            "if nothing is known.")] = 0.2,
+    other: Annotated[Path | None, Option("Another log to validate the model on.", flag="--score",
         metavar="LOG")] = None,
-    truth: Annotated[str | None, Option("Robot with the true values, to compare.", metavar="ROBOT")] = None,
     plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
     residuals: Annotated[Path | None, Option("Picture of the residuals over speed, load, ..",
-        more="Over speed, load, position and time, of the other log if there is one.")] = None,
+        more="Over speed, load, position and time, for the validation log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
-    purpose: Annotated[str | None, Option("Identify springs from the motors' side: stiffness.", flag="--for",
-        metavar="WHAT", choices=("stiffness",), more="From a log of periodic torques of the motors, without encoders "
-        "behind the gears; with --design it chooses the torques.")] = None,
-    excitation: Annotated[Path | None, Option("Torques that were played, by --design.", metavar="CSV",
+    purpose: Annotated[str | None, Option("Identify springs from motor-side logs: stiffness.", flag="--for",
+        metavar="WHAT", choices=("stiffness",), more="It needs a log of periodic motor torques and no encoders "
+            "behind the gears; with --design it chooses the torques.")] = None,
+    excitation: Annotated[Path | None, Option("Excitation torques, as written by --design.", metavar="CSV",
         more="For --for stiffness.")] = None,
     margins: Annotated[str | None, Option("Scenario whose margins to judge over the springs.", metavar="SCENARIO",
         more="For --for stiffness: the smallest modulus margin over the springs that fit the log.")] = None,
@@ -61,19 +61,20 @@ def identify(
         more="Verdict, table and frequency responses in one file.")] = None,
     overwrite: OverwriteOption = False,
     design: Annotated[str | None, Option("Choose the best motion to log for this robot.", group=_DESIGN,
-        metavar="ROBOT", more="It determines the parameters best; the width of their intervals is predicted.")] = None,
+        metavar="ROBOT", more="It is the motion that determines the parameters best; the widths of their intervals "
+            "are predicted.")] = None,
     duration: Annotated[float | None, Option("Duration of the motion in s (default 60).", group=_DESIGN)] = None,
     pose: Annotated[str | None, Option("Pose about which joints move (default several).", group=_DESIGN,
-        metavar="'Q1 Q2 ...'", more="Default: several about the middle.")] = None,
+        metavar="'Q1 Q2 ...'", more="The default is several poses about the middle of the range.")] = None,
     step: Annotated[float | None, Option("Step of the log in s (default 0.002).", group=_DESIGN)] = None,
     bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
-    noise: Annotated[float | None, Option("Noise of torques over the largest (default 0.005).", group=_DESIGN,
+    noise: Annotated[float | None, Option("Torque noise over the peak (default 0.005).", group=_DESIGN,
         metavar="SHARE")] = None,
     no_links: Annotated[bool, Option("Assume no encoders behind the gears.", group=_DESIGN)] = False,
 ) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
-    These are drives, friction, springs and base parameters. The exit code is 1 if the verdict is failed; then no robot
+    These are drives, friction, springs and base parameters. If the verdict is failed, the exit code is 1 and no robot
     file is written.
     """
     from vdfmu.arm.robot import load_robot
@@ -86,7 +87,7 @@ def identify(
     from vdfmu.extras.identify.verdict import verdict
     from vdfmu.study.report.sheets import verdict_table, verdict_text
 
-    of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--truth": truth, "--plot": plot,
+    of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--plot": plot,
               "--residuals": residuals, "--excitation": excitation, "--page": page,
               "--margins": margins}  # fmt: skip
     of_design = {"--duration": duration, "--pose": pose, "--step": step, "--bits": bits, "--noise": noise,
@@ -97,28 +98,30 @@ def identify(
     unfit = of_design if design is None else of_log
     refuse(unfit, "goes with --design" if design is None else "goes with a log")
     if purpose is not None:
-        _stiffness(log, design, robot, columns=column or {}, time=time, excitation=excitation, pose=pose, step=step,
-                   files={"plot": plot, "page": page, "out": out}, overwrite=overwrite, margins=margins, unfit={
-                       "--band": band, "--score": other, "--truth": truth, "--residuals": residuals,
-                       "--duration": duration, "--bits": bits, "--noise": noise, "--no-links": no_links,
-                   })  # fmt: skip
-        return
+        refuse({"--band": band, "--score": other, "--residuals": residuals, "--duration": duration, "--bits": bits,
+                "--noise": noise, "--no-links": no_links}, "does not go with --for stiffness")  # fmt: skip
+    if log is not None and robot is None:
+        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
+    if purpose is not None:
+        from vdfmu.extras.identify.stiffness_commands import design_stiffness, show_stiffness
+
+        if design is not None:
+            start = None if pose is None else read_numbers("--pose", pose)
+            return design_stiffness(design, start, step, out, overwrite)
+        assert log is not None and robot is not None
+        files = {"plot": plot, "page": page, "out": out}
+        return show_stiffness(log, robot, column or {}, time, excitation, files, overwrite, margins)
     refuse({"--excitation": excitation, "--page": page, "--margins": margins}, "goes with --for stiffness")
     if design is not None:
         sensors = {"step": step, "bits": bits, "noise": noise, "links": not no_links}
         _design(design, duration, pose, sensors, band, prior, out, overwrite)
         return
-    assert log is not None
-    if robot is None:
-        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
+    assert log is not None and robot is not None
     arm = load_robot(robot)
-    true = load_robot(truth) if truth is not None else None
     wanted = [path for path in (plot, residuals, out) if path is not None]
     targets = {path: target_file(path, "", overwrite) for path in wanted}
     if len(targets) < len(wanted):
         raise UsageError(f"identify: expected files of different names, got {', '.join(map(str, wanted))}.")
-    if true is not None and (difference := _difference(arm, true)):
-        raise UsageError(f"identify: --truth must have the joints of --robot, got {difference}.")
     columns = column or {}
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
@@ -135,7 +138,7 @@ def identify(
     judged = {"verdict": verdict(fit, (*rows.checks, *(() if second is None else second.checks)), arm, scored)}
     console.print(verdict_text(judged), soft_wrap=True)
     console.print(verdict_table(judged))
-    _print(fit, arm.joint_labels, None if true is None else fit.of(true))
+    _print(fit, arm.joint_labels)
     units = tuple(unit_of("torque", kind) for kind in arm.joint_types)
     if other is not None:
         _print_score(other.name, scored, arm.joint_labels, units)
@@ -171,27 +174,6 @@ def identify(
         raise SystemExit(1)
 
 
-def _stiffness(
-    log: Path | None, design: str | None, robot: str | None, *, columns: dict[str, str], time: str,
-    excitation: Path | None, pose: str | None, step: float | None, files: dict[str, Path | None], overwrite: bool,
-    margins: str | None, unfit: dict[str, Any],
-) -> None:  # fmt: skip
-    """Design or identify for springs from the motors' side; `unfit` are options that it does not have."""
-    from vdfmu.base.errors import UsageError
-    from vdfmu.cli.analysis import read_numbers
-    from vdfmu.extras.identify.stiffness_commands import design_stiffness, show_stiffness
-
-    refuse(unfit, "does not go with --for stiffness")
-    if design is not None:
-        start = None if pose is None else read_numbers("--pose", pose)
-        design_stiffness(design, start, step, files["out"], overwrite)
-        return
-    assert log is not None
-    if robot is None:
-        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
-    show_stiffness(log, robot, columns, time, excitation, files, overwrite, margins)
-
-
 def _design(
     robot: str, duration: float | None, pose: str | None, sensors: dict[str, Any], band: float | None, prior: float,
     out: Path | None, overwrite: bool,
@@ -199,7 +181,6 @@ def _design(
     """Choose a motion, write it, and print the expected intervals."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
-    from vdfmu.cli.analysis import read_numbers
     from vdfmu.extras.identify.motion_choice import SensorNoise, design
 
     arm = load_robot(robot)
@@ -209,7 +190,7 @@ def _design(
     start = None if pose is None else read_numbers("--pose", pose)
     plan = design(arm, **length, start=start, sensors=noise, band=band, prior=prior)
     say_notes(plan.notes)
-    _print(plan.expected, arm.joint_labels, None)
+    _print(plan.expected, arm.joint_labels)
     text = plan.text(f"Motion to identify {arm.name}, {plan.motion.duration:g} s, chosen by vdfmu identify --design.")
     if target is None:
         say(f"\n{text}")
@@ -218,24 +199,19 @@ def _design(
         say_written(target, more=f": the motion, {plan.motion.duration:g} s")
 
 
-def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None:
-    shown = table("parameter", "value", "95 %", "unit", "robot file", *(("truth", "error") if true else ()))
+def _print(fit: Identified, labels: list[str]) -> None:
+    shown = table("parameter", "value", "95 %", "unit", "robot file")
     shown.columns[1].no_wrap = True
     late = 1.96 * fit.deviation[fit.names.index("delay_tau")]
     shown.title = (
         f"{len(fit.t)} rows, band {fit.band:.3g} Hz, torques {1e3 * fit.delay:.2f} +- {1e3 * late:.2g} ms late"
     )
-    rows = list(zip(fit.names, fit.values, fit.deviation, fit.units, fit.nominal, strict=True))
-    for i, (name, value, deviation, unit, nominal) in enumerate(rows):
-        kept = name in fit.held
-        width = "kept" if kept else f"+- {1.96 * deviation:.2g}"
-        cells = [name, f"{value:.5g}", f"{width} weak" if name in fit.weak else width, unit, f"{nominal:.5g}"]
-        if true:
-            error = f"{100.0 * (value / true[i] - 1.0):+.2f} %" if true[i] and not kept else ""
-            cells += [f"{true[i]:.5g}", error]
-        shown.add_row(*cells)
+    rows = zip(fit.names, fit.values, fit.deviation, fit.units, fit.nominal, strict=True)
+    for name, value, deviation, unit, nominal in rows:
+        width = "kept" if name in fit.held else f"+- {1.96 * deviation:.2g}"
+        shown.add_row(name, f"{value:.5g}", f"{width} weak" if name in fit.weak else width, unit, f"{nominal:.5g}")
     console.print(shown)
-    drives = table("joint", "torque left", "of", "%", "deformation left", "stiffness", "95 %", title=" ")
+    drives = table("joint", "residual", "of torque", "%", "deformation residual", "stiffness", "95 %", title=" ")
     for i in range(fit.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (fit.torque_error, fit.torque))
         bent = fit.deformation_error if fit.seen[i] else None
@@ -254,15 +230,6 @@ def _print(fit: Identified, labels: list[str], true: list[float] | None) -> None
     say_notes(fit.advice)
 
 
-def _difference(robot: Robot, other: Robot) -> str:
-    """Return the first difference between the joints of two robots in words; empty if they are the same."""
-    import numpy as np
-
-    words = {"joint_types": "types", "ell": "gear ratios", "offset": "offsets", "rotation": "rotations"}
-    pairs = ((name, *(np.array(getattr(each, name)).tolist() for each in (other, robot))) for name in words)
-    return next((f"{words[name]} {got} instead of {expected}" for name, got, expected in pairs if got != expected), "")
-
-
 def _weak(fit: Identified) -> list[str]:
     """Return notes on weak parameters, by the fix."""
     by_advice: dict[str, list[str]] = {}
@@ -276,7 +243,7 @@ def _weak(fit: Identified) -> list[str]:
             f"{len(links)} of {len(fit.base.names)} base parameters of the links"
         )
     return [
-        f"weak, near the robot file's values, since the log says little about them: {', '.join(names)}; {advice}"
+        f"weak, near the robot file's values, because the log does not excite them: {', '.join(names)}; {advice}"
         for advice, names in by_advice.items()
     ]
 
@@ -287,10 +254,10 @@ def _print_score(name: str, score: LogScore, labels: list[str], units: tuple[str
     unit = " or ".join(dict.fromkeys(units))
     angle = " or ".join(dict.fromkeys("m" if each == "N" else "rad" for each in units))
     shown = table(
-        "joint", f"torque\n{unit}", f"left\n{unit}", "left\n%", f"most\n{unit}", "links held\n%", "5 terms\n%",
-        f"deform.\n{angle}", f"left\n{angle}", "left\n%", f"most\n{angle}",
-        title=f"\n{name}, link-side: root mean squares and largest residuals; in % also with "
-        "the robot file's links, and of five terms of a rigid model",
+        "joint", f"torque\n{unit}", f"residual\n{unit}", "resid.\n%", f"max.\n{unit}", "links held\n%", "5 terms\n%",
+        f"deform.\n{angle}", f"residual\n{angle}", "resid.\n%", f"max.\n{angle}",
+        title=f"\n{name}, link-side: RMS values and largest residuals; in % also with the robot file's links, and "
+            f"for a rigid model with five terms per joint",
     )  # fmt: skip
 
     def cells(values: Sequence[Floats], i: int) -> list[str]:

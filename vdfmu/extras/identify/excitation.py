@@ -8,17 +8,17 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.joint_space import limit
 from vdfmu.arm.motion.polynomial import MOST_NUMBERS, Motion, spline
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 _KNOTS = 24
 """Knots in the shortest period: the spline then has the sine to 1e-7 of its amplitude."""
 
 
-@of_numbers
+@checks_types
 def multisine(
     start: npt.ArrayLike,
     amplitude: npt.ArrayLike,
@@ -82,11 +82,11 @@ def multisine(
     return _about(q, amplitude, wave, peak, *times, velocity, acceleration)
 
 
-@of_numbers
+@checks_types
 def sweep(
     start: npt.ArrayLike,
     amplitude: npt.ArrayLike,
-    frequencies: tuple[float, float],
+    frequencies: Sequence[float],
     duration: float,
     *,
     law: Literal["linear", "logarithmic"] = "logarithmic",

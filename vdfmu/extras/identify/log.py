@@ -127,16 +127,6 @@ _PATTERNS = {
 """Quantities taken from a log, to its columns; {} is the joint, from 1."""
 _OTHER = {"kappa": "theta", "theta": "kappa", "tau": "tau_link", "tau_link": "tau"}
 """A quantity that is not looked for if the other quantity of its side of the gear is named."""
-_KUKA = (
-    {"kappa": "rec.act_pos_mot_deg[{}] [deg]", "q": "rec.act_pos_se_deg[{}] [deg]", "tau": "rec.act_torque_abs_nm[{}]"},
-    {"kappa": "q_mot_meas[{}] [deg]", "q": "q_se_meas[{}] [deg]", "tau_link": "tau_meas[{}]"},
-    {"kappa": "y_train[{}] [deg]", "tau_link": "u_train[{}]"},
-)
-"""Forms of the public files of the KUKA KR300 R2500: a record, one of the later data set, and one of its training."""
-_START = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)
-"""Pose [deg], counted as KUKA does, at the start of a record of the first form and its positions are zero."""
-_GIVES_WAY = 5.0
-"""Difference [deg] from it that the file's feedforward may have: it lets axis 5 give way by 2.9."""
 _FACTORS = {
     "angle": {"rad": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * np.pi},
     "length": {"m": 1.0, "mm": 1e-3},
@@ -180,8 +170,7 @@ def read_log(
     ----------
     path : path
         Results of a run in any form; a CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads, with
-        units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi. The forms of the KUKA
-        KR300 R2500 files (Weigand et al. 2020, 2022) need no `columns`.
+        units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi.
     robot : Robot
         Its joints, ratios and limits count; its inertias where torques are compared with the motion.
     columns : mapping, optional
@@ -210,22 +199,12 @@ def read_log(
     problems: list[str] = []
     checks: list[Check] = []
     table = read_columns(path, time, notes)
-    form = next((form for form in _KUKA if all(split_unit(n)[0].format(1) in table for n in form.values())), {})
-    record = form is _KUKA[0]
-    if form:
-        notes.append(f"KUKA KR300: {', '.join(f'{key} is {name}' for key, name in form.items())}")
-        if (there := sum(name.startswith(form["kappa"].partition("{")[0]) for name in table)) != robot.n:
-            raise UsageError(f"{path}: expected a robot of {there} joints, got one of {robot.n}.")
-    named = {key.partition("[")[0] for key in names}
-    form = {key: name for key, name in form.items() if _OTHER.get(key) not in named}
-    chosen = _chosen(table, robot, {**form, **names}, notes, problems)
+    chosen = _chosen(table, robot, names, notes, problems)
     if not problems:
         t, arrays = even_times(chosen, _FEWEST, notes, problems)
         for motor, wanted in (("theta", "kappa"), ("tau_link", "tau")):
             if motor in arrays:
                 arrays[wanted] = arrays.pop(motor) / robot.ell
-        if record and arrays:
-            _shift(path, arrays, robot, notes, problems)
         if len(t) > 1:
             checks = check_motion(t, arrays, robot, notes, problems)
         if not problems:
@@ -234,27 +213,6 @@ def read_log(
             none = q is None or not np.isfinite(q).any()
             return Log(str(path), t, arrays["kappa"], arrays["tau"], None if none else q, tuple(notes), tuple(checks))
     raise UsageError("\n".join(f"{path}: {problem}." for problem in problems))
-
-
-def _shift(path: Path, arrays: dict[str, Floats], robot: Robot, notes: list[str], problems: list[str]) -> None:
-    """Count the positions of a record of the KUKA KR300 as KUKA does, and compare its ratios with the robot's."""
-    variables = read_foreign(path).arrays
-    ratios = np.ravel(variables.get("para.u", robot.ell))
-    if not np.allclose(ratios, robot.ell, rtol=1e-3):
-        notes.append(
-            f"KUKA KR300: the ratios of the file are {', '.join(f'{x:.6g}' for x in ratios)}, those of "
-            f"{robot.name} {', '.join(f'{x:.6g}' for x in robot.ell)}: torques are multiplied with the latter"
-        )
-    start = ", ".join(f"{x:g}" for x in _START)
-    motors = np.rad2deg(np.atleast_2d(variables.get("ref_dyn.phi_r_m_all", np.deg2rad(_START) * ratios))[0] / ratios)
-    if np.abs(motors - _START).max() > _GIVES_WAY:
-        there = ", ".join(f"{x:.3g}" for x in motors)
-        problems.append(
-            f"ref_dyn.phi_r_m_all: expected a start at {start} deg divided by the gear ratios, got {there} deg"
-        )
-    for name in ("kappa", "q"):
-        arrays[name] += np.deg2rad(_START)
-    notes.append(f"KUKA KR300: a record counts positions from its start, at {start} deg, which are added")
 
 
 def _chosen(

@@ -13,19 +13,17 @@ import scipy
 
 from vdfmu.arm.drive.limits import motor_rectangle
 from vdfmu.arm.dynamics import inverse_dynamics
-from vdfmu.arm.motion.arguments import of_numbers
 from vdfmu.arm.motion.joint_space import check_points, limit
 from vdfmu.arm.motion.polynomial import DEGREE, Motion, spline
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.option import checks_types
 
 _GRID = 200
 """toppra's grid in each interval between waypoints."""
 _FINE = 8000
 """Samples of toppra's result for smoothing."""
-_LEAST = 16
-"""Fewest samples in a mean."""
 _SMOOTH = 0.02
 """Share of the duration of each of the three means."""
 _KNOTS = 6
@@ -42,7 +40,7 @@ Load = Callable[[Floats, Floats, Floats], Floats]
 """Positions, speeds and accelerations to torques, link-side."""
 
 
-@of_numbers
+@checks_types
 def fastest(
     points: npt.ArrayLike,
     velocity: npt.ArrayLike | None = None,
@@ -50,12 +48,11 @@ def fastest(
     *,
     robot: Robot | None = None,
     torque: npt.ArrayLike | None = None,
-    smoothing: float | None = None,
 ) -> Motion:
     """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
 
     The path of two points is straight, the path of more points a natural spline of degree 5 over the distance. Along it
-    toppra finds the shortest time, with jumps of the acceleration. The mean of the place over `smoothing` seconds,
+    toppra finds the shortest time, with jumps of the acceleration. The mean of the place over a fiftieth of it,
     three times, is continuous up to the fourth derivative and keeps the path. If it breaks a limit the whole motion is
     slowed down. A note has the lost time.
 
@@ -69,8 +66,6 @@ def fastest(
         For its motors, or for `torque`.
     torque : float or (n,) [N m or N], optional
         Limits of the rigid links' torques, link-side.
-    smoothing : float [s], optional
-        Default a fiftieth of the shortest time, at least a five-hundredth.
 
     Raises
     ------
@@ -110,10 +105,7 @@ def fastest(
         return inverse_dynamics(robot, q, q_dot, q_ddot) + rotors * q_ddot if robot is not None else q_ddot
 
     t, places, speeds = _shortest(path, s, speed, change, load, most)
-    width = _SMOOTH * t[-1] if smoothing is None else smoothing
-    least = _LEAST * t[-1] / _FINE
-    if not least <= width < t[-1]:
-        raise UsageError(f"smoothing: expected from {least:.3g} s to {t[-1]:.3g} s, got {width}.")
+    width = _SMOOTH * t[-1]
     fine = np.linspace(0.0, t[-1] + 3.0 * width, _FINE + 1)
     at = np.clip(fine - 1.5 * width, 0.0, t[-1])
     i = np.clip(np.searchsorted(t, at, "right") - 1, 0, len(t) - 2)

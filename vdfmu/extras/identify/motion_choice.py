@@ -192,7 +192,7 @@ def design(
         )
     if left := len(tried) - len(candidates):
         notes.append(f"{left} of {len(tried)} motions are left out because they need more torque than the motors have")
-    notes.append("collisions are not checked: look at the motion before it is played")
+    notes.append("collisions are not checked: look at the motion before you run it")
     return Design(best.motion, best.table, expected, tuple(notes))
 
 

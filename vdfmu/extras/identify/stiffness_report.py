@@ -1,4 +1,4 @@
-"""What a log shows of the springs from the motors' side: verdict, tables, picture and page."""
+"""The springs as identified from a motor-side log: verdict, tables, picture and page."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
 
 
 def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict[str, Any]:
-    """Return the verdict on a log of another motion than the excitation: how far its torques excite each spring.
+    """Return the verdict on a log that is not of the excitation: how well its torques excite each spring.
 
     They are compared with Coulomb friction in the octaves around the antiresonance, below the half of the log's rate.
     Faults of the log come first.
@@ -87,14 +87,14 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
                 f"torques of {size:.2g} N.m there, Coulomb friction of {dry:.2g} N.m: its stiffness is not identifiable"
             )
         else:
-            text = f"the antiresonance of joint {i + 1} at {f:.3g} Hz is beyond the log"
+            text = f"the antiresonance of joint {i + 1} at {f:.3g} Hz is above the band of the log"
             more = "its stiffness is not identifiable"
         checks.append(Check("stiffness", "Stiffness", FAILED, text, f"{more}: log {lacks[i]}"))
     return verdict_of(checks)
 
 
 def _band_rms(signal: Any, step: float, band: tuple[float, float]) -> float:
-    """Return the RMS of a signal about its line in a band, by a window of Hann."""
+    """Return the RMS of a signal about its linear trend in a band, with a Hann window."""
     f, density = periodogram(signal, 1.0 / step, "hann", detrend="linear")
     return float(np.sqrt(density[(f >= band[0]) & (f <= band[1])].sum() * f[1]))
 
@@ -119,12 +119,12 @@ def stiffness_notes(fit: Stiffness) -> list[str]:
     late = [f"{1e3 * x.delay:.3f} +- {1e3 * NORMAL_95 * x.delay_deviation:.2g} ms" for x in fit.levels]
     pose = ", ".join(f"{x:.3g}" for x in fit.side.pose)
     return [
-        f"positions are {' and '.join(late)} later than torques, at the levels",
-        f"stiffness is that of the spring's torque in the table (RMS), about gravity at the pose {pose}: the spring is "
-        "not linear, and another torque has another stiffness",
-        "95 %: with links, payload's place and torque constants as in the robot file; absolute: links within 6 %, "
+        f"positions are {' and '.join(late)} later than torques, at the two levels",
+        f"stiffness holds for the spring's torque in the table (RMS), about gravity at the pose {pose}: the spring "
+        f"is nonlinear, so its stiffness depends on the torque",
+        "95 %: links, position of the payload and torque constants as in the robot file; absolute: links within 6 %, "
         "torque constants within 5 %",
-        "damping [N.m.s/rad or N.s/m] is a value without an interval; - where the log does not show it",
+        "damping [N.m.s/rad or N.s/m] has no interval, and is - where the log does not determine it",
     ]
 
 
@@ -149,12 +149,12 @@ def scaled_robot(fit: Stiffness) -> tuple[Robot, list[str]]:
 
 @style.styled
 def draw_responses(fit: Stiffness, title: str) -> Picture:
-    """Draw the motion of each rotor by its own torque, the others held, measured and fitted, at the higher level."""
+    """Draw the response of each rotor to its own torque, the others held, measured and fitted, at the higher level."""
     level, n = fit.levels[-1], fit.side.robot.n
     columns = min(n, 3)
     words = (
-        "Motion of a rotor by its own torque, other rotors held. Points: measured, without the fitted friction and the "
-        "motion of other joints. Line: the fit. Minima are antiresonances, dashed that of the joint."
+        "Response of a rotor to its own torque, other rotors held. Points: measured, without the fitted friction and "
+        "the motion of other joints. Line: the fit. Minima are antiresonances; the dashed line is that of the joint."
     )
     figure = style.new_figure(title, words, height=1.0 + 2.4 * -(-n // columns), width=10.0)
     for i, kind in enumerate(fit.side.robot.joint_types):
@@ -208,7 +208,7 @@ def design_rows(plan: StiffnessExperiment) -> list[list[str]]:
 DESIGN_HEADS = (
     "joint",
     "antiresonance\nHz",
-    "least rate\nHz",
+    "min. rate\nHz",
     "breakaway\nN.m",
     "torque, RMS\nN.m",
     "peak speed",

@@ -1,4 +1,4 @@
-"""The verdict on an identification: the log and its faults, the residuals, and the model beside two simpler ones.
+"""The verdict on an identification: faults of the log, residuals, and a comparison with two simpler models.
 
 The simpler models are the links of the robot file with fitted friction, and rigid joints with a delay of the encoders
 behind the gears. A model that fits no better than they do has parameters that the log does not support.
@@ -22,6 +22,7 @@ from vdfmu.study.limits import LIMITS, Limit
 _DRAWS = 999
 _LEVEL = 0.025
 """Draws of a bootstrap, and the share of them at either end beyond its interval of 95 %."""
+_AS_GOOD = "the file's links are equally good"
 
 
 def gain(error: Floats, null: Floats) -> tuple[float, float]:
@@ -63,10 +64,10 @@ def _worst(row: Limit, values: Mapping[str, float], more: str = "") -> Check:
 
 
 def _scale(fit: Identified, robot: Robot, score: LogScore) -> Iterator[Check]:
-    """Yield the common scale of the links over the robot file's, if it is off: that of a ratio or a torque constant.
+    """Yield a check of the scale of the links relative to the robot file's, wrong by a ratio or a torque constant.
 
-    It is the factor of the file's links whose torques come nearest to those of the identified ones, each joint's as a
-    share of its whole torque. A file that is expected to be further off than most says nothing about a scale.
+    It is the factor by which the torques of the file's links fit those of the identified links best, relative to the
+    total torque of each joint. A file with a larger expected uncertainty than usual gives no information on the scale.
     """
     p = score.rows.problem
     weighted = p.filtered.Y / score.torque[:, None]
@@ -81,19 +82,19 @@ def _scale(fit: Identified, robot: Robot, score: LogScore) -> Iterator[Check]:
         cause = f"check the gear ratio, {ell:.3g}"
     else:
         cause = f"is the gear ratio {ell / scale:.3g}, not {ell:.3g}?"
-    more = "or check the torque constant; if the masses of the robot file are guesses, say --prior 0.5"
+    more = "or check the torque constant; if the masses of the robot file are guesses, use --prior 0.5"
     check = LIMITS["scale"].check(max(scale, 1.0 / scale), more, factor=number(scale), cause=cause)
     if check.state != GOOD:
         yield check
 
 
 def _bodies(fit: Identified, robot: Robot) -> Iterator[Check]:
-    """Yield that no bodies have the identified parameters, if so."""
+    """Yield a check if the identified parameters are not physically consistent."""
     try:
         if not robot.payload:
             with_identified_links(fit, robot)
     except ModelError as error:
-        text = "no bodies have the identified parameters, so the file's links are kept"
+        text = "the identified parameters are not physically consistent, so the file's links are kept"
         yield Check("bodies", "Bodies", DOUBTFUL, text, f"check the gear ratio of each joint; {error}")
 
 
@@ -104,15 +105,15 @@ def _residual(robot: Robot, score: LogScore) -> Iterator[Check]:
 
 
 def _links(robot: Robot, score: LogScore) -> Iterator[Check]:
-    """Yield whether the links of the robot file, with friction fitted, do as well as those that were identified."""
+    """Yield whether the links of the robot file, with fitted friction, are as good as the identified links."""
     gains = [gain(e, n) for e, n in zip(score.torque_error.T, score.held_error.T, strict=True)]
     better = [place for place, (low, _) in zip(_places(robot), gains, strict=True) if low > 0.0]
     worse = [place for place, (_, high) in zip(_places(robot), gains, strict=True) if high < 0.0]
     if worse:
         text = f"the robot file's links predict the torque better at {_joined(worse)}"
-        yield Check("links", "Fitted links", DOUBTFUL, text, "fitting the links is worse than --prior 0.001")
+        yield Check("links", "Fitted links", DOUBTFUL, text, "links fitted with --prior 0.001 are better")
     else:
-        text = f"fitted links beat the file's at {_joined(better)}" if better else "the file's links do as well"
+        text = f"fitted links are better than the file's at {_joined(better)}" if better else _AS_GOOD
         yield Check("links", "Fitted links", GOOD, text)
 
 
@@ -125,7 +126,7 @@ def _springs(robot: Robot, score: LogScore) -> Iterator[Check]:
     vain = [place for place, (low, _) in gains.items() if low <= 0.0]
     if vain:
         text = f"a rigid joint with a delay fits as well as the spring at {_joined(vain)}"
-        yield Check("springs", "Springs", DOUBTFUL, text, "the log does not support a stiffness there")
+        yield Check("springs", "Springs", DOUBTFUL, text, "the log does not determine a stiffness there")
     else:
         yield Check("springs", "Springs", GOOD, "springs explain the deformations better than rigid joints")
 

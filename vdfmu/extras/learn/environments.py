@@ -28,7 +28,7 @@ except ImportError:
     raise UsageError("environments need gymnasium: pip install 'vdfmu[learn]'.") from None
 
 _NOT_BEGUN = "step: expected reset() before the first step."
-_FAILED = "the step was not solved; ArmEnv with the same parameters and actions says why"
+_FAILED = "the step could not be solved; ArmEnv with the same parameters and actions says why"
 
 
 def _parameters(options: Mapping[str, Any] | None) -> dict[str, Any]:

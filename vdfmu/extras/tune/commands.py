@@ -22,8 +22,8 @@ def tune(
         Option(
             "Parameter to search: 'controller.K_p'. Repeatable.",
             metavar="TARGET[=FORM]",
-            more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary one by "
-            "one.",
+            more="FORM is lin(a, b) or log(a, b), with a star for factors; default *log(0.1, 10). Elements vary "
+            "independently.",
         ),
     ],
     cost: Annotated[
@@ -31,12 +31,12 @@ def tune(
         Option(
             "Cost: 'worst(rms(trajectory.q_d - plant.q))'.",
             metavar="EXPR",
-            more="Of several elements the mean of their ratios to the start, each at most 1.",
+            more="With several elements the cost is the mean of their ratios to the start, none of which may exceed 1.",
         ),
     ],
     **options: Unpack[TuneOptions],
 ) -> None:
-    """Search for parameters of lowest cost. The same command resumes after Ctrl-C."""
+    """Search for the values of lowest cost. After Ctrl-C, repeat it to resume."""
     from vdfmu.extras.tune.search import tune as run_tune
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -51,7 +51,7 @@ def tune(
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
     tell(f"{amount(tuned.evaluations, 'evaluation')}, {amount(tuned.failed, 'failed run')}.")
     page = study.report()
-    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet", "tuning.png")), page)
+    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet")), page)
 
 
 COMMANDS = {

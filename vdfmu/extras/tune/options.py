@@ -21,28 +21,29 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
 
     limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
         "Limit: 'peak(controller.tau) < 2.5'. Repeatable.",
-        "sequence of str, or mapping", "It holds for every robot. Or, in a mapping, a function of the results by its "
-        "name. Positive values break the limit.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
+        "sequence of str, or mapping", "It applies to every robot. In Python it can also be a mapping of names to "
+        "functions of the results, whose positive values violate the limit.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
-        "As plant.mass[3]=*normal(1, 0.1). Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
+        "Say 'plant.mass[3]=*normal(1, .1)'. Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
         "Uncertain parameters, as in a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
-    spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are a Latin hypercube of it.",
+    spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are drawn as a Latin hypercube.",
         default=8)]
     combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(
         "Smallest modulus margin of a loop, or same.",
-        more="same is the margin of the start. It is the smallest min abs(1 + L) of the nominal robot over the run, "
-        "as `vdfmu linear SCENARIO` has it.", metavar="NUMBER|same", typed=str | None)]
+        more="same is the margin at the start of the search. The margin is the smallest min abs(1 + L) of the "
+            "nominal robot over the run, as `vdfmu linear SCENARIO` prints it.", metavar="NUMBER|same",
+            typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
-        more="The robots of several values run side by side. See :func:`vdfmu.sweep`.", default="fmu")]
+        more="The robots of several values run in lanes. See :func:`vdfmu.sweep`.", default="fmu")]
 
 
 class TuneOptions(ProblemOptions, WorkerOptions, total=False):
     """Options of `vdfmu.extras.tune.tune`."""
 
     method: Annotated[str, Option("Global search, local search, or both.",
-        more="Differential evolution over the whole range, then COBYQA from the best, or one of them.",
+        more="Differential evolution over the whole range, then COBYQA from the best point, or only one of them.",
         default="both", choices=METHODS)]
     evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/tune_SCENARIO).", "path",

@@ -290,7 +290,7 @@ class Evaluations(Study):
         self.scores: list[Score] = []
         """Scores of all evaluations that were run, in order."""
         self.missed = 0
-        """Values that were not run, since they miss the margin."""
+        """Number of values that were not run, because they miss the margin."""
         self._report = report
         self._by_values: dict[Values, Score] = {}
         self._margins: dict[Values, tuple[Floats, float]] = {}

@@ -1,4 +1,4 @@
-"""`tune`: searches by differential evolution and a trust region, and their output: values, tables, a picture."""
+"""`tune`: searches by differential evolution and a trust region, and their output: values and tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import replacing
 from vdfmu.base.option import pick, with_options
-from vdfmu.base.progress import doing, report, with_progress
+from vdfmu.base.progress import report, with_progress
 from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
 from vdfmu.engine.results.parquet import needed
@@ -33,17 +33,17 @@ from vdfmu.study.verdict import loop_sentences
 from vdfmu.system.scenario.values import group_value
 
 _MISSED = 10.0
-"""Objective at the border of the constraints; the start has 1."""
+"""Objective at the boundary of the constraints; the start has 1."""
 _INSIDE = 0.005
-"""How far inside the constraints COBYQA ends: it comes to a border from either side."""
+"""Distance inside the constraints at which COBYQA ends, because it approaches a boundary from either side."""
 _PULLED = 5
-"""Evaluations at the end, between the best that keeps the margin and the values with the lowest cost."""
+"""Evaluations at the end, between the best values that keep the margin and those with the lowest cost."""
 _TRUST = (0.1, 1e-3)
 """First and last radius of the trust region, in the unit cube."""
 
 
 def objective(score: Score, start: Score) -> float:
-    """Mean of the elements of the cost relative to the start's; more than 10 if a constraint is missed."""
+    """Mean of the elements of the cost relative to those at the start; more than 10 if a constraint is violated."""
     if score.failed:
         return math.inf
     if (score.excess > 0.0).any():
@@ -52,7 +52,7 @@ def objective(score: Score, start: Score) -> float:
 
 
 def relative(score: Score, start: Score) -> float:
-    """Mean over the elements of the cost relative to the start's, whether constraints hold or not."""
+    """Mean of the elements of the cost relative to those at the start, whether or not the constraints are met."""
     return float(np.mean(score.cost / start.cost))
 
 
@@ -80,7 +80,7 @@ def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Sco
 
 
 def _pull(evaluations: Evaluations, inner: Score, outer: Score) -> None:
-    """Evaluate the last point between two that keeps the margin. Finding it takes no run."""
+    """Evaluate the last point between two values that keeps the margin. No run is needed to find it."""
     problem = evaluations.problem
     ends = problem.place(inner.values), problem.place(outer.values)
     low, high = 0.0, 1.0
@@ -104,7 +104,7 @@ def _global(at: Callable[[Floats], list[Score]], u: Floats, start: Score, seed: 
     size = max(8, 2 * d)
     drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both
     population: Any = qmc.LatinHypercube(d, **drawn).random(size)
-    # a half of it around the start, which is better than most
+    # half of it is near the start, which is better than most points
     near = size // 2
     population[:near] = np.clip(u + 0.3 * (population[:near] - 0.5), 0.0, 1.0)
     population[0] = u
@@ -147,21 +147,20 @@ class Tuned:
     """The results of a search."""
 
     folder: Path
-    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs; and
-    ``tuning.png``."""
+    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs."""
     parameters: dict[str, Any]
-    """The values, as `vdfmu.run` takes them."""
+    """The values, as `vdfmu.run` accepts them."""
     before: Score
     """Score of the scenario's values."""
     after: Score
     """Score of the best values."""
     evaluations: int
-    """Values that were run."""
+    """Number of values that were run."""
     failed: int
     missed: int
-    """Values that were not run, since they miss the margin."""
+    """Number of values that were not run, because they miss the margin."""
     margins: tuple[Margins, ...]
-    """Smallest margins of each loop over the run, before and after; empty without a required one."""
+    """Smallest margins of each loop over the run, before and after; empty if no margin is required."""
     notes: list[str] = field(default_factory=list)
 
     def table(self) -> list[tuple[str, float, float]]:
@@ -182,21 +181,22 @@ class Tuned:
 @one_job()
 @with_options
 def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[TuneOptions]) -> Tuned:
-    """Search the values of parameters that make a cost smallest, over a spread of robots and within limits.
+    """Search for the parameter values with the lowest cost, over a spread of robots and within limits.
 
-    Every run is kept: after Ctrl-C or a kill the same call resumes. A call with more evaluations or another method
-    reuses the runs that it needs.
+    Every run is kept, so after Ctrl-C or a kill the same call resumes. A call with more evaluations or another method
+    reuses earlier runs.
 
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, the name of a shipped one, or a file. The search begins at its values.
+        A loaded scenario, the name of a shipped one, or a file. The search starts at its values.
     vary : mapping, or sequence of "TARGET" or "TARGET=FORM"
-        Parameters, element by element: ``controller.K_p``. Its form is ``lin(a, b)`` or ``log(a, b)``; after a star
-        factors of the scenario's values. Default ``*log(0.1, 10)``.
+        Parameters, element by element: ``controller.K_p``. The form is ``lin(a, b)`` or ``log(a, b)``; after a star it
+        is for factors of the scenario's values. Default ``*log(0.1, 10)``.
     cost : str or callable
         An expression of the signals as in a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``, or a function of
-        the results. If it has several elements, the mean of their ratios to the start's counts, and none may exceed 1.
+        the results. If it has several elements, the cost is the mean of their ratios to the start, none of which may
+        exceed 1.
     **options
         :class:`vdfmu.study.options.TuneOptions`.
 
@@ -241,9 +241,9 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             list(ledger.notes),
         )  # fmt: skip
         if before.failed:
-            tuned.notes.append(f"{before.failed} of the runs with the scenario's own values failed.")
+            tuned.notes.append(f"{before.failed} of the runs with the scenario's values failed.")
         if options["margin"] == "same" and not problem.margin.all():
-            tuned.notes.append("margin: a mode grows at the start, so same demands that none grows faster.")
+            tuned.notes.append("margin: a mode grows at the start, so 'same' requires that none grows faster.")
         loops = problem.loops(after.values)
         if not after.feasible:
             tuned.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
@@ -254,17 +254,13 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if late:
             least, rate = min(loop.least for loop in late), max(loop.rate for loop in late)
             result = f"the modulus margin is {least:.2g}" if least else f"a mode grows by {rate:.2g} 1/s"
-            tuned.notes.append(f"with one more sample of delay in all loops, as most importers have it, {result}.")
-        with doing("picture"):
-            _write(tuned, evaluations.scores)
+            tuned.notes.append(f"with one more sample of delay in all loops, as in most importers, {result}.")
+        _write(tuned, evaluations.scores)
     return tuned
 
 
 def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
-    """Write the values, the comparison and the picture."""
-    from vdfmu.base.style import save
-    from vdfmu.extras.tune.drawings import draw_tuning
-
+    """Write the values and the comparison."""
     sections: dict[str, dict[str, Any]] = {}
     for name, value in tuned.parameters.items():
         component, _, group = name.partition(".")
@@ -278,15 +274,12 @@ def _write(tuned: Tuned, scores: Sequence[Score]) -> None:
             "infeasible": [point for score in scores if not score.feasible for point in score.points],
         },
     }  # fmt: skip
-    start = scores[0]
-    history = [objective(score, start) for score in scores]
     try:
         for name, text in (("tuned.toml", toml_text(sections)), (TUNED, json.dumps(content, indent=1) + "\n")):
             with replacing(tuned.folder / name) as file:
                 file.write(text.encode())
-        save(draw_tuning(history, tuned.table()), tuned.folder / "tuning.png")
     except OSError as error:
         raise VdfmuError(
-            f"{tuned.folder}: cannot be written: {error.strerror or error}. All runs are kept: free space, and give "
-            "the same command again."
+            f"{tuned.folder}: cannot be written: {error.strerror or error}. All runs are kept: free space, and "
+            f"repeat the command."
         ) from None

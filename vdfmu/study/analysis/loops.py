@@ -1,7 +1,7 @@
 """The loops of a scenario or package along its run, in one way for all commands: their margins, and growing modes.
 
 A run is linearised at some of its rows, see :class:`vdfmu.engine.linear.growth.Poses`, with the friction that it has.
-Friction "split" excites itself. The loops of its plants are judged without dry friction if they grow with it.
+Friction "split" makes loops unstable. Then the loops of its plants are judged without dry friction.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Judged(NamedTuple):
     growth: Growth
     """Where disturbances grow most, beyond the rate `SLOW`."""
     excited: str = ""
-    """Where friction excites itself, if the loops are without dry friction."""
+    """Where friction makes the loops unstable, if they are judged without dry friction."""
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -48,8 +48,8 @@ class Judged(NamedTuple):
 
         ``unstable``, the factor by which disturbances grow in a step; or else ``margin``, the smallest modulus margin,
         and ``delay``, the smallest delay margin in samples, of a sampled loop. ``growth``: the share by which
-        disturbances grow for a while. ``excited``: dry friction excites itself, so the others are without it.
-        ``open``: nothing is fed back to a joint. Each has its place and its time [s].
+        disturbances grow for a while. ``excited``: dry friction makes the loops unstable, so the other numbers are
+        calculated without it. ``open``: nothing is fed back to a joint. Each has its place and its time [s].
         """
         loops, growth, excited = self
         figures: dict[str, Any] = {}

@@ -56,14 +56,14 @@ MOTOR_SIDE = ("controller.tau", "feedforward.tau_m")
 _FRAMES = ("q", "error", "torque", "torsion", "power", "force")
 """Curves that the drawn arm shows."""
 _FIGURES = (
-    ("tracking", "position", "Position tracking errors: q_d − q", "Tracking error", {"error": ""}),
-    ("torque", "torque", "Control {}s, feedforward dashed, link side", "Control {}",
+    ("tracking", "position", "Position tracking errors: q_d − q", {"error": ""}),
+    ("torque", "torque", "Control {}s, feedforward dashed, link side",
      {"torque": "ℓτ", "feedforward": "ℓτ_m"}),
-    ("compensation", "torque", "{} compensation errors: ℓ(τ − τ_m)", "{} compensation error", {"compensation": ""}),
-    ("torsion", "position", "Torsion of the drives: κ − q", "Torsion", {"torsion": ""}),
-    ("position", "position", "Joint positions, desired dashed", "", {"q": "q", "q_d": "q_d"}),
+    ("compensation", "torque", "{} compensation errors: ℓ(τ − τ_m)", {"compensation": ""}),
+    ("torsion", "position", "Torsion of the drives: κ − q", {"torsion": ""}),
+    ("position", "position", "Joint positions, desired dashed", {"q": "q", "q_d": "q_d"}),
 )  # fmt: skip
-"""Key, quantity of the joint, title, name of the largest value, and sums: solid, then dashed.
+"""Key, quantity of the joint, title, and sums: solid, then dashed.
 
 {} becomes torque or force. The unit follows from the quantity, see `vdfmu.base.measure.unit_of`.
 """
@@ -146,7 +146,7 @@ def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, 
     for kind, joint_type in JOINT_TYPES.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
-        for key, quantity, title, peak, drawn in _FIGURES:
+        for key, quantity, title, drawn in _FIGURES:
             noun = joint_type.noun.capitalize() if title.startswith("{}") else joint_type.noun
             curves = [
                 Curve(", ".join(filter(None, (f"joint {i + 1}", label))), i + 1, sums[name][i], dashed=place > 0)
@@ -155,8 +155,8 @@ def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, 
                 for i in joints
             ]
             if curves:
-                words = [of + f"{text}{suffix}".format(noun) if text else "" for text in (title, peak)]
-                yield Figure(f"{before}{key}.{kind}", words[0], shown_as(quantity, kind), curves, words[1])
+                words = of + f"{title}{suffix}".format(noun)
+                yield Figure(f"{before}{key}.{kind}", words, shown_as(quantity, kind), curves)
 
 
 def _wrench_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
@@ -170,7 +170,7 @@ def _wrench_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Fi
                 if any(np.any(rows[name]) for rows in results.blocks(BLOCK) for _, name in axes):
                     curves = [Curve(axis, 0, [(1.0, name)]) for axis, name in axes]
                     title = f"{arm['component']}: {noun.lower()} {words}"
-                    yield Figure(f"{arm['component']}.{key}.{unit}", title, Shown(unit), curves, f"{noun} {words}")
+                    yield Figure(f"{arm['component']}.{key}.{unit}", title, Shown(unit), curves)
 
 
 def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
@@ -179,7 +179,7 @@ def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[F
         for name, words in drawn.get("forces", {}).items():
             if name in results and results.units[name] != "m":
                 title = f"{drawn['component']}: {words[:1].lower()}{words[1:]}"
-                yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])], words)
+                yield Figure(name, title, Shown(results.units[name]), [Curve(name, 0, [(1.0, name)])])
 
 
 def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
@@ -209,7 +209,7 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
             if f"{name}.P_{side}" in results.names
         ]
         title = "Virtual power flow V′F towards the tip, on the side of the base {A} dashed"
-        yield Figure("power", title, Shown("W"), curves, "Virtual power flow")
+        yield Figure("power", title, Shown("W"), curves)
     for unit, axis, noun in (("N.m", 6, "Moments about"), ("N", 3, "Forces along")):
         joints = [(k, name) for k, name in enumerate(names, 1) if results.units.get(f"{name}.tau_s") == unit]
         curves = [Curve(name, k, [(1.0, signal)]) for k, name in joints if (signal := f"{name}.F_B[{axis}]") in results]
@@ -329,7 +329,7 @@ class CurveTable:
         self._facts: dict[str, Any] = {}
         self.curves, self.factor = (figure.curves, figure.quantity.factor) if figure else ((), 1.0)
         if figure:
-            self._facts = {"key": figure.key, "title": figure.title, "unit": figure.quantity.unit, "peak": figure.peak}
+            self._facts = {"key": figure.key, "title": figure.title, "unit": figure.quantity.unit}
             self._facts["curves"] = [[curve.label, curve.joint, int(curve.dashed)] for curve in self.curves]
         self._time: list[Floats] = []
         self._parts: list[list[Floats]] = []

@@ -282,7 +282,7 @@ def verdict_table(summary: Summary, limits: bool = False) -> Table:
 
 
 def verdict_text(summary: Summary) -> Text:
-    """Return the headline of a run, and below it what it came to; empty without a verdict."""
+    """Return the headline of a run and, below it, its results; empty without a verdict."""
     results = "; ".join(filter(None, (results_of(summary), checks_line(summary))))
     return state_text(state_of(summary), headline_of(summary)).append(f"\n  {results}" if results else "")
 

@@ -48,7 +48,7 @@ _APART = 3.0
 _UNKNOWN = (
     "Without a reference, the run does not show whether single solutions of this loop separate. Last digits then grow."
 )
-_SEPARATES = "Single solutions of this loop separate: two runs whose last digits differ are as far apart after a while."
+_SEPARATES = "Single solutions of this loop separate: two runs whose last digits differ diverge after a while."
 MOST_VALUES = 20_000_000
 """Values of a run that a page keeps, 160 MB."""
 NOT_MADE = (

@@ -77,11 +77,12 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
 
 
 def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a note on springs that swing for so many cycles that their torque at an instant depends on the tolerance.
+    """Yield a note if springs oscillate for so long that their torque at an instant depends on the tolerance.
 
     The energy of a vibration drifts by ``2 tol^(5/4)`` a cycle: Rodas4 keeps an error of order 5, its error control one
-    of order 4 at the tolerance. On a spring that stiffens the frequency goes with the energy, by up to half of it. So
-    the phase drifts with the square of the cycles. Viscous friction forgets a vibration after ``2 I_m ell / f_v``.
+    of order 4 at the tolerance. The frequency of a stiffening spring changes with the energy, relatively by up to half
+    as much, so the phase drifts with the square of the number of cycles. Viscous friction damps a vibration within ``2
+    I_m ell / f_v``.
     """
     if not has_signals(results, f"{name}.tau_s"):
         return
@@ -102,7 +103,8 @@ def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]
     i = int(lost.argmax())
     if lost[i] > _LOST:
         yield (
-            f"{name}: spring {i + 1} swings by {swing[i]:.2g} of {largest[i]:.3g} N.m, over {cycles[i]:.2g} cycles of "
+            f"{name}: spring {i + 1} oscillates by {swing[i]:.2g} of {largest[i]:.3g} N.m, over {cycles[i]:.2g} "
+            f"cycles of "
             f"up to {frequency[i]:.2g} Hz. Tolerance {values['tolerance']:g} moves their phase by {phase[i]:.1g} rad "
             f"or more, and with it tau_s and E_spring at an instant. Compare with {name}.tolerance = 1e-9."
         )

@@ -192,7 +192,7 @@ KEYS: Mapping[str, Any] = {
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
-    "judgement": _JUDGEMENT,  # coupling error, as shares of the signals' swings
+    "judgement": _JUDGEMENT,  # coupling error, as shares of the signals' ranges
     "expected": _EXPECTED,  # recorded results that the run must equal, and the largest differences from them
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
     "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant

@@ -20,11 +20,11 @@ from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import SearchPoints, StudyTable, View, groups, parts_of, view
 
 _TIE = 0.01
-"""Share by which the values of points that tie differ at most, and which a search must gain to be lines."""
+"""Largest relative difference of points that tie, and smallest improvement of a search that is reported."""
 _SHUFFLES, _CHANCE = 199, 0.05
-"""Shuffles of a measure, and the share of them from which an axis does no more than chance."""
+"""Random shuffles of a measure, and the share of them above which the effect of an axis may be chance."""
 _SENSITIVITY = ("saltelli", "morris")
-"""Samples of studies that ask which axis matters, not which point is best."""
+"""Samples of studies whose question is which axis matters, not which point is best."""
 
 
 class Answer(NamedTuple):
@@ -85,7 +85,7 @@ def _sentence(phrase: str) -> str:
 
 
 def _chosen_of(study: StudyTable, values: Floats, judged: Sequence[JudgedPoint]) -> tuple[Check, list[str]]:
-    """Return the check of the best of the judged points, and what a good one came to."""
+    """Return the check of the best of the judged points, and the results of a good one."""
     (name, unit), best, first = _named(study), best_of(judged), judged[0]
     point = f"{best.point} ({name} {quantity(best.value, unit)})"
     margin = [f"modulus margin {best.margin:.2g}"] if math.isfinite(best.margin) else []
@@ -105,7 +105,7 @@ def _chosen_of(study: StudyTable, values: Floats, judged: Sequence[JudgedPoint])
 
 
 def _how(candidate: JudgedPoint) -> str:
-    """Return what is wrong with a point, as the rest of a sentence about it."""
+    """Return the fault of a point, as the rest of a sentence about it."""
     if candidate.why.startswith("unstable"):
         return f"is {candidate.why}"
     why = f": {candidate.why}" if candidate.why else ""
@@ -223,11 +223,11 @@ def _edges(study: StudyTable, point: int) -> Iterator[str]:
         if column.dtype.kind in "iuf" and len(np.unique(column)) > 2:
             for end, words in ((column.min(), "lower"), (column.max(), "upper")):
                 if best[axis.target] == end:
-                    yield f"It is at the {words} end of {axis.target}: a better point may be beyond."
+                    yield f"It is at the {words} end of {axis.target}: a better point may lie beyond it."
 
 
 def _chosen(study: StudyTable, search: SearchPoints) -> tuple[list[str], list[str]]:
-    """Return what a search came to: phrases for the headline, and sentences."""
+    """Return the results of a search: phrases for the headline, and sentences."""
     point = min(search.chosen)
     place = f"{place_of(study, study.row(point))} (point {point})"
     pairs = [pair for name, pair in search.compared.items() if name.partition("[")[0] == "cost"]
@@ -238,7 +238,7 @@ def _chosen(study: StudyTable, search: SearchPoints) -> tuple[list[str], list[st
         start = f"cost {quantity(pairs[0][0], unit)}" if len(pairs) == 1 else f"{len(pairs)} costs"
         same = search.chosen == search.start
         more = [] if same else [f"Chosen: {place}, less than {100.0 * _TIE:.0f} % below the start."]
-        return [f"nothing better found than the start, {start}"], more
+        return [f"no better values found than the start, {start}"], more
     if len(pairs) > 1:
         phrase = f"chosen point {point}, its {len(pairs)} costs {number(ratio)} times those at the start"
         return [phrase], [f"Chosen: {place}."]
@@ -288,7 +288,7 @@ def _matters(study: StudyTable) -> tuple[Check, list[str]]:
 
 
 def _influence(study: StudyTable) -> str:
-    """Return the axis that matters most, and whether chance does as much."""
+    """Return the axis that matters most, and whether its effect may be chance."""
     try:
         shown = view(study)
     except UsageError:
@@ -305,10 +305,10 @@ def _influence(study: StudyTable) -> str:
     chance = _chance(shown)
     if chance > _CHANCE:
         return (
-            f"No axis stands out: {names[0]} moves the mean of {name} most, {ends[0]}, and in "
-            f"{100.0 * chance:.0f} % of shuffles chance does as much."
+            f"No axis stands out: {names[0]} changes the mean of {name} most, {ends[0]}, but in "
+            f"{100.0 * chance:.0f} % of random shuffles the change is as large."
         )
-    return f"{names[0]} matters most: it moves the mean of {name} {ends[0]}, {names[1]} {ends[1]}."
+    return f"{names[0]} matters most: it changes the mean of {name} {ends[0]}, {names[1]} {ends[1]}."
 
 
 def _chance(shown: View) -> float:

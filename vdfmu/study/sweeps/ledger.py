@@ -110,7 +110,7 @@ class Ledger:
         except OSError as error:
             raise VdfmuError(
                 f"{place}: cannot be written: {error.strerror or error}. What was done before is kept: free space, "
-                "and give the same command again."
+                "and repeat the command."
             ) from None
 
     def done(self, again: str = KILLED) -> NDArray[np.bool_]:
@@ -228,7 +228,7 @@ class Ledger:
         except OSError as error:
             raise VdfmuError(
                 f"{place}: cannot be written: {error.strerror or error}. The points are in {self._parts}: free space, "
-                "and give the same command again."
+                "and repeat the command."
             ) from None
         self._files()
         return place

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from html import escape
 from pathlib import Path
@@ -183,9 +183,7 @@ def _short(text: str, most: int = 160) -> str:
 MOST_SHOWN = 15_000
 """Points in a page, 3 MB with five columns. Of more points it has a random selection, and all that its texts name."""
 MOST_VALUES = 200_000
-"""Parameters of all points that a page holds, 2 MB, and values of kept curves."""
-_ROWS = 200
-"""Most rows of a kept curve."""
+"""Parameters of all points that a page holds, 2 MB."""
 
 
 def shown_rows(study: StudyTable, answer: Answer) -> NDArray[np.intp]:
@@ -231,7 +229,6 @@ def study_content(study: StudyTable, answer: Answer, shown: NDArray[np.intp]) ->
         "columns": columns_of(study, shown),
         "failed": [failed.get(point) for point in points],
         "command": "" if package else f"vdfmu run --from {shlex.quote(str(study.path))} --row",
-        "kept": _kept(study, shown),
         "roles": {role: np.searchsorted(shown, rows).tolist() for role, rows in _roles(study, answer).items()},
     }
 
@@ -271,37 +268,3 @@ def base_run(
     numbers = np.array([[float(values[name]) for name in names] for values in changes], "<f8")
     run(source, out=folder, reference=False, **options)
     return read_run(folder), {"names": names, "rows": rows, "values": packed(numbers, "<f8")}
-
-
-def _kept(study: StudyTable, shown: NDArray[np.intp]) -> dict[str, Any] | None:
-    """Return the signals that were kept of each `shown` point, every k-th row; None without them, or with too many."""
-    if "time" not in study.columns:
-        return None
-    table = study.table([*dict.fromkeys(c for c in study.columns if c not in (*study.axes, *study.measures))])
-    table = table.take(shown)
-    names = [field.name for field in table.schema if str(field.type).startswith("list") and field.name != "time"]
-    longest = max((len(row) for row in table["time"].to_pylist() if row), default=0)
-    stride = max(1, -(-longest // _ROWS))
-    count = -(-longest // stride)
-    if not names or not count or table.num_rows * len(names) * count > MOST_VALUES:
-        return None
-    columns = {
-        name: np.array([_padded(row, stride, count) for row in table[name].to_pylist()], "<f4")
-        for name in ("time", *names)
-    }
-    values = np.stack([columns[name] for name in names], axis=1)
-    units = study.facts["units"]
-    return {
-        "names": names,
-        "units": [units.get(name, "") for name in names],
-        "count": count,
-        "time": packed(columns["time"], "<f4"),
-        "values": packed(values, "<f4"),
-    }
-
-
-def _padded(row: Sequence[float] | None, stride: int, count: int) -> NDArray[Any]:
-    padded = np.full(count, np.nan)
-    part = list(row or ())[::stride]
-    padded[: len(part)] = part
-    return padded

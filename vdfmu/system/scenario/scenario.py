@@ -134,7 +134,7 @@ class ResolvedSystem:
         if self.robot is None and (lacking := self.takers):
             raise UsageError(
                 f"robot: expected one for {', '.join(lacking)}, got none. {ROBOT_WAY_OUT} Or give each of these "
-                f'components one of its own: {lacking[0]} = {{ unit = "..", robot = ".." }} in the system file.'
+                f'components its own robot: {lacking[0]} = {{ unit = "..", robot = ".." }} in the system file.'
             )
         return {
             name: ForeignInterface(part.fmu)

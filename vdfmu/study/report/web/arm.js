@@ -50,12 +50,6 @@ export class Chain {
     });
     this.root.updateMatrixWorld(true);
   }
-
-  /** Position of the end effector in {I} [m]. */
-  toolAt(q) {
-    this.set(q);
-    return new T.Vector3().setFromMatrixPosition(this.tool.matrixWorld);
-  }
 }
 
 export const turned = (R) => new T.Matrix4().set(...R[0], 0, ...R[1], 0, ...R[2], 0, 0, 0, 0, 1);

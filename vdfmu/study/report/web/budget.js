@@ -113,7 +113,7 @@ function errorsOf(run) {
 }
 
 /** The factor by which a value differs from another, with three digits. */
-export function changeOf(before, after) {
+function changeOf(before, after) {
   const ratio = after / before;
   if (!Number.isFinite(ratio)) return "–";
   return Math.abs(ratio - 1) < 1e-6 ? "none" : `× ${text(ratio, 3)}`;

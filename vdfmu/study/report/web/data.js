@@ -191,6 +191,10 @@ export const button = (words, click, attributes = {}) =>
 /** A row of controls; what is false is left out. */
 export const bar = (...children) => make("div", { class: "bar" }, ...children.filter(Boolean));
 
+/** Style of a bar from the middle of its box, to the right for positive shares. */
+export const barStyle = (share) =>
+  `width:${50 * Math.abs(share)}%;${share < 0 ? "right" : "left"}:50%;background:var(--${share < 0 ? "negative" : "positive"})`;
+
 /** Pairs for a choice of the keys of an object. */
 export const same = (one) => Object.keys(one).map((name) => [name, name]);
 

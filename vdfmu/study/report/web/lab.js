@@ -3,8 +3,7 @@
 import { bar, button, choice, copyButton, darkScheme, make, unpack } from "./data.js";
 import { Column, shade } from "./lab_column.js";
 import { gathered, triangulate } from "./lab_field.js";
-import { Contour, Parallel, Scatter, svg } from "./lab_plots.js";
-import { quantity } from "./numbers.js";
+import { Contour, Parallel, Scatter } from "./lab_plots.js";
 
 class Lab extends EventTarget {
   constructor(study) {
@@ -235,7 +234,7 @@ function rangeInputs(lab) {
   return make("details", { class: "ranges" }, make("summary", {}, "Choose by numbers"), ...rows);
 }
 
-/** The chosen point: values, failure, command, curves, and whether the page runs it. */
+/** The chosen point: values, failure, command, and whether the page runs it. */
 function pointPanel(lab, bench) {
   const panel = make("div", { class: "panel", role: "region", "aria-label": "The chosen point" });
   const step = (by) => () => {
@@ -280,7 +279,6 @@ function pointPanel(lab, bench) {
       make("dl", {}, ...values),
       ...(study.command ? [bar(make("code", {}, command), copyButton(command))] : []),
       make("p", { class: "note" }, words),
-      ...keptCurves(study, row),
     );
     return panel;
   };
@@ -290,41 +288,4 @@ function pointPanel(lab, bench) {
     if (bench && changes) bench.open(changes);
   });
   return panel;
-}
-
-/** Curves that the study has kept of a point, each over its whole time. */
-function keptCurves({ kept }, row) {
-  if (!kept) return [];
-  const { names, units, count } = kept,
-    slice = (array, place) => array.subarray(place * count, (place + 1) * count),
-    t = slice(unpack(kept.time), row),
-    last = t.findLastIndex((v) => !Number.isNaN(v)),
-    all = unpack(kept.values);
-  if (last < 1) return [];
-  const charts = names.map((name, k) => {
-    const own = slice(all, row * names.length + k).subarray(0, last + 1),
-      [low, high] = [Math.min, Math.max].map((most) => own.reduce((a, b) => most(a, b))),
-      ends = `${quantity(low, units[k])} to ${quantity(high, units[k])}, ${quantity(t[last], "s")}`;
-    const d = Array.from(
-      own,
-      (v, i) => `${(t[i] - t[0]) / (t[last] - t[0])} ${(high - v) / (high - low || 1)}`,
-    ).join("L");
-    return make(
-      "figure",
-      { class: "chart" },
-      make("figcaption", {}, make("strong", {}, name), make("span", { class: "unit" }, ends)),
-      svg(
-        "svg",
-        {
-          class: "study kept",
-          viewBox: "0 -0.03 1 1.06",
-          preserveAspectRatio: "none",
-          role: "img",
-          "aria-label": name,
-        },
-        svg("path", { class: "line", d: `M${d}` }),
-      ),
-    );
-  });
-  return [make("div", { class: "grid triple" }, ...charts)];
 }

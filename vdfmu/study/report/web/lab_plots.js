@@ -13,7 +13,7 @@ const LEVELS = 8, // lines of a contour; two colours between them
 /** Looks of a point by its role. */
 const SHAPES = { start: { rx: 0 }, infeasible: { "fill-opacity": 0 } };
 
-export function svg(tag, attributes = {}, ...children) {
+function svg(tag, attributes = {}, ...children) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
   element.append(...children);

@@ -1,6 +1,17 @@
 // The section of the arm: picture, values of the joints, and what plays it.
 
-import { bar, button, choice, make, names, recorded, simulated, toggle, view } from "./data.js";
+import {
+  bar,
+  barStyle,
+  button,
+  choice,
+  make,
+  names,
+  recorded,
+  simulated,
+  toggle,
+  view,
+} from "./data.js";
 import { armsOf } from "./arm.js";
 import { quantity, text } from "./numbers.js";
 import { Scene3D, viewChoice } from "./scene.js";
@@ -199,8 +210,8 @@ export class Player {
       cells.forEach(({ fill, value }, k) => {
         const [factor, unit] = UNITS[name][type],
           now = all[k][i] ?? NaN,
-          share = Math.min(1, Math.abs(now) / (peaks[i] || 1));
-        fill.style.cssText = `width:${50 * share}%;${now < 0 ? "right" : "left"}:50%;background:var(--${now < 0 ? "negative" : "positive"})`;
+          share = now / (peaks[i] || 1);
+        fill.style.cssText = barStyle(Math.max(-1, Math.min(1, share)));
         value.textContent = Number.isNaN(now)
           ? ""
           : quantity(factor * now, unit, factor * peaks[i]);

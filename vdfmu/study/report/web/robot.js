@@ -1,6 +1,17 @@
 // The page of a robot: sliders of its joints, what is shown of it, and its modes, which move it.
 
-import { bar, button, choice, make, reducedMotion, robot, runs, same, toggle } from "./data.js";
+import {
+  bar,
+  barStyle,
+  button,
+  choice,
+  make,
+  reducedMotion,
+  robot,
+  runs,
+  same,
+  toggle,
+} from "./data.js";
 import { quantity, text } from "./numbers.js";
 import { LINKS, RobotScene } from "./robot_scene.js";
 import { viewChoice } from "./scene.js";
@@ -181,13 +192,7 @@ function part(value) {
   return make(
     "td",
     {},
-    make(
-      "div",
-      { class: "gauge" },
-      make("i", {
-        style: `width:${50 * Math.abs(shown)}%;${shown < 0 ? "right" : "left"}:50%;background:var(--${shown < 0 ? "negative" : "positive"})`,
-      }),
-    ),
+    make("div", { class: "gauge" }, make("i", { style: barStyle(shown) })),
     make("small", {}, text(Number(shown.toFixed(2)), 2)),
   );
 }

@@ -5,20 +5,16 @@ import {
   binaries,
   button,
   choice,
-  largest,
   make,
   names,
   NOTHING,
   recorded,
-  rowsOf,
   simulated,
-  tableParts,
   view,
 } from "./data.js";
 import { recalled, remember, whenRecalled } from "./state.js";
-import { toolErrors } from "./arm.js";
 import { Slider } from "./slider.js";
-import { Budget, changeOf } from "./budget.js";
+import { Budget } from "./budget.js";
 import { keyFigures } from "./key_figures.js";
 import { listed, showTiles, tell } from "./outcome.js";
 import { commandOf } from "./share.js";
@@ -51,7 +47,6 @@ class Simulation {
     });
     this.legend = make("p", { class: "note" });
     this.board = make("div", { class: "sliders" });
-    this.results = make("table", { class: "numbers" });
     this.joint = choice("", [], (k) => this.chooseJoint(Number(k)));
     this.joint.firstChild.setAttribute("aria-label", "Joint of the sliders");
     section.append(
@@ -75,7 +70,6 @@ class Simulation {
         "This browser runs the equations of the FMUs again when a slider moves. A double click puts a slider back.",
       ),
       this.detail,
-      this.results,
       make("div", { class: "checks" }, this.equal),
       make(
         "div",
@@ -245,7 +239,6 @@ class Simulation {
       : `${text(stop - start, 4)} s simulated in ${quantity(found.seconds, "s")}.`;
     if (!changes.length) this.judge(found, failure);
     this.equal.classList.toggle("other", changes.length > 0);
-    this.tabulate(found, failure);
     this.show(changes.length ? found : NOTHING);
     this.explain(found, changes.length || own.ended ? failure : "", changes);
   }
@@ -261,7 +254,7 @@ class Simulation {
       verdict = changes.length
         ? judge(of.simulation, { figures, loops, why: this.told(why, changes), failure, end })
         : null;
-    Object.assign(this, { verdict: verdict, figures: { ...figures, ...loops } });
+    Object.assign(this, { verdict, figures: { ...figures, ...loops } });
     tell(of, verdict);
     showTiles(of, verdict && end !== null ? run : null, { ...figures, ...loops }, !failure);
     this.judged.replaceChildren(...(verdict ? listed(verdict) : []));
@@ -344,58 +337,6 @@ class Simulation {
       ),
     );
   }
-
-  tabulate(found, failure) {
-    const until = failure && found.time.length ? found.time.at(-1) : Infinity,
-      part = until < Infinity ? ` to ${text(until, 3)} s` : "";
-    const before = peaksOf(this.of, until),
-      after = found.time.length
-        ? peaksOf({ ...this.of, result: found }, until)
-        : before.map(() => ({ value: NaN }));
-    this.results.hidden = !before.length;
-    this.results.replaceChildren(
-      ...tableParts(
-        [`Largest${part}`, "recorded", "simulated", "change"],
-        before.map((was, k) => [
-          was.words,
-          peakCell(was),
-          peakCell(after[k], was.value),
-          changeOf(was.value, after[k].value),
-        ]),
-      ),
-    );
-  }
-}
-
-/** A cell with a largest value, and its joint. */
-export const peakCell = ({ value, joint, unit }, most) =>
-  make(
-    "td",
-    {},
-    quantity(value, unit, most),
-    ...(joint ? [make("small", {}, ` joint ${joint}`)] : []),
-  );
-
-/** Largest absolute values of the figures of a run up to a time, and of the error of its end effector. */
-export function peaksOf(run, until = Infinity) {
-  const peak = ({ time, values }) =>
-    largest(until < time.at(-1) ? values.filter((_, k) => time[k] <= until) : values);
-  const found = run.figures
-    .filter((figure) => figure.peak)
-    .map((figure) => {
-      const { time, values } = rowsOf(figure, run.result),
-        peaks = values.map((row, k) => (figure.curves[k][2] ? 0 : peak({ time, values: row })));
-      const value = largest(peaks);
-      return {
-        words: figure.peak,
-        unit: figure.unit,
-        value,
-        joint: value ? figure.curves[peaks.indexOf(value)][1] : 0,
-      };
-    });
-  if (run.arm && run.frames.error)
-    found.push({ words: "Error of the end effector", unit: "mm", value: peak(toolErrors(run)) });
-  return found;
 }
 
 /** Fill the sections of the simulation, and say among the facts why a run has no sliders. */

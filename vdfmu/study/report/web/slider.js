@@ -230,7 +230,7 @@ export class Slider {
 const percent = (place) => 50 * (1 + place / NOTCHES);
 
 /** Key figures of the loops at a place of a track, between two places on a straight line from one to the other. */
-export function figuresAt({ places, figures }, place) {
+function figuresAt({ places, figures }, place) {
   const k = Math.max(
     places.findIndex((one) => one >= place),
     0,

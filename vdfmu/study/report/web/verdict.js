@@ -43,7 +43,7 @@ export function check(row, value, /** @type {Record<string, any>} */ places, mor
 const plain = (key, name, state, sentence, more = "") => ({ key, name, state, sentence, more });
 
 /** State, headline, results and checks: the headline is the sentence of the worst check, the first of several. */
-export function verdictOf(checks, results, longest, cut) {
+function verdictOf(checks, results, longest, cut) {
   const judged = checks.filter((one) => one.state !== UNJUDGED),
     names = checks.filter((one) => one.state === UNJUDGED).map(({ name }) => lower(name));
   const state = judged.length
