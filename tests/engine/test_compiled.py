@@ -105,7 +105,7 @@ REPEATED = "arm", "scaled", "slopes"
 
 @pytest.fixture
 def both():
-    """Return a function that runs a system by fmpy and in C, here and, if `apart`, in a process of its own.
+    """Return a function that runs a system by fmpy and in C, here and, if `apart`, in a separate process.
 
     It returns the same results or failure.
     """

@@ -95,7 +95,7 @@ def test_events_without_an_end_at_one_time_end_with_a_sentence():
 
 def test_linear_models_hold_held_states():
     model = Thermostat().linearize()
-    assert "held states are taken as constant: on, switched" in model.notes
+    assert "held states are assumed to be constant: on, switched" in model.notes
     assert model.A.tolist() == [[-0.01]]
 
 

@@ -26,7 +26,7 @@ _HEAD = """\
 #   rotation  maps B_i to B_(i-1) at q_i = 0: its columns are the axes of B_i in B_(i-1); written row by row
 #   offset    origin of B_i in B_(i-1) at q_i = 0 [m]
 #   inertia   about the centre of mass, axes of B_i [kg.m2]
-# [sources] has the source of each number. Assumed numbers are not in {file}: replace them if you know better.
+# [sources] has the source of each number. Assumed numbers are not in {file}: replace them if you have better values.
 """
 
 

@@ -84,7 +84,7 @@ class VectorText:
         self._place()
 
     def _read(self) -> list[VectorOperation]:
-        """Return the operations, each with vectors of its own."""
+        """Return the operations, each with its own vectors."""
         function = self._function
         held: dict[int, Vector] = {}
         written = [0] * function.n_out()

@@ -1,4 +1,4 @@
-"""The operations of a traced function, each with a value of its own, and their evaluation on other symbols."""
+"""The operations of a traced function, each with its own value, and their evaluation on other symbols."""
 
 from __future__ import annotations
 

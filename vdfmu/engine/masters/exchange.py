@@ -67,7 +67,7 @@ class Bank:
         self.links: list[Link] = [links[u, v.name] for u, v in inputs]
 
     def is_free(self, place: int) -> bool:
-        """Whether the value at a place is an output, or an input that no component feeds, here or elsewhere."""
+        """Whether the value at a place is an output, or an input that is not connected, here or elsewhere."""
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
     def gather(self, window: slice) -> Gather | None:

@@ -192,7 +192,7 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], subject: str) -> list[str]:
     """Return notes on values of a component whose variables have a connection, from their `sources`."""
     return [
-        f"{name}.{variable}: {subject} has no effect, since {'.'.join(sources[name, variable])} feeds it"
+        f"{name}.{variable}: {subject} has no effect, because {'.'.join(sources[name, variable])} is connected to it"
         for variable in values
         if (name, variable) in sources
     ]

@@ -89,7 +89,7 @@ def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
 
 
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
-    """Raise UsageError for inputs that nothing feeds, unless they are among the `names` that are set.
+    """Raise UsageError for unconnected inputs, unless they are among the `names` that are set.
 
     Those of a plant may keep their start values, such as a wrench at its tool, unless a unit left out what fed them.
     """
@@ -100,6 +100,6 @@ def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) 
             fitting = " or ".join(scenario.system.unfed.get(end, ()))
             such = f", such as {fitting}" if fitting else ""
             ways = f"--connect OUTPUT={end} connects it, --set {end}=VALUE sets it, --unfed ok keeps its start value."
-            lines.append(f"{end}: expected an output that feeds it{such}, got none. {ways}")
+            lines.append(f"{end}: expected a connected output{such}, got none. {ways}")
     if lines:
         raise UsageError("\n".join(lines))

@@ -219,7 +219,7 @@ class Ledger:
                         writer.write_table(together.sort_by("point").cast(schema))
         except BrokenError as error:
             self._set_aside(error)
-            raise VdfmuError(f"{self.notes[-1]}: give the same command again to run them.") from None
+            raise VdfmuError(f"{self.notes[-1]}: repeat the command to run them.") from None
         except pa.ArrowException as error:
             raise VdfmuError(
                 f"{self._parts}: its files have columns that do not fit together: {error}. Choose another folder with "
@@ -256,7 +256,7 @@ def files_of(folder: Path) -> list[Path]:
 
 def _refused(path: Path, error: OSError) -> UsageError:
     return UsageError(
-        f"{path}: cannot be read: {error.strerror or error}. It is left as it is: give the same command again once it "
+        f"{path}: cannot be read: {error.strerror or error}. It is left as it is: repeat the command once it "
         "can be read, or choose another folder with --out."
     )
 

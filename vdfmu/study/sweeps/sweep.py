@@ -123,7 +123,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
                 with Study(plan.job, ledger, options, total - finished, chunk) as study:
                     study.ask(np.flatnonzero(~done), plan.task, advance)
             except KeyboardInterrupt as error:
-                error.add_note(f"Finished points are in {folder}: give the same command again to go on.")
+                error.add_note(f"Finished points are in {folder}: repeat the command to go on.")
                 raise
         study_table = Sweep(ledger.finish(), notes=ledger.notes)
     study_table.notes += study_table.undefined()
