@@ -18,7 +18,7 @@ from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
-from vdfmu.engine.masters import loop
+from vdfmu.engine.masters import compiled
 from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run import Interrupted, Results, Simulator, isolated, simulate
 
@@ -243,5 +243,5 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
         stepper(package, stepper="c", algorithm="extrapolated", adaptive=1e-3)
     with pytest.raises(UsageError, match=r"stepper: must be auto, fmpy or c, got 'rust'\."):
         stepper(package, stepper="rust")
-    monkeypatch.setattr(loop, "library", lambda: None)
+    monkeypatch.setattr(compiled, "library", lambda: None)
     assert stepper(package) == "fmpy: no C compiler"

@@ -11,7 +11,6 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as compiled
 from vdfmu.system.reference import solution
 from vdfmu.system.reference.reference import reference, reference_blocks
-from vdfmu.system.reference.wired import AtNewTime, Evaluate, WiredUnits
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
@@ -37,20 +36,6 @@ def kept(folder):
 def described(name="planar_tracking", parameters=None):
     scenario = load_scenario(name)
     return SystemDescription(scenario, system_values(scenario, parameters))
-
-
-def of_time(system):
-    """Return the units that are calculated once for each time."""
-    (early,) = (action for action in system.evaluate if isinstance(action, AtNewTime))
-    return [action.unit for action in early.actions if isinstance(action, Evaluate)]
-
-
-def test_a_signal_from_outside_is_no_function_of_the_time_alone():
-    """A force that the feedforward expects, which a file gives: held values change while the time stands."""
-    described_so = described("tracking")
-    inputs = {"feedforward.F_e_d[1]": ([0.0, 1.0], [0.0, 1.0])}
-    described_so = SystemDescription(dataclasses.replace(described_so.scenario, inputs=inputs), described_so.values)
-    assert of_time(WiredUnits(described_so)) == ["trajectory"]
 
 
 @pytest.mark.few(2)
