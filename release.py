@@ -37,7 +37,7 @@ ROOT = Path(__file__).parent
 SBOM = ROOT / "dist" / "sbom.cdx.json"
 SDIST = f"vdfmu-{__version__}.tar.gz"
 RECIPE_SOURCE = ("  path: ..\n", f"  path: {SDIST}\n  sha256: DIGEST\n")
-"""Source in the recipe of the tree, and in that of a release: its sdist beside it, with the digest."""
+"""Source in the recipe of the tree, and in that of a release: its sdist next to it, with the digest."""
 EPOCH = "1577836800"
 """Date of the files in archives where SOURCE_DATE_EPOCH says none: 1 January 2020, as of hatchling."""
 
@@ -67,7 +67,7 @@ Serial manipulators with flexible joints as FMUs, for tools of FMI and SSP. The 
 
 ## To import an FMU
 
-Take FMI 2.0, unless your tool knows the arrays of FMI 3.0. One file has the libraries of all platforms:
+Use FMI 2.0, unless your tool supports the arrays of FMI 3.0. One file has the libraries of all platforms:
 {platforms}. Units are SI, angles in rad.
 An FMU is a zip file: in it are `documentation/index.html`, equations and variables; `sources/`, C for other platforms;
 `extra/org.fmi-standard.fmi-ls-ref/`, an experiment and its results.

@@ -25,7 +25,7 @@ TITLE = "The shipped arms"
 
 
 def run(report: Report, quick: bool = False) -> None:
-    """Describe each arm, and run `reach` with it in a process of its own whose cache is empty."""
+    """Describe each arm, and run `reach` with it in a separate process whose cache is empty."""
     table = Table(
         "arms", TITLE,
         [("robot", "s"), ("joints", "d"), ("mass [kg]", ".3g"), ("length [m]", ".3g"), ("lowest mode [Hz]", ".3g"),
@@ -56,7 +56,7 @@ def _length(robot: Robot) -> float:
 
 
 def _child(name: str) -> Any:
-    """Return what :func:`_ran` finds in a process of its own with an empty cache."""
+    """Return what :func:`_ran` finds in a separate process with an empty cache."""
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(cache_folder() / COMPILER))
     with tempfile.TemporaryDirectory() as cache:
         variables = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support, "VDFMU_CACHE_DIR": cache}

@@ -64,7 +64,7 @@ def pinocchio_model(robot: Robot) -> Any:
 
 
 def run(report: Report, quick: bool = False) -> None:
-    """Build all units in an empty cache, each number of joints in a process of its own; time the plant."""
+    """Build all units in an empty cache, each number of joints in a separate process; time the plant."""
     rows: list[_Row] = []
     with tempfile.TemporaryDirectory() as folder:
         for n in [n for n in _JOINTS if n <= (6 if quick else _JOINTS[-1])]:
@@ -123,7 +123,7 @@ def _mujoco(robot: Robot, q: np.ndarray, q_dot: np.ndarray) -> Case:
 
 
 def _child(n: int, place: Path) -> Any:
-    """Return what :func:`_built` gives in a process of its own with an empty cache."""
+    """Return what :func:`_built` gives in a separate process with an empty cache."""
     command = [sys.executable, "-m", "benchmarks.fmu_growth", str(n), str(place)]
     support = os.environ.get("ZIG_GLOBAL_CACHE_DIR", str(cache_folder() / COMPILER))
     variables = os.environ | {"ZIG_GLOBAL_CACHE_DIR": support, "VDFMU_CACHE_DIR": str(place / "cache")}

@@ -1,4 +1,4 @@
-"""Runs one system or unit in one other importer, in a process of its own: ``python -m benchmarks.importer_worker``.
+"""Runs one system or unit in one other importer, in a separate process: ``python -m benchmarks.importer_worker``.
 
 The argument is a request in JSON, see :func:`benchmarks.importers.ask`. Prints one line of JSON behind a mark. A run
 with ``signals`` also writes their rows, one for each communication point, as a NumPy array to the file ``out``.

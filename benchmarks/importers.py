@@ -1,4 +1,4 @@
-"""Other importers, each in a process of its own."""
+"""Other importers, each in a separate process."""
 
 from __future__ import annotations
 

@@ -190,8 +190,8 @@ hide: [toc]
 Every key of a robot file, with its unit, bounds and default. The page is made from the table by which files are
 checked, `vdfmu/arm/robot/parameters.py`.
 
-A robot is one TOML file. [Your own arm](../tutorials/own_arm.md) has examples, from a URDF and by hand. Every problem
-of a file is reported at once. Beside the numbers below it has
+A robot is one TOML file. [Your own arm](../tutorials/own_arm.md) has examples, from a URDF and without one. Every
+problem of a file is reported at once. Beside the numbers below it has
 
 | key | value |
 | --- | --- |

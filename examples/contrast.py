@@ -61,7 +61,7 @@ def figure_7(time, vd, newton_euler):
 
 @style.styled
 def figure_8(time, vd, newton_euler, low):
-    """Draw the differences of both formulations, and of both gravity constants, beside the paper's Table 3."""
+    """Draw the differences of both formulations, and of both gravity constants, next to the paper's Table 3."""
     figure = style.new_figure("Differences of two formulations", "As figure 8 of the paper.", height=8.2)
     rounding, gravity, bars = figure.subplots(3, 1)
     for i in range(6):

@@ -1,4 +1,4 @@
-"""A unit as a slave of pythonfmu: the script of the Python FMU of each unit that has no file of its own here."""
+"""A unit as a slave of pythonfmu: the script of the Python FMU of each unit that has no separate file here."""
 
 import logging
 

@@ -44,7 +44,7 @@ class Mismatch:
 BITS = ("link_encoder.bits", "motor_encoder.bits")
 DELAYS = ("link_encoder.T_d", "motor_encoder.T_d")
 MISMATCHES = {
-    "none": Mismatch("The plant that the law knows"),
+    "none": Mismatch("The plant that the law is designed for"),
     "payload": Mismatch("A payload of 10 % of the mass of the links", payload=0.1),
     "masses": Mismatch("Masses and inertias of the links +20 %", {"mass": 1.2, "inertia": 1.2}),
     "stiffness": Mismatch("Stiffness of the drives -30 %", {"K_f0": 0.7, "K_w0": 0.7}),

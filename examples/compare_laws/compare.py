@@ -3,7 +3,7 @@
     python compare.py --arms ur5e_6dof --laws controller,my_law.py --mismatch none,payload --motions circle
 
 Every law is tuned on every arm by the same search: as many evaluations, the same seed, the same cost on the plant that
-it knows, the same least modulus margin. The same command goes on after Ctrl-C.
+it is designed for, the same least modulus margin. The same command goes on after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -169,7 +169,9 @@ def main(arguments: Sequence[str] | None = None) -> list[Row]:
     ):  # fmt: skip
         parser.add_argument(f"--{name}", default=names, type=lambda each: each.split(","), help=f"{text}; default all")
     parser.add_argument("--evaluations", type=int, default=24, help="of the search of each law on each arm")
-    parser.add_argument("--margin", type=float, default=0.5, help="least modulus margin on the plant that a law knows")
+    parser.add_argument(
+        "--margin", type=float, default=0.5, help="least modulus margin on the plant that a law is designed for"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int)
     parser.add_argument("--out", type=Path, default=Path("results/compare_laws"))

@@ -2,8 +2,8 @@
 
     python examples/kr300/command.py data.mat a
 
-data.mat is in a folder of data/recorded_trajectories of JonasWeigand/Robot_Identification; a.parquet beside this file
-has the rest of that record. Written beside it: a_reference.csv, the recorded reference every 40 ms, and a_command.csv,
+data.mat is in a folder of data/recorded_trajectories of JonasWeigand/Robot_Identification; a.parquet in this folder has
+the rest of that record. Written next to it: a_reference.csv, the recorded reference every 40 ms, and a_command.csv,
 `ref_dyn.phi_r_m_all_d1`, speeds of the motors, divided by the ratios, and `tau_ff_all`, torques added to the torques at
 the start, at as many of the record's times as lines between them need to be right.
 """
@@ -36,7 +36,7 @@ def knots(values, right):
 
 
 def write(path, time, columns):
-    """Write columns, name and unit to (m, 6), beside time."""
+    """Write columns, from name and unit to (m, 6), in addition to time."""
     heads = ["time", *(f"{name.format(i)}{unit}" for name, unit in columns for i in range(1, 7))]
     table = np.column_stack([time, *columns.values()])
     np.savetxt(path, table, delimiter=",", header=",".join(heads), comments="", fmt="%.6g")

@@ -1,4 +1,5 @@
-"""Where the links of the KR 300 are, by its motors: a Kalman filter beside the second encoders of the records.
+"""Where the links of the KR 300 are, from motor-side measurements: a Kalman filter compared with the second encoders of
+the records.
 
     python examples/kr300/link_side.py [PICTURE]
 

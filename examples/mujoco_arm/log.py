@@ -7,8 +7,8 @@
 The arm is planar_2dof as `vdfmu robot export` writes it, with springs of 0.8 and 1.25 times the stiffness of the file
 and 1 % of damping. Added are features that the identification does not model: currents follow their commands by a loop
 of 600 Hz, cogging is 5 % of the breakaway torque 24 times a turn of the motor, friction falls by a fifth within the log
-as the drive warms up, and the arm stands on a mount that swings at some 60 Hz. The log has commanded currents times the
-torque constant, and encoders of 17 bits. With ``--stiff`` the mount is rigid.
+as the drive warms up, and the arm is mounted on a base that oscillates at some 60 Hz. The log has commanded currents
+times the torque constant, and encoders of 17 bits. With ``--stiff`` the mount is rigid.
 """
 
 import sys
@@ -63,7 +63,8 @@ def model_of(robot, stiff):
 
 
 def played(robot, plan, stiff):
-    """Return times, positions of rotors over the ratio and commanded torques (m, n), and the true stiffness (n,)."""
+    """Return times, positions of rotors divided by the gear ratio and commanded torques (m, n), and the true stiffness
+    (n,)."""
     model, stiffness = model_of(robot, stiff)
     data = mujoco.MjData(model)
     n, ell = robot.n, robot.ell

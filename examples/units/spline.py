@@ -28,7 +28,7 @@ SHAPE = _rest_to_rest()
 class Spline(Unit):
     """Desired motion through waypoints, at rest at each of them, with four derivatives.
 
-    waypoints.csv beside this file has the waypoints: time, then the position of each joint.
+    waypoints.csv in this folder has the waypoints: time, then the position of each joint.
     """
 
     files = ("waypoints.csv",)

@@ -1,7 +1,7 @@
 /* What the generated part of a unit offers to the hand-written layers.
  *
  * `unit.c` (tables and program) and `kernel_*.c` (traced equations) are generated for each unit; everything else in
- * this folder is the same for all. The values of a unit lie in one array, its memory:
+ * this folder is the same for all. The values of a unit are in one array, its memory:
  *
  *     [ variables of the interface | derivatives of the states | time ]
  *

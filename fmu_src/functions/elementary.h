@@ -1,4 +1,4 @@
-/* Elementary functions with the same bits on every platform, in place of the C library's.
+/* Elementary functions bit-identical on every platform, in place of the C library's.
  *
  * They add, multiply, divide and take roots in double precision. IEEE 754 fixes these bits, without contraction. exp, expm1,
  * tanh, sin, cos and atan take LANES numbers at once and have no branch. Each lane has the bits that it has beside any

@@ -1,4 +1,4 @@
-/* Elementary functions of one number, with the same bits on every platform; see elementary.h. */
+/* Elementary functions of one number, bit-identical on every platform; see elementary.h. */
 
 #define ONE(name) \
     INLINE scalar one_##name(scalar x) \

@@ -1,4 +1,4 @@
-"""Code of users in a process of its own: its end is told in words, and it has the terminal of the command."""
+"""Code of users in a separate process: its end is told in words, and it has the terminal of the command."""
 
 import os
 import signal

@@ -6,7 +6,7 @@ import vdfmu
 from vdfmu.arm.equations.mapping import jacobian
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.robot import robot_names as robot_names
-from vdfmu.arm.robot.catalogue import catalogue, fit_spring
+from vdfmu.arm.robot.catalogue import catalogue, spring_residual
 from vdfmu.arm.units import find_unit as find_unit
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.functions.rodas import ALPHA as ALPHA
@@ -91,11 +91,7 @@ def growth(source, share=1.0):
 
 def spring_fits():
     """Return the deviation of (2)-(3) from the catalogue for each gear, in % of the largest torsion."""
-    return [
-        100.0
-        * fit_spring(gear["ratio"], [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]], gear["repeated"])[2]
-        for gear in catalogue()["gears"].values()
-    ]
+    return [100.0 * spring_residual(gear)[1] for gear in catalogue()["gears"].values()]
 
 
 def contact_dampings():

@@ -83,8 +83,8 @@ def test_a_parameter_without_index_is_that_of_all_elements_and_one_that_is_overr
     results = simulate(path, step=0.5, parameters={"g.k": 50.0, "g.u": 7.0}, record=["*"])
     assert results["g.y"][-1] == 2.0 * results["g.u"][-1]
     assert [note for note in results.summary["notes"] if "no effect" in note] == [
-        "g.k: the value that was given has no effect, since d.twice feeds it",
-        "g.u: the value that was given has no effect, since r.y feeds it",
+        "g.k: the value that was given has no effect, because d.twice is connected to it",
+        "g.u: the value that was given has no effect, because r.y is connected to it",
     ]
 
 

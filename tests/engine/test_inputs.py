@@ -129,7 +129,7 @@ def test_columns_that_name_no_free_input_are_all_refused(pack, file):
     assert len(lines) == 4
     for line, words in zip(
         lines,
-        ("no component has such an input; did you mean a.load", "a.y feeds it",
+        ("no component has such an input; did you mean a.load", "a.y is connected to it",
          "causality parameter. Free inputs: a.u, a.load, b.load", "again.csv: a.load: is given twice"),
         strict=True,
     ):  # fmt: skip

@@ -65,6 +65,6 @@ def test_an_opened_loop_is_what_comes_back_and_what_gives_no_derivatives_is_refu
     path = system({"c": (sampled, "3.0"), "p": (LAG, "3.0")}, ["p.x -> c.e", "c.u -> p.u"])
     linear = linear_system(path, step=STEP)
     notes = linear.continuous().notes
-    assert "taken as constant, for it changes at communication points only: c.u" in notes
+    assert "treated as constant, because it changes only at communication points: c.u" in notes
     with pytest.raises(UsageError, match=r"c\.u: expected signals with derivatives, got changes"):
         linear.sampled()

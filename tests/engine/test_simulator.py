@@ -134,7 +134,7 @@ def test_what_is_wrong_by_hand_is_said_and_a_reset_is_cheap(package, calls):
     with Simulator(package) as simulator:
         simulator.reset(**OPTIONS)
         for name, text in (
-            ("plant.tau[1]", "controller.tau\\[1\\] feeds it"),
+            ("plant.tau[1]", "controller.tau\\[1\\] is connected to it"),
             ("plant.q_0[1]", "Set it before the run"),
             ("plant.nothing", "no variable 'nothing'"),
         ):

@@ -138,6 +138,7 @@ def test_a_notebook_shows_diagram_and_contents_and_other_processes_get_the_resul
     assert "<strong>! Doubtful: the &lt;b&gt; is late</strong>" in results._repr_html_()
 
 
+@pytest.mark.heavy
 def test_a_scenario_is_a_system(tmp_path):
     system = vdfmu.load("planar_tracking")
     assert "plant.tau_s" in {name.partition("[")[0] for name in system.outputs}

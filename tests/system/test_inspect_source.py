@@ -23,9 +23,9 @@ UNIT = "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u
     ("x.toml", SYSTEM + '"plant.q" = ["plant.tau"]\n', "system",
      "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m."),
     ("x.toml", SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n', "system",
-     "x.toml: connections: plant.tau: expected one output that feeds it, got plant.tau_s and controller.tau."),
+     "x.toml: connections: plant.tau: expected one connected output, got plant.tau_s and controller.tau."),
     ("x.toml", SYSTEM + '"plant.q" = ["controller.q", "controller.q"]\n', "system",
-     "x.toml: connections: controller.q: expected one output that feeds it, got plant.q and plant.q."),
+     "x.toml: connections: controller.q: expected one connected output, got plant.q and plant.q."),
     ("x.py", UNIT + "    def outputs(self) -> None:\n        self.y = self.v\n", "unit", "x.py, line 9"),
     ("x.toml", SCENARIO + '[joints]\ndrive = "none.py"\n', "scenario", "none.py"),  # the joints of a robot are a list
     ("x.py", UNIT, "unit", "y"),

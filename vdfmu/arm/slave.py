@@ -18,7 +18,7 @@ __all__ = ["hold_globals", "slave_of"]
 def slave_of(unit: str, robot: str) -> type[UnitSlave]:
     """Return the slave of a shipped unit for a shipped robot, as for ``pythonfmu build -f``.
 
-    An FMU that `vdfmu build` makes with this slave carries a robot of its own.
+    An FMU that `vdfmu build` makes with this slave contains its own robot.
     """
     shipped = find_unit(unit)
     return slave_class(shipped.__name__, partial(_content, shipped, robot))

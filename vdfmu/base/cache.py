@@ -3,8 +3,8 @@
 Entries are executed when they are loaded, so only files are trusted that the user alone may write. Each starts with a
 digest of its name and content. Beyond a total size the least recently used entries are removed.
 
-Traced functions and their objects depend on the structure of a robot alone: their keys hold the structure, and an entry
-serves all parameter values. An FMU and its library contain the values, so each value makes new entries.
+Traced functions and their objects depend on the structure of a robot alone: their keys contain the structure, and an
+entry is valid for all parameter values. An FMU and its library contain the values, so each value makes new entries.
 
 A wheel for one platform brings the entries of the first run in the package. They are read where the user's cache has
 none, so that this run compiles nothing.
@@ -203,7 +203,7 @@ class _CachedFile(NamedTuple):
     path: Path
 
     def remove(self) -> bool:
-        """Remove the file, and its folder if empty. Return whether the file is gone."""
+        """Remove the file, and its folder if empty. Return whether the file no longer exists."""
         with suppress(OSError):
             self.path.unlink()
             with suppress(OSError):  # not empty

@@ -1,7 +1,7 @@
 """Files of other tools, read by the libraries of their formats in a process with limits of memory and time.
 
 Such a library is made for files without damage: it may crash, hang or take all memory. The process ends then, and this
-one reports it. It hands back arrays in files, names and texts as JSON, and serves this process until that ends.
+one reports it. It returns arrays in files, and names and texts as JSON, until this process ends.
 """
 
 from __future__ import annotations

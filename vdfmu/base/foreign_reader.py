@@ -23,7 +23,7 @@ _LIBRARIES = 2**30
 _COPIES = 2
 """Copies of the content that a library may hold."""
 _ENTRY = 64
-"""Bytes that count for each array, beside its content and name."""
+"""Bytes that are counted for each array, in addition to its content and name."""
 _ALIGNED = 16
 """Bytes of which the place of an array is a multiple."""
 _ROWS = 2**16

@@ -1,6 +1,6 @@
 """Processes for code that may crash, exit or hang: start, limits, output, messages and end.
 
-Each message follows its length. Requests are pickled. Replies are JSON, because foreign code may have written them.
+Each message follows its length. Requests are pickled. Replies are JSON, because untrusted code may have written them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 SIZE = struct.Struct("<I")
 """Length of the message that follows, 0 for an empty message."""
 _BLOCK, _OUTPUT_BLOCK = 2**20, 2**16
-"""Most bytes per read of replies and of output."""
+"""Largest number of bytes per read of replies and of output."""
 _LARGEST = 2**30
 """Largest reply that is read [byte]."""
 _PDEATHSIG = 1
@@ -241,7 +241,7 @@ class Child:
                 return
 
     def _has_ended(self) -> bool:
-        """Whether the process has ended, without collecting its exit code. False if the system cannot tell."""
+        """Whether the process has ended, without collecting its exit code. False if the system does not know."""
         if not hasattr(os, "waitid"):  # Windows, and macOS before Python 3.13
             return not hasattr(os, "wait4") and self._process.poll() is not None
         with suppress(ChildProcessError):  # its exit code has just been collected
@@ -307,7 +307,7 @@ class Parent:
             yield self.read(SIZE.unpack(head)[0])
 
     def reply(self, message: Any = None) -> None:
-        """Send a reply. Arrays and numbers of numpy become lists and numbers. Exit if the parent is gone."""
+        """Send a reply. Arrays and numbers of numpy become lists and numbers. Exit if the parent no longer exists."""
         content = b"" if message is None else json.dumps(message, default=lambda x: x.tolist()).encode()
         content = SIZE.pack(len(content)) + content
         try:

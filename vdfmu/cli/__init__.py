@@ -61,7 +61,7 @@ def main() -> None:
 
 def _require_named_folder() -> None:
     """End in a working folder whose name is not text: FMPy can read no FMU there, as lxml cannot encode it."""
-    with suppress(OSError):  # it is gone: commands that need it say so
+    with suppress(OSError):  # it no longer exists: commands that need it report this
         folder = os.getcwd()
         if any("\udc80" <= letter <= "\udcff" for letter in folder):
             sys.stderr.write(
@@ -92,7 +92,7 @@ def _say_missing(error: ImportError) -> None:
 
 def _lacks_memory(error: BaseException | None) -> str:
     """Return the text of an error, or of its cause, that is a lack of memory; empty for other errors."""
-    while error is not None and not isinstance(error, SystemExit):  # that has said why
+    while error is not None and not isinstance(error, SystemExit):  # which has reported the reason
         text = message_of(error)
         if isinstance(error, MemoryError):
             return text.partition("\n")[0] or "MemoryError"
@@ -114,7 +114,7 @@ def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:
 
 
 def _flush() -> None:
-    """Flush the output, or discard it if its reader is gone."""
+    """Flush the output, or discard it if its reader has closed it."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

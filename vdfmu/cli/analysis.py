@@ -244,12 +244,15 @@ def _margins(
 ) -> None:
     """Print the smallest margins of each loop over a run, or those at some times."""
     from vdfmu.study.analysis.loops import margins_along
+    from vdfmu.study.limits import OF_SCENARIO, read_limits
     from vdfmu.study.verdict import loop_sentences
 
     package = system.lower().endswith(".ssp")
     if package:
         refuse({"--robot": robot}, f"is for a scenario; {system} has its own")
-    loops = margins_along(system if package else load(system, robot, options["parameters"]), opened, at, **options)
+    scenario = None if package else load(system, robot, options["parameters"])
+    limits = read_limits({} if scenario is None else scenario.limits, OF_SCENARIO)
+    loops = margins_along(system if scenario is None else scenario, opened, at, **options)
     shown = table(
         "opened at",
         "t",
@@ -283,7 +286,7 @@ def _margins(
         style = ("bold" if mark else None) if modulus else "red"
         cells = numbers if modulus else ("none", "", "", "")
         shown.add_row(name, f"{t:.4g} s", *cells, f"{each.rate:.3g} 1/s", style=style)
-    state, sentences = loop_sentences(loops.judged.figures)
+    state, sentences = loop_sentences(loops.judged.figures, limits)
     margin = loops.judged.figures.get("margin")
     words = "; ".join(sentences) or (f"stable with a modulus margin of {margin['value']:.2g}" if margin else "stable")
     if as_json:

@@ -43,14 +43,14 @@ COMPILER = Option(
 """Option of the commands that build FMUs."""
 NO_ISOLATE = Option("Run code of files in this process, to debug it.")
 LOOKS, RUNS = "looks", "runs"
-"""What a command does with files that name code."""
+"""How a command treats files that name code."""
 
 
 def meets_code(kind: str) -> Callable[[_F], _F]:
     """Mark a command that meets files which name code.
 
-    One that looks runs none of it, unless its option ``--trust`` asks for it. One that computes runs it in a process of
-    its own.
+    A command that only reads runs none of it, unless ``--trust`` is given. A command that calculates runs it in a
+    separate process.
     """
 
     def mark(function: _F) -> _F:

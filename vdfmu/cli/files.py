@@ -342,7 +342,7 @@ def _report(file: Path, label: str | None, problems: Sequence[str], notes: Seque
     for kind, texts in (("note", notes), ("problem", problems)):
         for text in first_few(texts, _rule):
             rule = f" [{_rule(text)}]" if _rule(text) else ""
-            say(f"{kind}: {text}{rule}")  # its rule stands where no script looks for the text
+            say(f"{kind}: {text}{rule}")  # its rule is in a place where no script searches for the text
     kinds = (("problem", len(problems)), ("note", len(notes)))
     counts = [f"{n} {kind}{'s' * (n > 1)}" for kind, n in kinds if n]
     count = ", ".join(counts if problems else ["no problems", *counts])

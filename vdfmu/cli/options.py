@@ -33,7 +33,7 @@ TASKS = {
     "Browser": "open simulate page",
     "Output": "out overwrite format record pictures width serif json",
 }
-"""Tasks, and their options in order. An option may name another; all others stand below "Options"."""
+"""Tasks, and their options in order. An option may name another; all others are listed below "Options"."""
 
 
 class Positional(Option):

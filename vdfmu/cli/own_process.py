@@ -1,4 +1,4 @@
-"""A process of its own for a command that runs code of the user.
+"""A separate process for a command that runs code of the user.
 
 The command starts itself again with the same words, so that a crash of the code, or a call of ``exit``, ends that
 process and not the command without a word. It has the same terminal: print, ``breakpoint()`` and Ctrl-C work as in
@@ -22,7 +22,7 @@ from vdfmu.base.process import end_with_parent
 _PIPE = "_VDFMU_PIPE"
 """Variable of the environment with the pipe, or on Windows its handle, to the first process."""
 _END = b"\0"
-"""Byte before the exit code of a command that came to its end."""
+"""Byte before the exit code of a command that has ended by itself."""
 _MOST = 4096
 """Most bytes of names that are sent: a pipe holds more, so that nobody has to read it before the end."""
 _CODE = re.compile(r"(.+\.(?:py|casadi))(?::\w*)?", re.IGNORECASE)
@@ -43,7 +43,7 @@ class OwnProcessNeeded(BaseException):  # noqa: N818 - no error, and no handler 
 
 
 def require(code: object) -> None:
-    """Raise OwnProcessNeeded, or tell the first process which code runs if this is the second."""
+    """Raise OwnProcessNeeded or, in the second process, report to the first which code runs."""
     if _pipe is None:
         raise OwnProcessNeeded(str(code))
     message = f"{code}\n".encode(errors="replace").replace(_END, b"")
@@ -58,7 +58,7 @@ def wanted() -> bool:
 
 
 def is_second() -> bool:
-    """Whether this is the process of its own, in which the code runs."""
+    """Whether this is the separate process in which the code runs."""
     return _pipe is not None
 
 
@@ -79,7 +79,7 @@ def begin() -> None:
 
 
 def finished(code: int) -> None:
-    """Tell the first process that the command came to its end, with this exit code."""
+    """Report to the first process that the command has ended, with this exit code."""
     if _pipe is not None:
         os.write(_pipe, _END + bytes([code % 256]))
 
@@ -87,7 +87,8 @@ def finished(code: int) -> None:
 def code_named(words: Iterable[str], folder: Path = Path(), seen: Collection[Path] = ()) -> str:
     """Return a file of code that words name, or that TOML files which they name name in turn; empty without one.
 
-    Texts are searched for names, nothing is run. Names that show later, such as those of a study, are met by `require`.
+    Texts are searched for names, nothing is run. Names that are only known later, such as those of a study, are checked
+    by `require`.
     """
     for name in (word.rpartition("=")[2] for word in words):
         path = folder / name
@@ -102,7 +103,7 @@ def code_named(words: Iterable[str], folder: Path = Path(), seen: Collection[Pat
 
 
 def run_again(words: Sequence[str], code: str) -> int:
-    """Run a command in a process of its own, and return its exit code. Print why it did not come to its end."""
+    """Run a command in a separate process, and return its exit code. Print the reason if it did not end by itself."""
     import subprocess
 
     reader, writer = os.pipe()

@@ -267,7 +267,7 @@ def list_drives(
 
 
 def _looked_at(name: str, missing: str) -> Robot:
-    """Return a robot; if the drive of its own may not run without it, with a note on what is missing then."""
+    """Return a robot; without its own drive if that may not be run, with a note on what is missing."""
     from vdfmu.arm.robot import load_robot
 
     try:

@@ -185,7 +185,7 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
     with reading_fmus(options["unpack_limit"], options["run_anyway"]):
         package, source, kept = package_of(parts, options)
         folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
-        options["out"] = folder  # a failed run is said with its page there
+        options["out"] = folder  # there a failed run is reported together with its page
         settings = pick(SystemOptions, options)
         return run_joined(package, source, folder, wanted, sampled, expected, **settings), RUN_OUTPUTS
 

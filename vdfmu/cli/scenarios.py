@@ -31,7 +31,7 @@ def show_scenario(name: Annotated[str, Positional("Scenario, or its TOML file.",
 
     if name == "reach":
         raise UsageError(
-            "reach: has no file of its own, because it is made for a robot. 'vdfmu robot reach ROBOT' writes one."
+            "reach: has no file, because it is generated for a robot. 'vdfmu robot reach ROBOT' writes one."
         )
     read_toml(path := locate(name, "scenarios"))
     say(read_text(path))

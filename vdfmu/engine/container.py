@@ -130,7 +130,7 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     try:
         create_container_fmu(configuration, unzipped, whole)
     except zipfile.BadZipFile as error:  # the file was just written
-        raise StorageError(f"{path}: cannot be written: {error}. Give the same command again.") from None
+        raise StorageError(f"{path}: cannot be written: {error}. Repeat the command.") from None
     # repacked: the same system gives the same bytes, and fmpy omits files that the disk does not return
     pack_zip(path, {str(file.relative_to(unzipped).as_posix()): file.read_bytes() for file in _files(unzipped)})
 

@@ -62,7 +62,7 @@ class System:
     connections : list of str
         ``a.y -> b.u``; ``a.q -> b.q (6)`` of vectors.
     inputs, outputs, parameters : list of str
-        ``component.variable``: inputs that nothing feeds, outputs, and parameters.
+        ``component.variable``: unconnected inputs, outputs, and parameters.
     notes : list of str
         Remarks of the check, such as inputs that keep their start values.
     """
@@ -259,8 +259,8 @@ def _whole(name: str) -> str:
     return name.partition("[")[0]
 
 
-def _shortened(texts: Sequence[str], most: int = 12) -> list[str]:
-    return list(texts) if len(texts) <= most else [*texts[: most - 1], f"and {len(texts) - most + 1} more"]
+def _shortened(texts: Sequence[str]) -> list[str]:
+    return list(texts) if len(texts) <= 12 else [*texts[:11], f"and {len(texts) - 11} more"]
 
 
 @checks_types

@@ -177,7 +177,7 @@ def judge_connected(
     grid = Simulator(flat, **how).grid(rows["start"], rows["stop"], rows["step"])
     try:
         return _judged(_Case(checked, wanted, grid, how), flat, sampled)
-    except Interrupted as error:  # its time and rows are those of a run that the caller does not know
+    except Interrupted as error:  # its time and rows belong to a run of which the caller is not aware
         raise Stopped(error.number) from None
 
 

@@ -1,6 +1,6 @@
 """The limits of all verdicts: what is measured, how far it may go, who says so, and the sentence about it.
 
-Runs, studies, logs and the page of a run are judged by this one table. A scenario sets limits of its own in
+Runs, studies, logs and the page of a run are judged by this one table. A scenario sets its own limits in
 ``[limits]``, ``--limit margin=0.3`` sets one for a run.
 """
 
@@ -141,6 +141,10 @@ ROWS = (
 )  # fmt: skip
 LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 """Limits by name."""
+
+
+OF_SCENARIO = "[limits] of the scenario"
+"""Whose the limits in a scenario's file are."""
 
 
 def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:

@@ -203,7 +203,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     row = limits["reference"]
     si = {"deg": math.pi / 180.0, "mm": 1e-3}
     largest = max(si[u] * error for error, u in zip(errors, units, strict=True))
-    if row.value * largest < RESOLUTION:  # an arm that has hardly moved: the reference knows no more
+    if row.value * largest < RESOLUTION:  # an arm that has hardly moved: the reference is not more accurate
         largest = RESOLUTION / row.value
         row = row._replace(by="the absolute tolerance of the reference's solver")
     apart = compared["max_position_difference_rad"]

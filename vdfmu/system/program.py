@@ -113,7 +113,7 @@ class SystemProgram:
         if unit.interface.unit.exchange:
             yield f"{name}: is integrated together with others"
         if unit.at_events:
-            yield f"{name}: has events, which end internal steps at times of their own"
+            yield f"{name}: has events, which end internal steps at other times"
         program = unit.interface.program
         groups = {choice for call in (*program.calls, *program.step) for choice, _ in call.when} | {"solver"}
         for v in unit.interface.variables:

@@ -43,7 +43,7 @@ def test_inverse_dynamics_are_those_of_mujoco_from_a_base_to_a_tip(mjcf):
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
     imported = import_robot(path, tip="two")
     assert largest_difference(path, imported.robot, ["turn", "slide"]) < 1e-12  # as above
-    assert "held at 0, beside the arm: last." in imported.notes
+    assert "held at 0, because they are not part of the arm: last." in imported.notes
 
 
 def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
@@ -65,7 +65,7 @@ def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
 
 @pytest.mark.parametrize(("inside", "further", "expected"), [
     (PAIR.format("a", "<freejoint/>"), "", "joint joint 1 of a: expected one of revolute, continuous, prismatic"),
-    (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above which it lies, --base a"),
+    (PAIR.format("a", '<joint type="ball"/>'), "", "got ball. Choose a base above it, --base a"),
     (PAIR.format("a", '<joint name="j"/><joint name="k" axis="1 0 0"/>'), "",
      "joint j: expected a link with mass, which it moves, got no <inertial> with a mass in a at j."),
     (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
@@ -73,7 +73,7 @@ def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
      "joint k: expected a joint with its own drive, got one that mimics j."),
     (PAIR.format("a", '<joint name="j"/>' + PAIR.format("b", '<joint name="k"/>')),
      '<equality><connect name="bar" body1="b" body2="world" anchor="0 0 0"/></equality>',
-     "bar: expected links of one chain, got a loop: it joins b to world beside the joints. An arm must"),
+     "bar: expected links of one chain, got a loop: it connects b to world in addition to the joints. An arm must"),
     ("<body/><nonsense/>", "", "expected a model that MuJoCo compiles, got: XML Error"),
 ])  # fmt: skip
 def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):

@@ -21,21 +21,21 @@ def refused(path: Path, **options: str) -> list[str]:
 
 @pytest.mark.parametrize(("content", "options", "expected"), [
     (ARM + link("flap") + joint("d", "one", "flap"), {},
-     "--tip: expected a link, got nothing, and 2 joints branch off from one. Choose where the arm ends; what "
-     "moves beside it is held at 0. There are: tool (3 joints), flap (2 joints), one (1 joint)."),
+     "--tip: expected a link, got nothing, and 2 joints branch off from one. Choose where the arm ends; all other "
+     "joints are held at 0. There are: tool (3 joints), flap (2 joints), one (1 joint)."),
     (ARM, {"tip": "tol"}, "--tip: expected a link of the file, got 'tol'. Did you mean \"tool\"? There are: "),
     (ARM, {"base": "three", "tip": "one"},
      "--tip: expected a link that hangs on three, got one. Choose the base among ground."),
     (ARM, {"tip": "ground"},
      "the file: expected a joint that moves between ground and ground, got none. Choose others by --base, "),
     (ARM.replace('name="b" type="revolute"', 'name="b" type="floating"'), {},
-     "joint b: expected one of revolute, continuous, prismatic, fixed, got floating. Choose a base above which "
-     'it lies, --base two, or make it type="fixed".'),
+     "joint b: expected one of revolute, continuous, prismatic, fixed, got floating. Choose a base above it, --base "
+     'two, or make it type="fixed".'),
     (ARM.replace(LIMIT, MIMIC).replace(MIMIC, LIMIT, 1), {"tip": "tool"},
      "joint b: expected a joint with its own drive, got one that mimics a. End the arm before it, --tip "
      "one, or delete its <mimic>."),
     (ARM + link("flap") + joint("d", "one", "flap", inside=MIMIC), {"tip": "tool"},
-     "joint d: expected no joint that moves beside the arm, got one that mimics a, a joint of the arm. End the "
+     "joint d: expected no other moving joint, got one that mimics a, a joint of the arm. End the "
      "arm before that by --tip, or delete the <mimic>: it is held at 0 then."),
     (ARM + joint("d", "ground", "three"), {},
      "link three: expected one joint that carries it, got the joints c, d. An arm must be an open chain: "

@@ -55,7 +55,7 @@ def test_axes_along_frames_give_rotations_of_ones_and_zeros_and_another_base_kee
 def test_what_moves_beside_the_arm_is_held_and_carried(urdf):
     path = urdf(ARM + link("flap") + joint("d", "one", "flap"))
     imported = import_robot(path, tip="tool")
-    assert "held at 0, beside the arm: d." in imported.notes
+    assert "held at 0, because they are not part of the arm: d." in imported.notes
     inverse, _ = differences(imported.robot, pinocchio_arm(path, ["a", "b", "c"]), 5)
     assert inverse < 1e-13  # as above
 
@@ -69,7 +69,7 @@ def test_joints_that_are_coupled_and_links_without_mass_are_named(urdf):
     )
     imported = import_robot(urdf(ARM + fingers))
     assert imported.robot.n == 3
-    assert "held at 0, beside the arm: left, right." in imported.notes
+    assert "held at 0, because they are not part of the arm: left, right." in imported.notes
     shown = link("case", '<visual><geometry><sphere radius="0.1"/></geometry></visual>') + joint(
         "e", "three", "case", "fixed"
     )

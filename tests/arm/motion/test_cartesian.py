@@ -106,14 +106,15 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     assert np.linalg.norm(drawn[-1]) < np.linalg.norm(positions[-1])  # 0 is the middle
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("keys", "words"), [
     ({"points": [0.5, 0.0]}, "points: expected positions of three finite numbers"),
     ({"orientation": "up"}, "orientation: expected keep, free or a rotation"),
-    ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three rows"),
+    ({"orientation": 2.0 * np.eye(3)}, "orientation: expected a rotation, three orthogonal rows"),
     ({"start": [0.1]}, "start: expected the positions of 2 joints"),
     ({"duration": None}, "expected a duration, a speed, or limits"),
     ({"dwell": [0.1, 0.2]}, "dwell: expected a number"),
-    ({"dwell": -0.1}, "dwell: expected one time above 0 s"),
+    ({"dwell": -0.1}, "dwell: expected one positive time in s"),
     ({"tolerance": 0.0}, "tolerance: expected more than 0"),
     ({"speed": np.inf}, "speed: expected more than 0"),
     ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
@@ -132,7 +133,7 @@ def test_a_circle_that_does_not_fit_is_named(planar):
         ({"axis": [0.0, 0.0, 0.0]}, "circle: expected centre and axis"),
         ({"angle": 0.0}, "angle: expected a finite number other than 0"),
         ({"angle": 720.0}, r"angle: expected at most 10 turns, 62.83 rad, got 720 rad. As degrees .* 12.57"),
-        ({"centre": vdfmu.dynamics.forward_kinematics(planar, [0.3, 0.8])[0]}, "centre: expected an axis away"),
+        ({"centre": vdfmu.dynamics.forward_kinematics(planar, [0.3, 0.8])[0]}, "centre: expected an axis that does"),
     ):
         with pytest.raises(UsageError, match=words):
             motions.circle(

@@ -138,7 +138,7 @@ def test_without_a_scheduler_it_ends_with_what_is_done(wild, tmp_path, dask, loc
     thread.join(120)
     assert isinstance(outcome[0], VdfmuError | Sweep), outcome
     if isinstance(outcome[0], VdfmuError):
-        assert "give the same command again" in str(outcome[0])
+        assert "repeat the command" in str(outcome[0])
     # and continues where it stopped, without a scheduler
     again = vdfmu.sweep(wild, AXES, measure=MEASURES, step=0.01, out=tmp_path / "study")
     assert table(again) == local

@@ -166,7 +166,7 @@ def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
     assert " to " in ran("linear", "planar_tracking", "--modes").output
     assert (tmp_path / "planar_tracking_modes.png").read_bytes().startswith(b"\x89PNG")
     for options, message in (
-        (["planar_tracking", "--modes"], "expected no file of this name"),
+        (["planar_tracking", "--modes"], "a file of this name exists"),
         (["planar_tracking", "--modes", "--pose", "0 0"], "--pose is for a robot at a pose"),
         (["planar_tracking", "--modes", "--set", "a.b=1"], "--set is for margins"),
         (["planar_2dof", "--out", "here.png"], "--out is the picture of --modes or --bode"),

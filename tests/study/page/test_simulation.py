@@ -122,7 +122,7 @@ def test_a_run_without_references_says_why_its_loop_may_differ(planar):
 
 
 @pytest.mark.parametrize(("changed", "words"), [
-    ({"package": Path("none.ssp")}, "its package, system.ssp, is not beside the results"),
+    ({"package": Path("none.ssp")}, "its package, system.ssp, is not in the folder of the results"),
     ({"package": Path(__file__)}, "this cache has no simulation of it"),
 ])  # fmt: skip
 def test_why_a_run_is_not_simulated_is_said(planar, changed, words):

@@ -61,9 +61,7 @@ def test_a_unit_whose_signals_have_other_names_is_connected(renamed):
 def test_an_input_that_nothing_feeds_is_refused_unless_it_is_connected_or_set_or_the_user_says_so(renamed):
     renamed["controller"].write_text(OWN.replace("torque =", "tau =").replace("self.torque", "self.tau"))
     measured, wanted = {"plant.q": "controller.measured"}, {"trajectory.q_d": "controller.wanted"}
-    said = (
-        "controller.wanted: expected an output that feeds it, such as trajectory.q_d or plant.q, got none. --connect "
-    )
+    said = "controller.wanted: expected a connected output, such as trajectory.q_d or plant.q, got none. --connect "
     with pytest.raises(UsageError, match=f"^{said}") as error:
         prepare("planar_tracking", units=renamed)
     assert len(str(error.value).splitlines()) == 2
@@ -86,7 +84,7 @@ def test_an_input_of_a_plant_that_a_unit_no_longer_feeds_is_refused(renamed):
     """The controller has its inputs, and its torque another name: the plant would move without a torque."""
     text = OWN.replace("wanted", "q_d").replace("measured", "q")
     renamed["controller"].write_text(text)
-    said = r"^plant\.tau: expected an output that feeds it, such as .*controller\.torque, got none\."
+    said = r"^plant\.tau: expected a connected output, such as .*controller\.torque, got none\."
     with pytest.raises(UsageError, match=said):
         prepare("planar_tracking", units=renamed)
     scenario = prepare("planar_tracking", units=renamed, connections={"controller.torque": "plant.tau"})

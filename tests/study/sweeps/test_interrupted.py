@@ -116,7 +116,7 @@ def test_a_byte_that_the_disk_changes_is_seen(wild, tmp_path, undisturbed, monke
     data = bytearray(broken.read_bytes())
     data[column.data_page_offset + column.total_compressed_size - 2] ^= 1
     broken.write_bytes(data)
-    with pytest.raises(VdfmuError, match="is not whole.*give the same command again"):
+    with pytest.raises(VdfmuError, match="is not whole.*repeat the command"):
         study(wild, tmp_path / "study")
     assert broken.with_name(f"{broken.name}.broken").read_bytes() == data
     assert table(study(wild, tmp_path / "study")) == undisturbed

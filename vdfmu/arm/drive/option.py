@@ -106,8 +106,8 @@ class Sliding(NamedTuple):
 class JointMotion(NamedTuple):
     """Arguments of the rates of states, each (n,): :class:`Sliding`, and three more.
 
-    `stretch` is the rate of the deformation [rad/s or m/s], `tau` the torque asked of the motor [N m], motor-side,
-    `loss` the power that friction and the laws beside the spring turn into heat [W].
+    `stretch` is the rate of the deformation [rad/s or m/s], `tau` the torque requested of the motor [N m], motor-side,
+    `loss` the power that friction and the laws other than the spring's turn into heat [W].
     """
 
     velocity: Any

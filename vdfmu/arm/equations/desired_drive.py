@@ -32,7 +32,7 @@ def desired_drive_motion(
 
     ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``. Jets give the two derivatives of kappa,
     from q_d up to its fourth derivative. The derivatives of the wrench `F_e_d`, and of the acceleration of a moving
-    base, are taken as zero.
+    base, are assumed to be zero.
 
     With `rotor_coupling` ID holds the rotors' reaction (11), with each rotor turning as its link does. The acceleration
     of the deformation would take two more derivatives of q_d for each joint of the chain. Its part of kappa,

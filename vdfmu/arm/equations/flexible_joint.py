@@ -207,7 +207,7 @@ def rotor_torque(robot: Any, tau: Any, tau_s: Any, xi_m: Any) -> Any:
 
 
 def _parallel(robot: Any, state: PlantState) -> Parallel:
-    """Sum of the options' laws beside the springs."""
+    """Sum of the options' laws that act in parallel with the springs."""
     laws = [(option.parallel, inner) for option, inner in options_of(robot, state.options) if option.parallel]
     if not laws:
         return Parallel()

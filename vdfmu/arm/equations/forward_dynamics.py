@@ -79,7 +79,7 @@ def articulated(
     V_B = link_velocities(robot, q, q_dot, base).V_B
     c_B = [cross_motion(V_B[i]) @ (z[i] * q_dot[i]) for i in range(n)]
 
-    # pass 2, end effector to base: eliminate q_ddot_i, hand the rest to the previous link
+    # pass 2, end effector to base: eliminate q_ddot_i, pass the remainder to the previous link
     def link(beyond: Any, i: int) -> tuple[Any, Eliminated]:
         force, hanging = beyond
         m_B, r_B, I_B = robot.body(i)

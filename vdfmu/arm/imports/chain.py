@@ -33,9 +33,9 @@ class SerialChain:
 def choose_arm(tree: Tree, base: str | None, tip: str | None, tool: Placement | None = None) -> SerialChain | None:
     """Return the arm from a base to a tip, or None after adding problems.
 
-    Joints beside it are held at 0: their links are parts of the link before. {I} is the frame of the base, by default
-    the root. The tip is by default the last link, if the tree has only one arm. {O} is the `tool` in its frame, else
-    follows from the tree.
+    Other joints are held at 0, and their links become parts of the previous link. {I} is the frame of the base, by
+    default the root. The tip is by default the last link, if the tree has only one arm. {O} is the `tool` in its frame,
+    else follows from the tree.
     """
     problems = tree.problems
     root = _root(tree)
@@ -91,12 +91,12 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placeme
             tree.problems.add(
                 name,
                 "links of one chain",
-                f"a loop: it joins {first} to {second} beside the joints",
+                f"a loop: it connects {first} to {second} in addition to the joints",
                 "An arm must be an open chain: delete it, or end the arm before it with --tip.",
             )
     if held:
         names = few([joint.name for joint in held])
-        tree.notes.append(f"held at 0, beside the arm: {names}.")
+        tree.notes.append(f"held at 0, because they are not part of the arm: {names}.")
     up = _pose(tree, base).R.T @ tree.gravity
     return SerialChain(base, tip, tuple(bodies), tool, up, tree.standard, tuple(visuals))
 
@@ -147,7 +147,7 @@ def _only_tip(tree: Tree, base: str) -> str | None:
                 "--tip",
                 "a link",
                 f"nothing, and {len(onward)} joints branch off from {link}",
-                f"Choose where the arm ends; what moves beside it is held at 0. There are: {names}.",
+                f"Choose where the arm ends; all other joints are held at 0. There are: {names}.",
             )
             return None
         link = onward[0].child
@@ -204,7 +204,7 @@ def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
     for joint in moving:
         key = f"joint {joint.name}"
         if joint.kind not in MOVING:
-            way_out = f'Choose a base above which it lies, --base {joint.child}, or make it type="fixed".'
+            way_out = f'Choose a base above it, --base {joint.child}, or make it type="fixed".'
             tree.problems.add(key, f"one of {', '.join(MOVING)}, fixed", joint.kind, way_out)
         if joint.follows:
             tree.problems.add(
@@ -217,7 +217,7 @@ def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
         if joint.name not in on_path and joint.follows in on_path:
             tree.problems.add(
                 f"joint {joint.name}",
-                "no joint that moves beside the arm",
+                "no other moving joint",
                 f"one that mimics {joint.follows}, a joint of the arm",
                 "End the arm before that by --tip, or delete the <mimic>: it is held at 0 then.",
             )

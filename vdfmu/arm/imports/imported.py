@@ -58,12 +58,12 @@ def robot_from_urdf(
     path : path
         The URDF.
     base : str, optional
-        Link that stands still, whose frame is {I}; default the root of the file.
+        Fixed link, whose frame is {I}; default the root of the file.
     tip : str, optional
-        Last link of the arm; default the last one, where the file has one arm only. Joints beside the arm are held
-        at 0. A tip that is fixed to the last link that moves is the end effector's frame {O}. Without such a frame,
-        {O} is where the shape of the last link ends, farthest from its joint, with the axes of that link. A last link
-        without a shape that can be read has {O} at its origin.
+        Last link of the arm; default the last one, where the file has one arm only. Joints that are not part of the arm
+        are held at 0. A tip that is fixed to the last link that moves is the end effector's frame {O}. Without such a
+        frame, {O} is where the shape of the last link ends, farthest from its joint, with the axes of that link. A last
+        link without a shape that can be read has {O} at its origin.
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
@@ -129,7 +129,9 @@ def import_robot(
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
         raise UsageError(f"density: expected a number above 0 in kg/m3, got {density!r}.")
     if tool_frame is not None and (tool is not None or tip is not None):
-        raise UsageError("tool_frame: expected neither tool nor tip beside it, got one. It is the tip, and the tool.")
+        raise UsageError(
+            "tool_frame: expected neither tool nor tip in addition to it, got one. It is the tip, and the tool."
+        )
     place = read_placement(np.zeros(3) if tool is None else tool) if tool is not None or tool_frame else None
     root = parse_file(path)
     problems = Problems(str(path))

@@ -86,7 +86,7 @@ def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
     ends = np.maximum(slopes[0], slopes[-1])
     if np.any(fast := ends > _AT_REST * np.maximum(slopes.max(axis=0), 1e-300)):
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(fast))
-        note = f"the samples of joint {joints} start or end at speed, but the motion is at rest: it swings there."
+        note = f"the samples of joint {joints} start or end with a speed, but the motion rests there: it oscillates."
         return Motion(motion.knots, motion.coefficients, (note,))
     return motion
 

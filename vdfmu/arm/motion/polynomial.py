@@ -208,7 +208,7 @@ def spline(t: Floats, q: Floats) -> Motion:
 
 @checks_types
 def rest(q: npt.ArrayLike, seconds: float) -> Motion:
-    """Return a motion that stands still at `q`, (n,) [rad or m], for some `seconds`."""
+    """Return a motion that rests at `q`, (n,) [rad or m], for some `seconds`."""
     if not 0.0 < seconds < np.inf:
         raise UsageError(f"dwell: expected one positive time in s, got {seconds}.")
     if np.ndim(q) != 1:

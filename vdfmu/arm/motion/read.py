@@ -62,7 +62,7 @@ class MotionKind(NamedTuple):
 
     @property
     def of_file(self) -> bool:
-        """Whether its points are positions of the joints, which may be in a CSV file; a line has its start beside."""
+        """Whether its points are positions of the joints, which may be in a CSV file; a line also has a start."""
         return "points" in self.keys and "start" not in self.keys
 
 

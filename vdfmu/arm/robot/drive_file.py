@@ -1,4 +1,4 @@
-"""The file of a drive of its own."""
+"""The file of an arm's own drive."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _STRONG_GRAVITY = 30.0
 _LARGE = 5.0
 """Radius of gyration [m]: shipped links have 0.02 to 0.5, one of 10 cm in kg.mm2 has 100, in kg.cm2 10."""
 _ON_AXIS = 1e-3
-"""Distance of a tool from an axis on which it lies, as a share of the arm's length: a few digits of pi leave 1e-3."""
+"""Distance of a tool from an axis on which it lies, as a share of the arm's length: pi with a few digits gives 1e-3."""
 _SOFT, _STIFF = 2.0, 150.0
 """Frequency of a rotor on its drive's spring, and on the flexspline alone [Hz]. Shipped arms and the catalogue have 10
 to 84 and 10 to 104, series elastic actuators 3 and more. Newton millimetres make it 32 times as high, a missing ell
@@ -82,7 +82,7 @@ CHECKS = (
     ),
     Plausibility(
         lambda robot: _frequency(robot, robot.K_f0), 0.0, _STIFF,
-        "a rotor that swings on its flexspline with {:.4g} Hz",
+        "a rotor that oscillates on its flexspline at {:.4g} Hz",
         "", f"looks like K_f0 in N.mm/rad, I_m without its factor ell, or a simulator's armature. {_DRIVES}",
     ),
     Plausibility(

@@ -142,7 +142,7 @@ def robot_names() -> list[str]:
 def load_robot(path_or_name: str | os.PathLike[str], *, own_drive: bool = True) -> Robot:
     """Load a robot by the name of a shipped one or by the path of a TOML file.
 
-    If the file names a drive of its own, ``drive = "my_drive.py"``, that file is run as by ``import``.
+    If the file names its own drive, ``drive = "my_drive.py"``, that file is run as by ``import``.
 
     Parameters
     ----------

@@ -18,9 +18,9 @@ class Feedforward(Unit):
 
     Mode 0, inverse: the exact inverse of the plant along the desired motion::
 
-        tau_s   = ID(q_d, q_d_dot, q_d_ddot, F_e_d) + xi_l(q_d_dot)      spring torques, derivatives of F_e_d taken as 0
-        kappa_d = q_d + D(tau_s) + theta_err(kappa_d)                    motion of the rotors
-        tau_m   = I_m kappa_d_ddot + tau_s / ell + xi_m(kappa_d_dot)     motor torques, (27), (56)
+        tau_s   = ID(q_d, q_d_dot, q_d_ddot, F_e_d) + xi_l(q_d_dot)      spring torques, derivatives of F_e_d assumed to
+        be 0 kappa_d = q_d + D(tau_s) + theta_err(kappa_d)                    motion of the rotors tau_m   = I_m
+        kappa_d_ddot + tau_s / ell + xi_m(kappa_d_dot)     motor torques, (27), (56)
 
     Mode 1, vdc: virtual decomposition control, from the desired and the measured motion::
 
@@ -38,7 +38,8 @@ class Feedforward(Unit):
     derivatives of q_d for each joint. They are left out of kappa_d, with an effect in fast motions. Of options it
     includes backlash, load loss and counterbalances, but not hysteresis, bristles, the winding, temperature, or limits.
 
-    For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S taken as 0.
+    For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S assumed to
+    be 0.
     """
 
     sampled = True

@@ -87,12 +87,13 @@ class Plant(Unit):
 
     The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
     state alone. Friction is regularised by tanh(v / eps), so the equations are smooth, without events; sticking is a
-    creep slower than eps. At a tolerance of 1e-7 stiff springs that swing for thousands of cycles lose their phase:
+    creep slower than eps. At a tolerance of 1e-7 stiff springs that oscillate for thousands of cycles lose their phase:
     compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops,
     counterbalances.
 
-    A robot with moving_base stands on a frame {S} whose motion is an input; the wrench of the base on the arm depends
-    on its acceleration A_S, and so does the acceleration A_O of the tool of a robot with coupled_tool on its load::
+    A robot with moving_base is mounted on a frame {S} whose motion is an input; the wrench of the base on the arm
+    depends on its acceleration A_S, and so does the acceleration A_O of the tool of a robot with coupled_tool on its
+    load::
 
         F_S = M_S A_S + F_S0                 M_S: apparent mass matrix of the arm, F_S0: wrench at A_S = 0
         F   = M_e A_O + F_e                  wrench of the arm on a load; M_e = 0: on its surroundings, F_e

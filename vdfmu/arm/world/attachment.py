@@ -2,7 +2,7 @@
 
 Subsystems of virtual decomposition exchange a motion one way and a wrench the other way at their cutting point. The
 wrench of a load depends on the acceleration of the cutting point, ``M_e A_O + F_e``, and that acceleration on the
-wrench. The load hands over M_e and F_e: they need no acceleration.
+wrench. The load passes on M_e and F_e, which do not depend on accelerations.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import numpy as np
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.rolled import rolled
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant
-from vdfmu.compiler.functions.derivatives import instructions
+from vdfmu.compiler.functions.operations import instructions
 
 STACK = 32_768
 """Most numbers of a memory on the stack: threads have 512 kB on some systems."""
@@ -84,7 +84,7 @@ class VectorText:
         self._place()
 
     def _read(self) -> list[VectorOperation]:
-        """Return the operations, each with vectors of its own."""
+        """Return the operations, each with its own vectors."""
         function = self._function
         held: dict[int, Vector] = {}
         written = [0] * function.n_out()

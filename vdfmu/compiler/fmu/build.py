@@ -32,7 +32,7 @@ _SLOW_JOINTS = 9
 
 @dataclass(frozen=True)
 class BuildTarget:
-    """A target beside the plain FMU, imported only when it is built."""
+    """A target other than the plain FMU, imported only when it is built."""
 
     module: str
     """Module with ``reason_against(unit)``, the reason why a unit cannot be built for it or None, and

@@ -273,7 +273,7 @@ def _add_interfaces(root: Element, interface: Interface) -> None:
         "maxOutputDerivativeOrder": "0",
         "recommendedIntermediateInputSmoothness": "0",
         "providesIntermediateUpdate": "true",
-        # early return only if the importer asks for it, between steps of the solver
+        # early return only if the importer requests it, between steps of the solver
         "mightReturnEarlyFromDoStep": "false",
         "canReturnEarlyAfterIntermediateUpdate": boolean(interface.has_states),
         "hasEventMode": "false",

@@ -51,7 +51,7 @@ def build_native_fmus(contents: Mapping[Path, Content], platforms: Sequence[str]
 def unit_sources(content: Content) -> dict[str, bytes]:
     """Return file name to content of the folder ``sources`` of an FMU.
 
-    With :func:`fmi_headers` beside them, and ``-I.``, all C files compile to the library.
+    With :func:`fmi_headers` next to them, and ``-I.``, all C files compile to the library.
     """
     generated = generated_sources(content.interface, content.guid)
     return {name: text.encode() for name, text in generated.items()} | _written_sources(content.fmi.prefix)

@@ -1,7 +1,7 @@
 """Chains of parts, such as the joints of an arm: the passes along a chain, from the traces of its kinds of parts.
 
-The trace of a part has symbols for what the parts hand on (:mod:`vdfmu.compiler.scalar.passes`). Numbers that are
-handed on twice, and constants, drop out. Passes in the same direction become one pass as far as they can.
+The trace of a part has symbols for the values that the parts pass on (:mod:`vdfmu.compiler.scalar.passes`). Numbers
+that are handed on twice, and constants, drop out. Passes in the same direction become one pass as far as they can.
 :mod:`.chain_calls` writes the calls.
 """
 
@@ -30,7 +30,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class PartTrace:
-    """The trace of a part. Groups of elements lie side by side in an argument or a result of the chain."""
+    """The trace of a part. Groups of elements are adjacent in an argument or a result of the chain."""
 
     inputs: Mapping[str, ca.SX]
     results: Mapping[str, ca.SX]
@@ -95,7 +95,7 @@ def chain_of(
     """Return the chain of traces of its kinds of parts. ChainError if they do not fit together."""
     forms = [[(each.inward, each.first.numel()) for each in trace.passes] for trace in traces]
     if any(form != forms[0] for form in forms):
-        raise ChainError("the parts hand on different things")
+        raise ChainError("the parts pass on different values")
     merged = _Merged(traces, kinds)
     turns = merged.turns()
     by_turn: dict[int, list[_Leaf]] = {} if turns else {0: []}
@@ -114,7 +114,7 @@ def chain_of(
         )
         for trace in traces
     ]
-    # both ends of the chain have inputs and passes of their own: those of the last part replace those of the first
+    # both ends of the chain have their own inputs and passes: those of the last part replace those of the first
     outer = ends[1]
     varying = {group for group in outer.inputs if len({each.get(group) for each in places}) > 1}
     common = {group: symbols for group, symbols in outer.inputs.items() if group not in varying}
@@ -186,7 +186,7 @@ class _Merged:
             self._representative[leaf] = key[1] if isinstance(key[1], float) else first.setdefault(key, leaf)
 
     def _refined(self, keys: Mapping[_Leaf, Any]) -> dict[_Leaf, Any]:
-        """Return keys that also tell apart what the parts hand on."""
+        """Return keys that also distinguish the values that the parts pass on."""
         columns = [
             _keys(self.substituted(trace, [trace.passes[p].after[e] for p, e in self._leaves]))
             for trace in self._traces

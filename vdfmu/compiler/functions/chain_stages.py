@@ -1,8 +1,9 @@
 """The stage equations of :mod:`vdfmu.compiler.functions.rodas` for a chain, part by part.
 
 A balance of a chain is calculated outward, then inward, like the inverse dynamics of an arm. Linearised at the start of
-a step, what a part hands inward follows from what is handed to it outward: ``db = S da + s``. The elimination goes
-inward with S, once in a step. Each stage goes inward with s, and outward for the increments of the states.
+a step, the values that a part passes inward follow from those that it receives outward: ``db = S da + s``. The
+elimination goes inward with S, once in a step. Each stage goes inward with s, and outward for the increments of the
+states.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class ChainStages:
         return factors
 
     def _at_the_end(self, calls: ChainCalls) -> ca.MX:
-        """Return the derivative of what the inward pass begins with by what the outward pass ends with."""
+        """Return the derivative of the first values of the inward pass by the last values of the outward pass."""
         chain = self._chain
         if not self._size or OUTWARD not in chain.first:
             return ca.MX(self._size, 1)
@@ -192,7 +193,7 @@ class _LinearPart:
         self._handed = [part.before.get(turn, empty) for turn in (OUTWARD, INWARD)]
         self._hands = [part.after.get(turn, empty) for turn in (OUTWARD, INWARD)]
         self._moved = ca.SX.sym("moved", self._hands[0].numel())
-        """Symbols of what the part hands outward, in its rows and in what it hands inward."""
+        """Symbols of the values that the part passes outward, in its rows and in the values that it passes inward."""
         self._rows, self._inward = self._by_moved(list(states))
         R_y = ca.sparsify(ca.jacobian(self._rows, self._Y))
         beyond = [ca.jacobian(self._rows, handed) for handed in (*self._handed, self._moved)]
@@ -209,18 +210,11 @@ class _LinearPart:
         ]
 
     def _by_moved(self, states: Sequence[str]) -> tuple[ca.SX, ca.SX]:
-        """Return the rows and what the part hands inward, in terms of what it hands outward."""
+        """Return the rows and the values that the part passes inward, in terms of those that it passes outward."""
         inputs = [*self._part.inputs.values(), *self._handed]
         operations = Operations(ca.Function("part", inputs, [self._rows, *self._hands]))
         rows, outward, inward = operations.results
-        values: dict[int, ca.SX] = {}
-        for k, operation in enumerate(operations.listed):
-            if isinstance(operation.leaf, tuple):
-                values[k] = inputs[operation.leaf[0]][operation.leaf[1]]
-            elif k in outward:
-                values[k] = self._moved[outward.index(k)]
-            else:
-                values[k] = operations.value(k, [values[i] for i in operation.reads])
+        values = operations.values(inputs, lambda k, _: self._moved[outward.index(k)] if k in outward else None)
         return column_of(values[k] for k in rows), column_of(values[k] for k in inward)
 
     def functions(

@@ -1,8 +1,8 @@
 """Linear systems, inverses and exponentials of matrices, on floats and, for fixed sizes, on symbols.
 
 On floats numpy and scipy calculate :func:`solve`, :func:`inv` and :func:`expm`. On symbols no branch depends on a
-value. ``where`` exchanges rows and keeps squarings, so a trace has all cases, and its derivatives belong to the case at
-hand.
+value. ``where`` exchanges rows and keeps squarings, so a trace has all cases, and its derivatives belong to the current
+case.
 
 :func:`factorize` takes its pivots on the diagonal, in order, for matrices that need no exchange of rows. Mass matrices
 are positive definite. A Rosenbrock matrix ``I/(h gamma) - J`` tends to a multiple of the identity as the step h
@@ -113,7 +113,7 @@ def solve(A: Any, b: Any) -> Any:
     n = len(A)
     rows = np.concatenate([A, b.reshape(n, -1)], axis=1).astype(object)
     for k in range(n):
-        for i in range(k + 1, n):  # the largest of the column comes to the diagonal
+        for i in range(k + 1, n):  # the largest of the column is moved to the diagonal
             if not is_zero(rows[i, k]):
                 upper, lower = rows[k, k:].copy(), rows[i, k:].copy()
                 larger = abs(lower[0]) > abs(upper[0])

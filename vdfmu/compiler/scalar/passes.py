@@ -1,7 +1,7 @@
-"""Passes along a chain: what each part hands to the next, outward to the end or inward to the base.
+"""Passes along a chain: the values that each part passes to the next, outward to the end or inward to the base.
 
-On floats, and in the trace of a short chain, a pass is a loop. In the trace of one part of a long chain, symbols take
-the place of what is handed over, so that the part is traced once for all parts that are alike.
+On floats, and in the trace of a short chain, a pass is a loop. In the trace of one part of a long chain, symbols
+replace these values, so that the part is traced once for all parts that are alike.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from vdfmu.compiler.scalar.jet import Jet
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 Step = Callable[[Any, int], tuple[Any, Any]]
-"""Function of what the part before hands over, and of the part's number; returns what it hands on, and its result."""
+"""Function of the values from the previous part and of the part's number; returns the values that it passes on, and its
+result."""
 
 
 def outward(step: Step, carry: Any, n: int) -> tuple[Any, list[Any]]:
-    """Run `step` from part 0 to part n - 1. Return what the last hands on, and the result of each."""
+    """Run `step` from part 0 to part n - 1; return the values that the last part passes on, and all results."""
     return _run(step, carry, n, inward=False)
 
 
 def inward(step: Step, carry: Any, n: int) -> tuple[Any, list[Any]]:
-    """Run `step` from part n - 1 to part 0. Return what part 0 hands on, and the result of each, part 0 first."""
+    """Run `step` from part n - 1 to part 0; return the values that part 0 passes on, and all results, part 0 first."""
     return _run(step, carry, n, inward=True)
 
 
@@ -43,17 +44,17 @@ def total(values: Any, first: Any = None) -> Any:
 
 @dataclass(frozen=True)
 class HandedOn:
-    """What the parts of a chain hand on in a pass, as columns of SX."""
+    """The values that the parts of a chain pass on, as columns of SX."""
 
     inward: bool
     first: ca.SX
-    """What the pass begins with."""
+    """The values with which the pass begins."""
     before: ca.SX
-    """Symbols of what the part before hands over."""
+    """Symbols of the values from the previous part."""
     after: ca.SX
-    """What the part hands on."""
+    """The values that the part passes on."""
     last: ca.SX
-    """Symbols of what the last part hands on."""
+    """Symbols of the values that the last part passes on."""
 
 
 _recorder: ContextVar[list[HandedOn] | None] = ContextVar("recorder", default=None)

@@ -300,8 +300,8 @@ LOOKUP = "lookup_"
 def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
     """Return the lookup of the row of `rows` (m, w) for an interval of `edges` (m + 1,). Its derivative is 0.
 
-    A trace calls it for a table of any length. CasADi knows no function with steps: its binary search finds the place,
-    and its linear interpolation is exact at whole numbers.
+    A trace calls it for a table of any length. CasADi has no step function: its binary search finds the place,
+    and its linear interpolation is exact at integers.
     """
     m, w = rows.shape
     if m == 1:  # interpolation needs two points

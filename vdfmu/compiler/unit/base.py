@@ -70,9 +70,9 @@ class BaseUnit:
     files: ClassVar[tuple[str, ...]] = ()
     """Modules and data that the unit loads from the folder of its file; a Python FMU carries them."""
     made_of: ClassVar[Mapping[str, bytes] | None] = None
-    """Name to content of ``unit.py`` and the files beside it, of a class that no file declares."""
+    """Name to content of ``unit.py`` and the files next to it, of a class that no file declares."""
     author: ClassVar[str | None] = None
-    """Author of the FMU, as `license`, `copyright` and `version`; None: the author of the project with the file."""
+    """Author of the FMU, as `license`, `copyright` and `version`; None: it names none."""
     license: ClassVar[str | None] = None
     copyright: ClassVar[str | None] = None
     version: ClassVar[str | None] = None
@@ -82,7 +82,7 @@ class BaseUnit:
     exchange: ClassVar[bool] = False
     """Whether the native FMU has model exchange even without states. A written system then uses it so."""
     chain: ClassVar[int | None] = None
-    """Fewest joints with which each joint calls functions of its own, see :mod:`.joints`. None: no such number."""
+    """Fewest joints with which each joint calls its own functions, see :mod:`.joints`. None: no such number."""
     sampled: ClassVar[bool | None] = None
     """True: the unit samples its inputs, every ``period`` or once in each of its steps, and holds its outputs. False: a
     law in continuous time, which a shorter communication step brings nearer. None: not declared."""

@@ -244,7 +244,7 @@ def state_space(
     model = StateSpace.of(J[np.ix_(np.concatenate([x_dot, y]), np.concatenate([x, u]))], *signals)
     still = ", ".join(dict.fromkeys(v.group for v in table if v.variability == "discrete"))
     kind = "sampled" if table.is_sampled else "held"
-    return replace(model, notes=(f"{kind} states are taken as constant: {still}",)) if still else model
+    return replace(model, notes=(f"{kind} states are assumed to be constant: {still}",)) if still else model
 
 
 def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:

@@ -38,7 +38,7 @@ class Array:
     first: int
     """Position of the first element, and the value reference in FMI 3."""
     shape: tuple[int, ...]
-    """Empty for a scalar. The elements lie row by row."""
+    """Empty for a scalar. The elements are in row-major order."""
 
     @property
     def size(self) -> int:
@@ -54,9 +54,9 @@ class Array:
 class Interface:
     """Variables of one unit in the order of their value references, 0, 1, ..., and its memory.
 
-    The memory holds the variables, the derivatives of the continuous states, and the time. A group's variables lie next
-    to each other: its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all
-    wrong start values, and UnitError for a wrong declaration, or joints without a robot.
+    The memory holds the variables, the derivatives of the continuous states, and the time. A group's variables are
+    adjacent: its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all wrong
+    start values, and UnitError for a wrong declaration, or joints without a robot.
 
     `start` are start values by variable, instead of the declaration's. A unit without joints needs no `robot`.
 
@@ -94,7 +94,7 @@ class Interface:
         self.implementation = "ModelExchange" if unit.exchange else "CoSimulation"  # kind of component in SSP
 
     def _declared_as(self, kind: type[Declared]) -> slice:
-        """Positions of the variables that are declared as a kind, which lie next to each other."""
+        """Positions of the variables that are declared as a kind, which are adjacent."""
         places = [i for i, v in enumerate(self) if isinstance(self.unit.declared.get(v.group), kind)]
         return slice(places[0], places[-1] + 1) if places else slice(0, 0)
 

@@ -24,9 +24,9 @@ from vdfmu.compiler.unit.trace import Fixed, Symbols, argument_name, run, state_
 
 
 def is_long(unit: type[BaseUnit], robot: Machine | None) -> bool:
-    """Whether the joints of an arm call functions of their own, since there are many.
+    """Whether each joint of an arm calls its own functions, because there are many joints.
 
-    Only methods of this package are known to hand on all that joints tell each other by passes.
+    Only methods of this package are known to exchange values between joints exclusively by passes.
     """
     if robot is None or unit.chain is None or robot.n < unit.chain:
         return False
@@ -205,5 +205,5 @@ class _Arm:
 
 def _of_joints(declared: Declared) -> bool:
     if JOINTS in declared.shape[1:]:
-        raise ChainError(f"{declared.name} has joints beside joints")
+        raise ChainError(f"{declared.name} has the dimension joints twice")
     return JOINTS in declared.shape[:1]

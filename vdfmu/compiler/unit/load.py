@@ -86,7 +86,8 @@ def _run(file: Path, path: Path, name: str) -> ModuleType:
         sys.dont_write_bytecode = writes_none
         if folder in sys.path:
             sys.path.remove(folder)
-        # forget modules beside the file: another unit may have others of the same names, or these be edited
+        # forget modules in the folder of the file: another unit may have modules of the same names, or these may be
+        # edited
         for other in set(sys.modules) - before - ({name} if ran else set[str]()):
             if str(getattr(sys.modules[other], "__file__", None) or "").startswith(folder + os.sep):
                 del sys.modules[other]

@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Calls of the right-hand side in one go, ten times what the shipped robots take; odd values may find no end."""
+"""Limit of calls of the right-hand side, ten times that of the shipped robots, because unusual values may never end."""
 _CLOSE = 1e-9
 """Part of a period within which a time counts as a sample's."""
 MINIMUM_STEP = 1e-12
@@ -30,7 +30,8 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
 _KEPT = 20
-"""Times that LSODA gets a Jacobian. It asks each 20 steps or so; the arms' Jacobians serve for 10 ms."""
+"""Times that LSODA gets a Jacobian. It requests one about every 20 steps; the arms' Jacobians can be reused for 10
+ms."""
 _DIFFERENCE = 1.5e-8
 """Difference for slopes over 1 + the size of a state, the square root of rounding."""
 
@@ -101,10 +102,10 @@ class Solver:
 
 
 class Slopes:
-    """The Jacobian of a right-hand side f(t, x) by differences, as LSODA asks for it.
+    """The Jacobian of a right-hand side f(t, x) by differences, as LSODA requests it.
 
-    It decides the iterations of a step, not the error. So an old one serves until a step fails. Then LSODA asks again
-    at the same or an earlier time.
+    It decides the iterations of a step, not the error. So an old one is reused until a step fails. Then LSODA requests
+    it again at the same or an earlier time.
     """
 
     def __init__(self, rate: Callable[[float, Floats], Floats]) -> None:

@@ -334,7 +334,7 @@ def run(unit: BaseUnit, phase: str, values: Values) -> Any:
 def _call(method: Callable[[], Any], file: Path | None) -> Any:
     """Call a method. Raise errors of values and symbols even if the method catches them.
 
-    The same holds for errors of types and attributes in the code of `file` and the files beside it: numpy and other
+    The same holds for errors of types and attributes in the code of `file` and the files next to it: numpy and other
     libraries raise them for unknown objects, such as symbols.
     """
     refused: list[Exception] = []

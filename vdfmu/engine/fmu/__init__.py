@@ -1,1 +1,1 @@
-"""One FMU: its description, its variables, its calls. The only place that knows FMI's functions."""
+"""One FMU: its description, its variables, its calls. The only place that calls FMI's functions."""

@@ -122,7 +122,7 @@ class Description:
 def is_own(unit: Archive) -> bool:
     """Whether this user built an FMU here, to the byte, and without a unit's own Python code in it.
 
-    It alone decides which code runs in this process; all other FMUs run in a process of their own.
+    Only this decides which code runs in this process; all other FMUs run in a process of their own.
     """
     return _UNIT not in unit and built_as(unit.file) is not None
 
@@ -176,7 +176,7 @@ def _inspect(
     parts = {"CoSimulation": model.coSimulation, "ModelExchange": model.modelExchange}
     wanted = [kind for kind in kinds if kind in parts and implementation in ("any", kind)]
     if implementation not in ("any", *kinds):
-        text = f"the SSD asks for {implementation}, {source} has {' and '.join(kinds) or 'none'}"
+        text = f"the SSD requires {implementation}, {source} has {' and '.join(kinds) or 'none'}"
         problems.append(finding("SSP045", text))
     elif not wanted:
         text = f"{source}: expected an FMU for {' or '.join(parts)}, got one for {' and '.join(kinds) or 'neither'}"

@@ -225,7 +225,7 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
         libraries = [f"binaries/{p}/{identifier}{fmpy.sharedLibraryExtension}" for p in here]
         if not {*libraries} & {*names}:
             folder, library = posixpath.split(libraries[0])
-            findings.report("FMI017", f"{folder} has no {library}, as the model identifier asks for")
+            findings.report("FMI017", f"{folder} has no {library}, as the model identifier requires")
         findings.entries += [finding("FMI018", unit.misbuilt[name]) for name in libraries if name in unit.misbuilt]
 
 

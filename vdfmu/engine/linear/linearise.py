@@ -99,7 +99,7 @@ class Linearisation:
             "every": every,
         }
         self._notes = [
-            f"its step is {n} communication steps, and is taken as one: {name}"
+            f"its step of {n} communication steps is treated as one: {name}"
             for name, n in checked.multiples.items()
             if n != 1
         ]

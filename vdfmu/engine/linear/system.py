@@ -187,7 +187,7 @@ class LinearSystem:
         y = np.hstack([C, np.zeros_like(D)]) + D @ U
         system = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
         held = [*self.constant, *(name for name, _, _ in self.samples.signals)]
-        notes = [f"taken as constant, for it changes at communication points only: {name}" for name in held]
+        notes = [f"treated as constant, because it changes only at communication points: {name}" for name in held]
         return replace(system, notes=(*system.notes, *notes))
 
     def sampled(self, opened: Sequence[str] = ()) -> StateSpace:

@@ -206,7 +206,7 @@ class Components:
         return obstacle(self._stepper, self.exchange) or CompiledSteps(self._stepper, self.exchange, grid, keepers)
 
     def bring_inputs(self, time: float) -> None:
-        """Set all inputs to the values of the outputs that feed them."""
+        """Set all inputs to the values of the outputs that they are connected to."""
         self.exchange.feed(time)
         for gather in self.exchange.gathers():
             gather()

@@ -51,7 +51,7 @@ class SampledStepper(Stepper):
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
-        self.opening = exchange.gathers(late=True)
+        self.opening = exchange.gathers()
         """Update inputs that are not fresh, from the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
@@ -181,7 +181,7 @@ class Together:
         return self._integrator.step_call(clock, size)
 
     def _planned(self, descriptions: Mapping[str, Description], links: Sequence[Link]) -> list[Callable[[], None]]:
-        """Return the functions that pass values on, stage by stage: outputs of one rank, then inputs that they feed."""
+        """Return the functions that pass values on, in stages: outputs of one rank, then inputs connected to them."""
         ports, edges = variable_graph(descriptions, links, initial=False)
         starts = {link.start for link in links}
         rank = ranks(ports, edges, lambda _, port: port in starts)
@@ -212,7 +212,7 @@ class Together:
         return carry
 
     def pass_on(self) -> None:
-        """Bring all inputs that members feed up to date."""
+        """Update all inputs that are connected to members."""
         for stage in self._passes:
             stage()
 

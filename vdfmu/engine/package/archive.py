@@ -311,7 +311,7 @@ class Archive:
 def _blame_disk(label: str, error: Exception) -> None:
     """Raise UsageError for an error of the disk: the package is not at fault."""
     if reason := disk_error(error):
-        text = f"{label}: cannot be read: {reason.strerror}. Give the same command again once it can be read."
+        text = f"{label}: cannot be read: {reason.strerror}. Repeat the command once it can be read."
         raise UsageError(text) from error
 
 

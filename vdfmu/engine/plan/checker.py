@@ -298,7 +298,7 @@ class Checker:
         return links
 
     def inputs(self, links: Sequence[Link]) -> None:
-        """Report the inputs that nothing feeds."""
+        """Report the unconnected inputs."""
         set_here = {(p.component, p.name): () for c in self.system.components for p in c.parameters}
         named = {c.end: c.indices[1] for c in self.system.connections} | set_here
         fed = {link.end for link in links}

@@ -301,7 +301,7 @@ def _why_not(
     component, variable = variables[name]
     if variable.causality != "input":
         return f"expected an input, got a variable of causality {variable.causality}{_list(free)}"
-    return f"expected an input that nothing is connected to; {connected[component, variable.name]} feeds it"
+    return f"expected an unconnected input; {connected[component, variable.name]} is connected to it"
 
 
 def _list(free: Sequence[str]) -> str:

@@ -60,7 +60,7 @@ class ByHand:
             raise CosimError(name, "doStep", time, "it ended the simulation")
 
     def set(self, name: str, value: Any) -> None:
-        """Set an input that nothing feeds, or a tunable parameter."""
+        """Set an unconnected input or a tunable parameter."""
         owner, sinks = self._sinks.get(name) or self._sinks.setdefault(name, self._sinks_of(name, value))
         try:
             values = spread(value, [variable.name for variable in sinks])
@@ -77,7 +77,7 @@ class ByHand:
         for variable, _ in named.values():
             source = fed.get((owner, variable.name))
             if source is not None:
-                raise UsageError(f"{name!r}: {'.'.join(source)} feeds it. Take the connection out to set it.")
+                raise UsageError(f"{name!r}: {'.'.join(source)} is connected to it. Remove the connection to set it.")
             tunable = variable.causality == "parameter" and variable.variability == "tunable"
             settable = variable.causality == "input" or tunable
             if not settable or not self._components.between_events(owner, variable.name):

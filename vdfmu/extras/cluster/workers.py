@@ -16,7 +16,7 @@ from vdfmu.study.sweeps.job import Row, Task
 from vdfmu.study.sweeps.worker import Chunks, Worker
 
 _PATIENCE = 300.0
-"""Time [s] that a scheduler, or all of its workers, may be gone."""
+"""Time [s] for which a scheduler, or all of its workers, may be unreachable."""
 _CONNECTING = 30.0
 """Time [s] that a connection may take: a scheduler of a loaded machine has taken 10 s to start."""
 _ASKED = 0.5
@@ -29,9 +29,8 @@ _local = threading.local()
 class DaskWorkers:
     """Workers of a Dask scheduler.
 
-    The scheduler sends the chunks of a worker that is gone to another. If it is gone itself, this waits for another
-    scheduler at its address, and sends out again the chunks that had not come back. UsageError without a scheduler or
-    Dask.
+    The scheduler sends the chunks of a lost worker to another one. If the scheduler itself is lost, this waits for
+    another one at its address, and sends the unfinished chunks again. UsageError without a scheduler or Dask.
     """
 
     def __init__(self, job: bytes, address: str, time_limit: float | None) -> None:
@@ -48,7 +47,7 @@ class DaskWorkers:
             raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
 
     def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
-        """Run chunks as `LocalWorkers.run`. VdfmuError if scheduler or workers are gone too long or keep dying."""
+        """Run chunks as `LocalWorkers.run`; VdfmuError if scheduler or workers stay unreachable or crash repeatedly."""
         waiting: list[tuple[list[Task], int]] = []
         while True:
             try:
@@ -70,7 +69,8 @@ class DaskWorkers:
             except (OSError, TimeoutError):
                 time.sleep(_ASKED)
         raise VdfmuError(
-            f"the scheduler at {self._address} is gone for {_PATIENCE:g} s. What was done is kept: start it, and "
+            f"the scheduler at {self._address} could not be reached for {_PATIENCE:g} s. Finished points are kept: "
+            f"start it, and "
             f"repeat the command."
         )
 
@@ -80,7 +80,7 @@ class DaskWorkers:
 
 
 class _LostError(Exception):
-    """The scheduler is gone."""
+    """The scheduler cannot be reached."""
 
 
 _LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
@@ -115,7 +115,7 @@ def _rounds(
                 if places:
                     seen = asked
                 elif asked > seen + _PATIENCE:
-                    raise VdfmuError(f"the scheduler has had no worker for {_PATIENCE:g} s. What was done is kept.")
+                    raise VdfmuError(f"the scheduler has had no worker for {_PATIENCE:g} s. Finished points are kept.")
             if sent is None and places:
                 sent = ask(client.scatter, job, broadcast=False, hash=False, direct=False)
             while len(out) < places:
@@ -152,7 +152,7 @@ def _rounds(
             elif tries == _TRIES:
                 raise VdfmuError(
                     f"points {chunk[0][0]} to {chunk[-1][0]}: the workers that ran them were lost {_TRIES} times. "
-                    "What was done is kept."
+                    "Finished points are kept."
                 )
             else:
                 del out[future]

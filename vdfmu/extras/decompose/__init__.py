@@ -1,4 +1,4 @@
-"""Arms that are taken apart at their cutting points: a component for each joint and each link."""
+"""Arms that are decomposed at their cutting points: a component for each joint and each link."""
 
 from typing import TYPE_CHECKING
 

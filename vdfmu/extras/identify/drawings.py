@@ -1,4 +1,4 @@
-"""Pictures of an identification: torques beside the model, and residuals."""
+"""Pictures of an identification: torques of log and model, and residuals."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from vdfmu.extras.identify.problem import regressor
 from vdfmu.study.limits import LIMITS
 
 _UNEVEN = 0.01
-"""Largest difference of a time step from the middle one, as a share, of rows that are taken as they are."""
+"""Largest difference of a time step from the middle one, as a share, of rows that are used without resampling."""
 _POWER = 0.999
 """Share of a velocity's power that counts."""
 _BRIDGED = (384.0 * 1e-4) ** 0.25 / (2.0 * np.pi)
@@ -232,7 +232,9 @@ def check_motion(
         return checks
     if (still := np.flatnonzero(moved & (np.ptp(q, axis=0) == 0.0))).size:
         named = ", ".join(f"q[{i + 1}]" for i in still)
-        notes.append(f"{named}: the same in all rows, while the rotors move: taken as without encoder behind the gear")
+        notes.append(
+            f"{named}: the same in all rows, while the rotors move: treated as without an encoder behind the gear"
+        )
         q[:, still] = np.nan
     both = np.flatnonzero(np.isfinite(q).any(axis=0) & moved)
     stride = max(1, len(q) // 1000)

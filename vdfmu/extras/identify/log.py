@@ -247,7 +247,9 @@ def _chosen(
             notes.append(f"{key} is {best[0][0]} and so on: as ROS has it, behind the gears; else say --column")
         there = [name for name, _ in best if name in table and not (key == "q" and np.isnan(table[name].values).all())]
         if lacks := [name for name, _ in best if name not in there]:
-            notes.append(f"{', '.join(lacks)}: not there, or without numbers: taken as without encoder behind the gear")
+            notes.append(
+                f"{', '.join(lacks)}: not there, or without numbers: treated as without an encoder behind the gear"
+            )
         by_key[key] = [
             _converted(key, name, table[name], unit, robot, i, notes, problems) if name in there else None
             for i, (name, unit) in enumerate(best)

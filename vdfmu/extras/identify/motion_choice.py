@@ -184,11 +184,11 @@ def design(
     ]
     best = candidates[int(np.argmin(deviations))]
     expected = predict(robot, best.motion, sensors=sensors, band=band, prior=prior)
-    notes = [f"a prediction, for {sensors}: errors of the model make intervals wider"]
+    notes = [f"a prediction, for {sensors}: errors of the model make the intervals wider"]
     if not robot.limits:
         notes.append(
-            "the robot file lacks limits, so joints move at most 1 rad or 0.2 m off the pose, at 1.5 rad/s or 0.5 m/s "
-            "and 5 rad/s2 or 2 m/s2: give [joints.limits]"
+            "the robot file has no limits, so joints move at most 1 rad or 0.2 m off the pose, at 1.5 rad/s or 0.5 m/s "
+            "and 5 rad/s2 or 2 m/s2: add [joints.limits]"
         )
     if left := len(tried) - len(candidates):
         notes.append(f"{left} of {len(tried)} motions are left out because they need more torque than the motors have")

@@ -7,7 +7,7 @@ link-side and at a frequency w [rad/s]::
     L q = P^T kappa                                  L = -w^2 (M + A^T diag(J / ell^2) A) + G + S
 
 so that ``ell tau = Z kappa`` with ``Z = -w^2 J + j w F + S - P L^-1 P^T``. A is 0 without `rotor_coupling`. This is
-:func:`vdfmu.linearize` without dry friction, with dampers d beside the springs.
+:func:`vdfmu.linearize` without dry friction, with dampers d in parallel with the springs.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class MotorSide:
         return gravity_torque(self.robot, self.pose)
 
     def start(self, torque: npt.ArrayLike = 0.0) -> Drives:
-        """Return the drives of the robot file, whose springs swing by a torque (n,) (RMS) about gravity's."""
+        """Return the drives of the robot file, whose springs are loaded by a torque (n,) (RMS) about gravity's."""
         robot, M = self.robot, self.links[0]
         K = effective_stiffness(robot, self.weight, np.broadcast_to(np.asarray(torque, float), robot.n))
         mass = float(np.asarray(robot.payload_mass)) if robot.payload else 0.0
@@ -121,7 +121,7 @@ class MotorSide:
         return M + payload * M_p, G + payload * G_p
 
     def answer(self, w: Floats, drives: Drives, kappa: Complex) -> MotorResponse:
-        """Return what motions (r, f, n) of the rotors at frequencies (f,) [rad/s] ask for."""
+        """Return the torques that motions (r, f, n) of the rotors at frequencies (f,) [rad/s] require."""
         S = drives.stiffness + 1j * w[:, None] * drives.damping
         square = (w**2)[:, None, None]
         M, G = self.masses(drives.payload)
@@ -156,7 +156,7 @@ class MotorSide:
 
 
 def effective_stiffness(robot: Robot, weight: Floats, swing: Floats) -> Floats:
-    """Return stiffnesses (n,) of the springs for torques that swing with an RMS (n,) about others (n,) [N.m or N].
+    """Return stiffnesses (n,) of the springs for torques that vary with an RMS (n,) about others (n,) [N.m or N].
 
     The slope of the regression of the torque on the deformation, for a normal distribution: that of a multisine.
     """

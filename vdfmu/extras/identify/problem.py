@@ -208,7 +208,7 @@ class TorqueParts(NamedTuple):
     R: Floats
     """(m, n, n), by rotor inertias, link-side."""
     balance: Floats
-    """(m, n): Torques that a counterbalance of 1 N asks for [m]."""
+    """(m, n): Torques of a counterbalance of 1 N [m]."""
 
 
 @dataclass

@@ -116,7 +116,7 @@ def rows_of(
 
 
 def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
-    """Spring torques (m, n) that counterbalances of 1 N ask for at positions (m, n)."""
+    """Spring torques (m, n) of counterbalances of 1 N at positions (m, n)."""
     if not robot.counterbalance:
         return np.zeros_like(q)
     return -counterbalance_torque(robot.with_parameters(F_cb=np.sign(robot.F_cb)), q.T).T

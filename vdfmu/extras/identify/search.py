@@ -280,7 +280,7 @@ def _level(error: Floats, period: float) -> Floats:
 def _long_run(pulls: Floats, period: float) -> Floats:
     """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett.
 
-    Rows at the same place of a motion that repeats itself are taken as one: errors of the model are the same there.
+    Rows at the same place of a periodic motion are treated as one, because the errors of the model are the same there.
     """
     folded = np.zeros((min(int(period) + 1, len(pulls)), pulls.shape[1]))
     np.add.at(folded, (np.arange(len(pulls)) % period).astype(int), pulls)

@@ -258,7 +258,7 @@ class _Fit:
         motion = self.data.kappa
         coupled = answer.torque - diagonal * motion
         clean = self.data.torque / self.late(state.x) - self.dry(state.x) - coupled
-        with np.errstate(invalid="ignore"):  # NaN, and so not drawn, for a motor that stands still
+        with np.errstate(invalid="ignore"):  # NaN, and so not drawn, for a motor at rest
             measured = (np.abs(motion) ** 2).sum(axis=0) / (clean * motion.conj()).sum(axis=0)
         left = (np.abs(state.errors) ** 2).sum(axis=(0, 1)) / (np.abs(answer.link) ** 2).sum(axis=(0, 1))
         return StiffnessLevel(

@@ -73,7 +73,7 @@ def _print_design(arm: Robot, plan: StiffnessExperiment) -> None:
         "collisions are not checked: look at the travel before they are played",
     ])  # fmt: skip
     if not arm.limits:
-        say_notes(["the robot file lacks limits, so torque, speed and travel are not limited: give [joints.limits]"])
+        say_notes(["the robot file has no limits, so torque, speed and travel are not limited: add [joints.limits]"])
 
 
 def excitation_text(plan: PeriodicTorques) -> str:

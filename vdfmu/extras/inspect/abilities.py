@@ -93,7 +93,7 @@ def _inputs(description: Description) -> list[FmuVariable]:
 
 
 def _initialized(*_: object) -> str:
-    """Nothing more than the initialization, which asks for the numbers."""
+    """Nothing more than the initialization, which reads the numbers."""
     return ""
 
 

@@ -152,7 +152,7 @@ def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> 
 
 
 def _results_of(archive: zipfile.ZipFile, name: str, description: Description, findings: Findings) -> ReferenceTable:
-    """Return the comparable columns; a note names all others, since a table may serve several FMUs."""
+    """Return the comparable columns; a note names all others, because a table may be for several FMUs."""
     left: dict[str, list[str]] = {}
 
     def skip(column: str) -> bool:

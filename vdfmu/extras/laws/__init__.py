@@ -1,4 +1,4 @@
-"""Control laws beside PD and virtual decomposition, observers, sensors and actuators, and optimal gains."""
+"""Control laws other than PD and virtual decomposition, observers, sensors and actuators, and optimal gains."""
 
 from typing import TYPE_CHECKING
 

@@ -115,7 +115,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
             tables = {name: list(each.variables.values()) for name, each in checked.descriptions.items()}
             fed = {".".join(link.end).partition("[")[0] for link in checked.links}
             if taken := [name for name in actions if name.partition("[")[0] in fed]:
-                raise UsageError(f"{taken[0]!r}: action must be a free input, but a connection feeds it. Leave it out.")
+                raise UsageError(f"{taken[0]!r}: action must be a free input, but it is connected. Omit it.")
             grid = simulator.grid(None, stop, step)
             task = Task(
                 tables,

@@ -118,7 +118,7 @@ class TrackingTask(Task):
     Parameters
     ----------
     scenario : Scenario, str or path
-        Its parts that reach neither the action nor an observation, such as the controller, are left out.
+        Its components that affect neither the action nor an observation, such as the controller, are removed.
     action : str
         Group of inputs that the agent sets, ``component.group``; its connection is cut.
     seen : sequence of str
@@ -265,7 +265,7 @@ def _check_number(name: str, value: Any, least: float, among: bool = False) -> N
 
 
 def opened(scenario: Scenario, actions: Sequence[str], seen: Sequence[str]) -> Scenario:
-    """Return a scenario with inputs that nothing feeds, without components that reach neither these nor `seen`."""
+    """Return a scenario with unconnected inputs, without components that affect neither these nor `seen`."""
     system = scenario.system
     links = {key: [end for end in ends if end not in actions] for key, ends in system.connections.items()}
     kept: set[str] = set()

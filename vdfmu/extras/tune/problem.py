@@ -277,7 +277,7 @@ class Score:
 
 
 class Evaluations(Study):
-    """Costs of values. A search asks for them, and `budget` of them may be run.
+    """Costs of values. A search requests them, and at most `budget` of them are run.
 
     Runs that the ledger has are not run again. Points have the numbers that an undisturbed search gives them. `report`
     is called with the number of evaluations.

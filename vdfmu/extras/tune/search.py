@@ -24,6 +24,7 @@ from vdfmu.engine.results.parquet import needed
 from vdfmu.extras.tune.options import METHODS, ProblemOptions, TuneOptions
 from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.study.analysis.loops import Judged
+from vdfmu.study.limits import OF_SCENARIO, read_limits
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.study.run.prepare import prepare
 from vdfmu.study.sweeps.ledger import Ledger
@@ -249,7 +250,8 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
             tuned.notes.append("no values within the limits and the margin were found; more evaluations may find some.")
         if loops is not None:
             growth = loops.growth(loops.poses[0].time, loops.poses[-1].time)
-            tuned.notes.extend(loop_sentences(Judged(loops, growth).figures)[1])
+            limits = read_limits(loaded.limits, OF_SCENARIO)
+            tuned.notes.extend(loop_sentences(Judged(loops, growth).figures, limits)[1])
         late = [] if loops is None else [pose.loop.later() for pose in loops.poses if pose.loop and pose.loop.sampled]
         if late:
             least, rate = min(loop.least for loop in late), max(loop.rate for loop in late)

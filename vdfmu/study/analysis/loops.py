@@ -265,7 +265,7 @@ def loops_of(poses: Poses, system: SystemDescription, end: float, failed: bool =
     if not closed(system):
         return {"stability": {"reason": "no loop closes over the torque of a plant", "expected": False}}
     if poses.lacking or not poses.seconds:
-        reason = poses.lacking or "its components run in processes of their own"
+        reason = poses.lacking or "its components run in separate processes"
         return {"stability": {"reason": reason, "expected": not poses.lacking}}
     with doing("stability"):
         result = judged(poses, 0.0, end, failed)

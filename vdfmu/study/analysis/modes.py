@@ -130,14 +130,14 @@ def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
     )
 
 
-def modes_along(scenario: Scenario, *, dry: bool = False, points: int = 101) -> tuple[Floats, dict[str, list[Modes]]]:
+def modes_along(scenario: Scenario, *, dry: bool = False) -> tuple[Floats, dict[str, list[Modes]]]:
     """Modes at the poses of the desired motion of a scenario, at rest at each, with motors free and held.
 
-    Returns times (points,) [s], evenly spread from the start to the end, and modes by the state of the motors. For
+    Returns 101 times [s], evenly spread from the start to the end, and modes by the state of the motors. For
     errors see :func:`natural_modes`; UsageError if no component ``trajectory`` gives the desired motion.
     """
-    times, poses = desired_motion(scenario, ("q_d",), points)
-    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses[0], points)]
+    times, poses = desired_motion(scenario, ("q_d",), 101)
+    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses[0], len(times))]
     return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
 
 

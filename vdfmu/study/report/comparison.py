@@ -85,7 +85,7 @@ def _listed(texts: Sequence[str]) -> str:
 def sortable(heads: Sequence[str], rows: Iterable[Sequence[str]], summaries: Sequence[Summary], last: str = "") -> str:
     """Return a table with a row for each run, which ``web/sort.js`` sorts: `rows` are its cells in HTML.
 
-    Key figures of the summaries stand behind the cells; with `last`, before the last cell, which has this head.
+    Key figures of the summaries follow the cells; with `last`, before the last cell, which has this head.
     """
     every: list[Summary] = [summary.get("key_figures") or {} for summary in summaries]
     shown = {key: words for key, (words, _) in _BETTER.items() if any(key in figures for figures in every)}

@@ -183,7 +183,7 @@ def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[F
 
 
 def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield torques of estimators beside the torques that they estimate."""
+    """Yield torques of estimators together with the torques that they estimate."""
     names = {*results.names}
     for each in summary.get("scene", {}).get("estimates", []):
         for unit in dict.fromkeys(results.units[name] for name in each["signals"] if name in names):

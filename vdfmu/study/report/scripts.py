@@ -67,8 +67,8 @@ def data_element(content: Mapping[str, Any]) -> str:
 
     The content is escaped, so it cannot close the tag.
 
-    Arrays are in an element of their own, one after another, compressed: of the integers that have their bits, the
-    changes from number to number, byte by byte of all.
+    Arrays are stored in a separate element, one after another, and compressed: the differences of the integers that
+    have the same bits as the numbers, sorted by byte.
     """
     arrays = list[bytes]()
 

@@ -71,7 +71,7 @@ class Slider(NamedTuple):
     least: float = 0.1
     most: float = 10.0
     in_feedforward: bool = False
-    """Whether the feedforward has them too and may know the change."""
+    """Whether the feedforward has them too and may include the change."""
     gain: bool = False
     """Whether they are gains of a controller, which have a track of their margins."""
 
@@ -152,7 +152,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
         reason = "only runs of scenarios by 'vdfmu run' are"
     elif program is None:
         reason = "this cache has no simulation of it, and a look at a run does not run its code. 'vdfmu run' makes one"
-        reason = reason if run.package.is_file() else "its package, system.ssp, is not beside the results"
+        reason = reason if run.package.is_file() else "its package, system.ssp, is not in the folder of the results"
     elif "reason" in program:
         reason = program["reason"]
     elif (program["steps"] + 1) * len(program["names"]) > MOST_VALUES:

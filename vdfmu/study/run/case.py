@@ -15,7 +15,7 @@ from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.run import LogMessage
 from vdfmu.study.expected import Expected, read_expected
 from vdfmu.study.judgement import check_wanted
-from vdfmu.study.limits import Limit, own_limits, read_limits
+from vdfmu.study.limits import OF_SCENARIO, Limit, own_limits, read_limits
 from vdfmu.study.options import ScenarioRunOptions
 from vdfmu.study.run.scene import arm_of, scene_of
 from vdfmu.study.run.summary import ArmLimits, limits_of, run_facts
@@ -75,7 +75,7 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     system = SystemDescription(scenario, system_values(scenario, options["parameters"]))
     for text in _notes(scenario, options, backend):
         note(options, text)
-    of_file = read_limits(scenario.limits, "[limits] of the scenario")
+    of_file = read_limits(scenario.limits, OF_SCENARIO)
     limits = read_limits(options["limits"] or {}, "--limit", of_file)
     facts = _facts(system, options, backend, limits)
     return RunCase(scenario, options, system, backend, limits, limits_of(system), expected, facts)

@@ -23,7 +23,7 @@ from vdfmu.system.scenario.values import robot_with
 
 
 def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) -> None:
-    """Add what the options ask for, references and judgement, then key figures and verdict to the summary of a run."""
+    """Add the requested references and judgement, then key figures and verdict, to the summary of a run."""
     summary, scenario, values = results.summary, case.scenario, case.system.values
     if case.options["reference"]:
         summary |= compare_with_references(case, package, results)

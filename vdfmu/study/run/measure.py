@@ -47,9 +47,9 @@ def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]
 def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterator[str]:
     """Yield a note on the torque that the inverse of an arm with coupled rotors leaves out over a step.
 
-    The rotors after a joint react with at most ``sum I_m (kappa_ddot - q_ddot)`` more than the inverse knows of when it
-    works out the motion of the joint's own rotor. That lacks D' times it, and the torque I_m times its second
-    derivative. Rows near rest are left out: there the third derivative of q_d may jump.
+    The rotors after a joint react with at most ``sum I_m (kappa_ddot - q_ddot)`` more than the inverse includes in the
+    motion of the joint's own rotor. That lacks D' times it, and the torque I_m times its second derivative. Rows near
+    rest are left out: there the third derivative of q_d may jump.
     """
     if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
         return

@@ -14,9 +14,9 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.package.system import ends_of
+from vdfmu.engine.plan.check import check_coupling
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.run import check_coupling
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -89,7 +89,7 @@ def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
 
 
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
-    """Raise UsageError for inputs that nothing feeds, unless they are among the `names` that are set.
+    """Raise UsageError for unconnected inputs, unless they are among the `names` that are set.
 
     Those of a plant may keep their start values, such as a wrench at its tool, unless a unit left out what fed them.
     """
@@ -100,6 +100,6 @@ def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) 
             fitting = " or ".join(scenario.system.unfed.get(end, ()))
             such = f", such as {fitting}" if fitting else ""
             ways = f"--connect OUTPUT={end} connects it, --set {end}=VALUE sets it, --unfed ok keeps its start value."
-            lines.append(f"{end}: expected an output that feeds it{such}, got none. {ways}")
+            lines.append(f"{end}: expected a connected output{such}, got none. {ways}")
     if lines:
         raise UsageError("\n".join(lines))

@@ -40,7 +40,7 @@ def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None 
 
 
 def co_simulate(case: RunCase, package: Path, poses: Poses | None, taps: Sequence[Tap]) -> Results:
-    """Co-simulate the package; return rows and summary, written beside it as the options say.
+    """Co-simulate the package; return rows and summary, written next to it according to the options.
 
     A run that fails or is stopped keeps its rows and its summary in the folder ``partial``. If its loops are unstable,
     or if it starts away from its motion, its error says so.

@@ -195,7 +195,7 @@ KEYS: Mapping[str, Any] = {
     "judgement": _JUDGEMENT,  # coupling error, as shares of the signals' ranges
     "expected": _EXPECTED,  # recorded results that the run must equal, and the largest differences from them
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
-    "unfed": _LINES,  # inputs that nothing feeds, though the component acts on a plant
+    "unfed": _LINES,  # unconnected inputs, though the component acts on a plant
     "implausible": _LINES,  # likely mistakes of units or signs
     "stability": Record({"reason": TEXT, "expected": FLAG}),  # why the stability of the loops was not judged
     "verdict": _VERDICT,  # checks of the run, the worst state, its headline, and what the run came to

@@ -1,4 +1,4 @@
-"""The points of a study that may be its best, each judged by the verdict on a run of its own, and their neighbours."""
+"""The points of a study that may be its best, each judged by the verdict on a separate run, and their neighbours."""
 
 from __future__ import annotations
 

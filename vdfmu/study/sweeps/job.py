@@ -72,9 +72,11 @@ class WiredSystem:
     """File name of the package, for messages."""
     variant: str = DEFAULT
     """Its SSD."""
+    scenario: str = ""
+    """Digest of the scenario, with what is not in the package, such as its limits."""
 
     def read(self, folder: Path) -> FlatSystem:
-        """Return the system of the package, which is written into a folder of its own if it is not there."""
+        """Return the system of the package, which is written into a separate folder if it is not there."""
         path = folder / self.name
         if not path.exists():
             with storing(path):
@@ -155,7 +157,7 @@ class Bench:
         share = (perf_counter() - begin) / len(tasks)
         rows: list[Row] = []
         for task, results in zip(tasks, outcomes, strict=True):
-            # where there is no result, an FMU knows why
+            # where there is no result, an FMU gives the reason
             row = self._row(task, self._by_fmus if results is None else lambda _, results=results: results)
             row["wall_s"] += share
             if results is not None and task[0] in self._job.compared:

@@ -98,8 +98,8 @@ class LocalWorkers:
 class Study:
     """Points of a job, run by at most `most` workers that live as long as the study, and kept in a ledger.
 
-    `ask` runs points: a sweep asks for all, a search for a generation. Rows in the ledger survive the process: the same
-    study asks for the other points.
+    `ask` runs points: a sweep requests all of them, a search one generation. Rows in the ledger survive the process:
+    the same study only runs the other points.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Study:
         self._missing = len(points)
         self._workers.run(chunks, self.tell, advance)
         if self._missing:
-            raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: give the same command again.")
+            raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: repeat the command.")
 
     def tell(self, rows: list[Row]) -> None:
         """Keep the rows of consecutive points."""

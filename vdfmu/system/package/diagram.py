@@ -80,7 +80,7 @@ class PlacedSystem(NamedTuple):
 
 
 def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -> PlacedSystem:
-    """Place every card and return the wires. `ordered`: the cards stand from left to right."""
+    """Place every card and return the wires. `ordered`: the cards are placed from left to right."""
     by_name = {card.name: card for card in cards}
     order = list(by_name) if ordered else _order(list(by_name), nets)
     for name in order:
@@ -222,7 +222,7 @@ def _lane_order(nets: Sequence[int], leaving: Mapping[int, tuple[float, list[flo
 
 
 def card_width(card: Card) -> float:
-    """Return the width of a card: its name beside an icon, and its connectors on both sides."""
+    """Return the width of a card: its name next to an icon, and its connectors on both sides."""
     longest = [max((len(name) for name in names), default=0) for names in (card.inputs, card.outputs)]
     free = len(free_words(card))
     return max(120.0, 58.0 + LETTER * 14.0 * len(card.name), 58.0 + LETTER * 12.0 * len(card.words),

@@ -190,7 +190,7 @@ class ResolvedSystem:
                         problems.append(f"{link}: expected one unit of measurement, got {start.unit} and {end.unit}.")
                     fed = (target.partition(".")[0], end.name)
                     if (earlier := feeds.setdefault(fed, source)) != source or targets.count(target) > 1:
-                        problems.append(f"{target}: expected one output that feeds it, got {earlier} and {source}.")
+                        problems.append(f"{target}: expected one connected output, got {earlier} and {source}.")
         if problems:
             where = where or f"{self.system.path}: connections"
             raise UsageError("\n".join(f"{where}: {problem}" for problem in dict.fromkeys(problems)))
@@ -298,7 +298,7 @@ class Scenario:
     paper : mapping
         Values of the paper: `source` and lists that start at joint 1. Empty if it reports nothing.
     payload_known : bool
-        Whether components besides the plant know the robot's payload.
+        Whether components other than the plant include the robot's payload.
     inputs, input_hold : path, sequence of paths or mapping, optional, and bool
         Signals for free inputs, and whether they hold until the next row. See :func:`vdfmu.engine.run.simulate`.
     notes, file : tuple of str, str

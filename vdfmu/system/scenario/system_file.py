@@ -71,7 +71,7 @@ class SystemFile:
     joined: tuple[str, ...] = ()
     """Connections, ``output -> input``, that replaced units add."""
     unfed: Mapping[str, list[str]] = field(default_factory=dict[str, list[str]])
-    """New inputs of replaced units that nothing feeds, to inputs of this component that lost their connection."""
+    """New unconnected inputs of replaced units, to inputs of this component that lost their connection."""
 
     @cached_property
     def fed(self) -> Mapping[str, str]:
@@ -131,7 +131,7 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
 
 
 def rewired(connections: Mapping[str, list[str]], added: Connections) -> dict[str, list[str]]:
-    """Return connections with further ones. An input that these feed loses the connection that it had."""
+    """Return connections with further ones. They replace the previous connection of an input."""
     pairs = ends_of(added)
     fed = {end for _, end in pairs}
     kept = {

@@ -1,1 +1,1 @@
-"""Control laws, one file each: units that can stand instead of the controller of a system."""
+"""Control laws, one file each: units that can replace the controller of a system."""

@@ -92,7 +92,7 @@ def loaded_from(resources: str, model_name: str) -> None:
 
 
 def _loader_name(path: Path) -> str:
-    """Return the name of a library in the loader, by which it is found even if its file is gone."""
+    """Return the name of a library in the loader, by which it is found even if its file no longer exists."""
     library = ctypes.CDLL(str(path), os.RTLD_LAZY | os.RTLD_NOLOAD)
     try:
         # the handle is glibc's and musl's struct link_map: an address, then the name

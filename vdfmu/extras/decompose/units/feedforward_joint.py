@@ -58,7 +58,7 @@ def feedforward_variables(kind: str) -> dict[str, Any]:
 class FeedforwardJoint(Piece):
     """A revolute joint in the feedforward of its arm, Eq. (12)-(27), (48)-(53); see the unit Feedforward.
 
-    Towards the tip it hands on velocities, to its link, and back the forces that the link asks for::
+    Towards the tip it passes velocities to its link, and towards the base the forces that the link requires::
 
         V_B = z q_dot + U_AB' V_A         (29)-(31), desired, with three derivatives; measured; required, (48)-(49)
         F_A = U_AB F_B                    (46), (52)-(53), desired, with two derivatives; required

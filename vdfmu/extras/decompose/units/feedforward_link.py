@@ -15,7 +15,8 @@ from vdfmu.extras.decompose.units._piece import Piece, desired_forces, desired_p
 class FeedforwardLink(Piece):
     """A link in the feedforward of its arm, Eq. (50)-(53); see the unit Feedforward.
 
-    Towards the tip it hands on the velocities of its joint, and back the forces of itself and the bodies beyond::
+    Towards the tip it passes on the velocities of its joint, and towards the base the forces of itself and the bodies
+    beyond::
 
         F_B = M_B V_B_dot + C_B V_B + G_B + F_C + F_D                      desired, with two derivatives, (44)-(47)
         F_B_r = M_B V_B_r_dot + C_B V_B_r + G_B + K_V (V_B_r - V_B) + F_C_r + F_D_r                        (50)-(53)

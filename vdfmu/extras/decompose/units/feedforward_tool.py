@@ -15,7 +15,7 @@ class FeedforwardTool(Piece):
 
     ::
 
-        F_B = U_BO F_e_d        its derivatives taken as 0
+        F_B = U_BO F_e_d        its derivatives assumed to be 0
     """
 
     F_e_d = wrench("to be exerted on the surroundings")

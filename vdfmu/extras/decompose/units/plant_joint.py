@@ -52,7 +52,7 @@ def plant_variables(kind: str) -> dict[str, Any]:
 class PlantJoint(Piece):
     """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), in an arm that is wired from its links and joints.
 
-    Towards the tip it hands on velocity and acceleration, and towards the base the apparent mass and the bias force of
+    Towards the tip it passes on velocity and acceleration, and towards the base the apparent mass and the bias force of
     the bodies on it: they need the force ``M V_dot + p`` at a cutting point. ``c`` is the part of V_B_dot that is
     quadratic in velocities::
 
