@@ -21,7 +21,7 @@ from vdfmu.base.process import Parent, limit
 _LIBRARIES = 2**30
 """Address space [byte] of Python and the libraries; 0.45 GiB are measured."""
 _COPIES = 2
-"""Copies of the content that a library may hold."""
+"""Number of copies of the content that a library may keep in memory."""
 _ENTRY = 64
 """Bytes that are counted for each array, in addition to its content and name."""
 _ALIGNED = 16

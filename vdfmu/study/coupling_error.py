@@ -17,7 +17,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 
 MARGIN = 1.5
-"""Factor on the estimate: without it, 6 of 638 systems with an error beyond the wanted one were called right."""
+"""Safety factor on the estimate: without it, 6 of 638 systems whose error was above the limit were judged right."""
 BANDS = {1: (0.35, 0.65), 2: (0.0, 0.40)}
 """Values of q at which a master of an order shows its order, or a higher one.
 
@@ -221,7 +221,7 @@ KINDS: Mapping[str, Kind] = {
         "or choose a step that resolves it",
     ),
     "alias": Kind(
-        "{signal} has an alias of a faster signal",
+        "{signal} contains an alias of a faster signal",
         "A run with 8/13 of the step differs from the value that the other runs predict. Choose a step that resolves "
         "the "
         "faster signal, or filter it inside its component",

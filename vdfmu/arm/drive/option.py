@@ -45,7 +45,7 @@ class Condition(NamedTuple):
     """(robot): (n,), above 0 if it holds."""
     way_out: str
     strict: bool = True
-    """Whether a margin of 0 is too small."""
+    """Whether the margin must be above 0 rather than at least 0."""
 
     @property
     def names(self) -> list[str]:

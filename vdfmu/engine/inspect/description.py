@@ -149,7 +149,7 @@ def _rules(model: Any) -> list[Finding]:
 
 _IDENTIFIER = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
 _PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_IDENTIFIER})*(,[0-9]+)?\)")
-"""Names of both naming conventions; fmpy's parser, at milliseconds each, checks all others."""
+"""Names that are valid in both naming conventions. All others are checked by fmpy's parser, which is slow."""
 
 
 class _Dangling:

@@ -58,7 +58,7 @@ class Coupled:
         self.exchange = exchange
         bank = self.bank = exchange.banks[0]
         self.outputs, self.inputs = bank.outputs, bank.inputs
-        """All real outputs, the latest; all connected real inputs, as they are set."""
+        """The latest values of all real outputs, and the values that are set at all connected real inputs."""
         n = len(bank.links)
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
         """Real inputs at the start and the end of the step, and their slopes."""

@@ -240,7 +240,7 @@ def _chosen(study: StudyTable, search: SearchPoints) -> tuple[list[str], list[st
         more = [] if same else [f"Chosen: {place}, less than {100.0 * _TIE:.0f} % below the start."]
         return [f"no better values found than the start, {start}"], more
     if len(pairs) > 1:
-        phrase = f"chosen point {point}, its {len(pairs)} costs {number(ratio)} times those at the start"
+        phrase = f"chosen point {point}: its {len(pairs)} costs are {number(ratio)} times those at the start"
         return [phrase], [f"Chosen: {place}."]
     ((before, after),) = pairs
     less = f"{_less(after, before, unit)} the cost at the start, {quantity(before, unit)}"

@@ -201,7 +201,7 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
 
 def _grid(axes: Sequence[Axis], n: int | None) -> Points:
     if n is not None:
-        raise UsageError("points: a grid has as many points as its axes define. Leave it out, or choose lhs or sobol.")
+        raise UsageError("points: a grid has as many points as its axes define. Omit it, or choose lhs or sobol.")
     words = "expected values, or their number, lin(FROM, TO, N), in a grid; lhs and sobol need none."
     if without := [f"{axis}: {words}" for axis in axes if not axis.values]:
         raise UsageError("\n".join(without))

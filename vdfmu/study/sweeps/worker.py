@@ -20,13 +20,13 @@ from vdfmu.base.text import elided, shown
 from vdfmu.study.sweeps.job import Row, Task
 
 TIME_LIMIT = 600.0
-"""Time [s] that a point has."""
+"""Time limit [s] of a point."""
 _START = 120.0
-"""Time [s] that the process has to start."""
+"""Time limit [s] for the start of the process."""
 _TRIES = 3
-"""Processes that may be killed from outside at one point."""
+"""Number of processes that may be killed from outside at the same point."""
 KILLED = "the process was killed (SIGKILL)"
-"""Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
+"""Start of the reason for a point that ran out of memory or was killed, which is not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
 _HEAD = {
     "point": int,

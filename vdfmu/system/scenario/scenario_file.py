@@ -148,7 +148,7 @@ KEYS = {
     "limits": "Limits of the verdict, such as margin = 0.3",
     "paper": "",
 }
-"""Keys of a scenario file and their meaning, if the name does not say it."""
+"""Keys of a scenario file, with the meaning of those whose name is not enough."""
 ROBOT_KEYS = ("friction", "payload", "joints", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
 PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
