@@ -171,9 +171,9 @@ which are printed next to the results.
 
 _RULES_HEAD = """# Rules of the check
 
-[`vdfmu check`](../checking.md) checks files by these rules, and readers and masters reject files by the same rules. Each
-line of the check ends with the number of its rule. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI` of FMUs,
-`RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
+[`vdfmu check`](../checking.md) checks files by these rules, and readers and masters reject files by the same rules.
+Each line of the check ends with the number of its rule. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI`
+of FMUs, `RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
 
 | rule | severity | requirement | fix |
 | --- | --- | --- | --- |"""

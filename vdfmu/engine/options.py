@@ -124,7 +124,7 @@ class LogOptions(TypedDict, total=False):
 
 
 class StepperOptions(TypedDict, total=False):
-    """What makes the steps."""
+    """The loop over the steps."""
 
     stepper: Annotated[str, Option("Loop over the steps: fmpy, c or auto.",
         more="`fmpy` steps in Python by calls of fmpy, `c` in C by the same functions; the results are "

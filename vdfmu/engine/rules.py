@@ -77,7 +77,7 @@ _anyway: ContextVar[bool] = ContextVar("_anyway", default=False)
 
 @contextmanager
 def run_anyway(chosen: bool = True) -> Generator[None]:
-    """In a ``with`` block, treat faults of FMUs that can run in spite of them as notes, so that they do not prevent a run."""
+    """In a ``with`` block, treat faults of FMUs that can still run as notes, so that they do not prevent a run."""
     token = _anyway.set(chosen)
     try:
         yield

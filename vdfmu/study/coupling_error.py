@@ -54,7 +54,7 @@ class Differences(NamedTuple):
     jumps: Any
     """Number of jumps."""
     late: float
-    """Share that runs may miss in common, since all see an event late: by up to a step of the last run."""
+    """Share that runs may miss in common, because all see an event late: by up to a step of the last run."""
     scale: Floats
     """The signal's range, or its value if it is constant; infinite if it is 0."""
     constant: Any
@@ -162,7 +162,7 @@ def verdict_on_all(seen: Differences, read: Any, order: int, wanted: float, exac
 
 
 def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> Floats:
-    """Return the difference of a run with the step 8 h / 13 from what the runs let expect of it, as shares of `scale`.
+    """Return the difference of a run with the step 8 h / 13 from the prediction by the other runs, relative to `scale`.
 
     Errors of an order p are ``C h**p``, so this run lies between those with h and h/2. Signals above the rate of the
     steps are not: they alias to another frequency.

@@ -100,7 +100,7 @@ def test_a_parquet_file_of_another_tool(robot, data, tmp_path):
     pa.parquet.write_table(pa.table({"stamp": stamps, "who": ["x"] * M, **columns}), tmp_path / "log.parquet")
     log = read_log(tmp_path / "log.parquet", robot, {"kappa": "m[{}]"})
     same(log, data)
-    assert log.notes == ("left out: who (string)", "times are those of stamp, in ns")
+    assert log.notes == ("ignored: who (string)", "times are those of stamp, in ns")
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "mat"])

@@ -31,7 +31,7 @@ class OptionState(NamedTuple):
     """Its value, or a function of the robot."""
     minimum: float | None = None
     slow: bool = False
-    """Whether it changes over minutes and vibrations leave it out."""
+    """Whether it changes over minutes, so that the analysis of vibrations omits it."""
 
 
 class Condition(NamedTuple):

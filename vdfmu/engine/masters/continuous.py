@@ -122,7 +122,7 @@ class ContinuousStepper(Stepper):
             "rejected": self.rejected,
             "jumps": self.jumps,
             "unit_steps": self.unit_steps,
-            # rounded, since they are differences of times
+            # rounded, because they are differences of times
             "shortest_step": round(self.shortest, 12),
             "longest_step": round(self.longest, 12),
         }

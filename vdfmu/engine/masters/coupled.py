@@ -196,8 +196,8 @@ class Coupled:
 def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
     """Return the inverse interface Jacobian of a loop: of the derivative of its residual by the guess, see `Broyden`.
 
-    A component counts as x' = A x + B u, y = C x + D u, with its directional derivatives at the start of a step of `h`
-    [s]. None if a component gives none, or if no inverse exists.
+    A component is treated as x' = A x + B u, y = C x + D u, with its directional derivatives at the start of a step of
+    `h` [s]. None if a component gives none, or if no inverse exists.
     """
     if not all(unit.instance.description.derives_unknowns for unit in block.units):
         return None

@@ -73,7 +73,7 @@ class Bank:
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
     def gather(self, window: slice, late: bool = False) -> Gather | None:
-        """Return the function that updates the inputs of a window, if it has any; `late` may leave out fresh inputs."""
+        """Return the function that updates the inputs of a window, if it has any; `late` may omit fresh inputs."""
         links = self.links[window]
         if not links:
             return None
@@ -355,7 +355,7 @@ class Exchange:
         names = [f"{owner}.{v.name}" for owner, v in (bank.variables[i] for i in rest)]
         also = f" (also {', '.join(names[:3])}{', ...' if names[3:] else ''})" if names else ""
         read = any((unit, variable.name) == link.start for link in bank.links)
-        way = "" if read else ". No component reads it: leave it out of the record (record, --record) to run on"
+        way = "" if read else ". No component reads it: do not record it (record, --record) to continue"
         raise CosimError(
             unit,
             call,

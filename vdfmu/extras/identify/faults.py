@@ -51,7 +51,7 @@ _FEWER = 0.25
 
 
 class LogColumn(NamedTuple):
-    """Values at times [s], and their unit, empty if the file lacks it."""
+    """Values at times [s], and their unit, empty if the file does not have it."""
 
     t: Floats
     values: Floats

@@ -17,7 +17,7 @@ METHODS = ("both", "global", "local")
 # A table: an option in some lines.
 # fmt: off
 class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
-    """Options of what is tuned."""
+    """Options of the problem that is tuned."""
 
     limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
         "Limit: 'peak(controller.tau) < 2.5'. Repeatable.",

@@ -44,7 +44,7 @@ class Answer(NamedTuple):
 
     @property
     def headline(self) -> str:
-        """The state and what decided it, in at most 90 characters."""
+        """The state and its reason, in at most 90 characters."""
         return self.verdict["headline"]
 
 
@@ -314,7 +314,7 @@ def _influence(study: StudyTable) -> str:
 def _chance(shown: View) -> float:
     """Return in which share of shuffles of the points' ranks the means over any axis differ as much as over the first.
 
-    Ranks, since a few large values would hide the order of the rest.
+    Ranks, because a few large values would hide the order of the rest.
     """
     good, rng = np.isfinite(shown.value.values), np.random.default_rng(0)
     over = [parts_of(side.values[good], bool(side.words)) for side in shown.sides]

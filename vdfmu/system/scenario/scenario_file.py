@@ -51,7 +51,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         See `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
         Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
-        The paper's numbers are left out where it has other numbers than the file's.
+        The paper's numbers are omitted where the scenario has other numbers than the file.
 
     Returns
     -------
