@@ -38,7 +38,7 @@ def test_a_file_of_octave_is_read_for_its_numbers_and_nothing_vanishes():
     content = read_foreign(FILES / "octave_v7.mat")
     assert content.texts == {"s": "ab\ncd", "rec.name": "x"}
     assert content.left_out == ["c (a cell array)", "sa (an array of structs)"]
-    assert content.listed().endswith("; left out: c (a cell array), sa (an array of structs)")
+    assert content.listed().endswith("; ignored: c (a cell array), sa (an array of structs)")
 
 
 @pytest.mark.skipif(not OF_MATLAB.is_dir(), reason="this scipy has no files of MATLAB")

@@ -96,6 +96,6 @@ def test_an_event_that_does_not_settle_and_values_that_are_no_reals_are_refused(
         simulate(path, stop=2.0, step=0.5, isolate=False)
     path = system({name: (RELAY, "2.0") for name in "bca"}, [*WIRES, "a.on -> b.go"])
     with pytest.raises(
-        SspError, match=r"a\.on -> b\.go: is of type Boolean, but must be real, since b, c, a depend on"
+        SspError, match=r"a\.on -> b\.go: is of type Boolean, but must be real, because b, c, a depend on"
     ):
         simulate(path, stop=1.0, step=0.5, isolate=False)

@@ -176,8 +176,8 @@ def test_a_choice_is_set_by_its_name_in_every_fmu(tmp_path, version, backend):
     system = vdfmu.connect({"a": fmu}, stop=1.0, step=0.5)
     ends = {name: system.run(parameters={"a.mode": name})["a.y"][-1] for name in ("right", "fast", "stopped")}
     assert ends == {"right": 1.0, "fast": 2.0, "stopped": 0.0}
-    own = vdfmu.build(tmp_path / "clock.py", tmp_path / "own.fmu", fmi=version, backend=backend, mode="fast")
-    assert vdfmu.load(own).run(stop=1.0, step=0.5)["own.y"][-1] == 2.0
+    fixed = vdfmu.build(tmp_path / "clock.py", tmp_path / "fixed.fmu", fmi=version, backend=backend, mode="fast")
+    assert vdfmu.load(fixed).run(stop=1.0, step=0.5)["fixed.y"][-1] == 2.0
     done = command("run", f"a={fmu}", "--set", "a.mode=fast", "--stop", "1", "--step", "0.5", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert read_run(tmp_path / "results" / "system").results["a.y"][-1] == 2.0

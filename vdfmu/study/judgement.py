@@ -227,7 +227,7 @@ def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -
 
 
 class _Case(NamedTuple):
-    """What is judged."""
+    """The system that is judged."""
 
     checked: Checked
     wanted: float

@@ -100,7 +100,7 @@ def test_a_parquet_file_of_another_tool(robot, data, tmp_path):
     pa.parquet.write_table(pa.table({"stamp": stamps, "who": ["x"] * M, **columns}), tmp_path / "log.parquet")
     log = read_log(tmp_path / "log.parquet", robot, {"kappa": "m[{}]"})
     same(log, data)
-    assert log.notes == ("left out: who (string)", "times are those of stamp, in ns")
+    assert log.notes == ("ignored: who (string)", "times are those of stamp, in ns")
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "mat"])
@@ -166,7 +166,7 @@ def test_a_clock_that_jitters_is_told_from_samples_that_do(robot, data, tmp_path
     random = np.random.default_rng(0)
     t = T + 0.2 * STEP * random.uniform(-1, 1, M)
     log, error = resampled(robot, data, tmp_path / "log.csv", t, table(data))
-    assert "the clock jitters by up to 0.8" in log.notes[0] and "these times are taken" in log.notes[0]
+    assert "the clock jitters by up to 0.8" in log.notes[0] and "these equal times are used" in log.notes[0]
     # the line through the times: their deviation 0.12 h over sqrt(m) twice, at its ends, at 6 rad/s: 7e-5 rad
     assert error < 1.5e-4
     log, error = resampled(robot, data, tmp_path / "log.csv", t, table(motion(robot, t)))

@@ -190,7 +190,7 @@ def test_the_measured_kr300_does_not_show_its_springs_because_friction_hides_the
     plan = stiffness_experiment(robot, pose=log.kappa.mean(axis=0), step=log.step)
     verdict = unexcited_verdict(log, robot, plan)
     assert verdict["state"] == "failed"
-    assert "joint 1 is excited by 11 % of its friction at 8.5 to 34 Hz" in verdict["headline"]
+    assert "excitation of joint 1 at 8.5 to 34 Hz is 11 % of its friction" in verdict["headline"]
     loud = log._replace(tau=100.0 * log.tau)  # what would refute it: torques that are not small there
     assert "joint 1 is excited, but not by periodic torques" in unexcited_verdict(loud, robot, plan)["headline"]
 

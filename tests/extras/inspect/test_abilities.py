@@ -79,4 +79,4 @@ def test_a_unit_that_refuses_its_event_mode_is_a_problem_and_runs_without(system
     results = simulate(system({"m": (model, "3.0")}), stop=0.2, step=0.1, log=notes.append)
     # explicit Euler at its own step, exact except for rounding
     assert results["m.x"] == pytest.approx([1.0, 0.9, 0.81], rel=1e-15)
-    assert any("declares event mode (hasEventMode) and refuses it" in str(note) for note in notes)
+    assert any("declares event mode (hasEventMode) but rejects it" in str(note) for note in notes)

@@ -19,7 +19,7 @@ from vdfmu.base.text import amount
 from vdfmu.base.toml_file import toml_text
 
 ROUNDING = 1e-16
-"""Largest rounding error of a zero after turning frames, over the largest number of a list."""
+"""Largest rounding error of a zero after frames were rotated, relative to the largest number of its list."""
 _JOINT = "\n[[joints]]\n"
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.

@@ -1,6 +1,6 @@
 """Functions of a chain of parts: each pass calls a function of one part, part by part.
 
-What a pass calculates and a later pass needs is stored by the part.
+Each part stores the results of a pass that a later pass needs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def chain_function(chain: PartChain) -> ca.Function:
 
 
 def called(function: ca.Function, arguments: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
-    """Return the results of a function, for arguments by their names; further ones are left out."""
+    """Return the results of a function, for arguments by their names; further ones are ignored."""
     made = function.call([arguments[name] for name in function.name_in()])
     return dict(zip(function.name_out(), made, strict=True))
 

@@ -147,7 +147,7 @@ class BaseUnit:
 
     @classmethod
     def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
-        """Variables by name, without optional ones (`when`) that the robot lacks."""
+        """Variables by name, without optional ones (`when`) that the robot does not have."""
         return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod

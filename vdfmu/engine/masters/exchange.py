@@ -329,7 +329,7 @@ class Exchange:
         names = [f"{owner}.{v.name}" for owner, v in (bank.variables[i] for i in rest)]
         also = f" (also {', '.join(names[:3])}{', ...' if names[3:] else ''})" if names else ""
         read = any((unit, variable.name) == link.start for link in bank.links)
-        way = "" if read else ". No component reads it: leave it out of the record (record, --record) to run on"
+        way = "" if read else ". No component reads it: do not record it (record, --record) to continue"
         raise CosimError(
             unit,
             call,

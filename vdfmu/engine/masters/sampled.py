@@ -56,7 +56,7 @@ class SampledStepper(Stepper):
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
         self.stages: list[tuple[Instance, list[Gather], list[Call]]] = []
-        """Unit by unit: the instance, functions that update its fresh inputs, its calls."""
+        """For each unit: the instance, functions that update its fresh inputs, and its calls."""
         for name in exchange.checked.schedule.units:
             fresh = exchange.gathers(lambda bank, name=name: bank.fresh_windows[name])
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))

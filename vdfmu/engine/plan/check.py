@@ -230,7 +230,7 @@ def _check_abilities(
         if direct and not unit.interpolates_inputs and not unit.varies_steps:
             notes.append(
                 f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} hold "
-                "their values at the end of a step, since an output depends on them directly. If it integrates them, "
+                "their values at the end of a step, because an output depends on them directly. If it integrates them, "
                 "the coupling is of first order"
             )
     return problems, notes

@@ -125,7 +125,7 @@ class Simulator:
         self._checked: Checked | None = None
         self._components: Components | Isolated | None = None
         self._loaded = ExitStack()
-        """Of the components: their folder, and what reports that one ends the process."""
+        """Of the components: their folder, and the function that reports that one ends the process."""
         self._box, self._resting = MessageBox(options["log"]), False
         self._lasts = False
         """Whether components may stay loaded after a run, for others."""
@@ -424,5 +424,5 @@ class Simulator:
         if end is None:
             raise UsageError("stop: expected a time, because the system's default experiment has no stop time.")
         if step is None:
-            raise UsageError("step: expected a communication step, since the system's default experiment has no step.")
+            raise UsageError("step: expected a communication step, because the default experiment has no step.")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))

@@ -358,7 +358,7 @@ def _widths(sheet: Sheet) -> list[float]:
 
 
 def _parts(sheet: Sheet) -> list[list[int]]:
-    """Return the columns of the parts of a table, the first in each. What a heading compares stays in its part."""
+    """Return the columns of the parts of a table, the first in each. Columns that a heading compares stay together."""
     widths = _widths(sheet)
     groups: list[list[int]] = []
     for k in range(1, len(sheet.columns)):

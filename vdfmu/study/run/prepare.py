@@ -91,7 +91,8 @@ def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
     """Raise UsageError for unconnected inputs, unless they are among the `names` that are set.
 
-    Those of a plant may keep their start values, such as a wrench at its tool, unless a unit left out what fed them.
+    Those of a plant may keep their start values, such as a wrench at its tool, unless a replaced unit no longer has the
+    output that fed them.
     """
     lost = {link.partition(" -> ")[2] for link in scenario.system.dropped}
     lines: list[str] = []

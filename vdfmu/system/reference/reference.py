@@ -169,7 +169,7 @@ def _key(description: SystemDescription) -> str:
 def _solved(
     name: str, description: SystemDescription, step: float, n: int, every: int, shown: Mapping[str, Sequence[Node]]
 ) -> tuple[Iterator[Floats], SampledReference | ContinuousReference]:
-    """Return the shown outputs at each `every`-th of n + 1 times, and what solves them."""
+    """Return the shown outputs at each `every`-th of n + 1 times, and the solver."""
     system = WiredUnits(description)
     solution = (
         ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
@@ -202,7 +202,7 @@ def runs(
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
-    """Return file name to C text of lists of actions. None if a unit lacks C."""
+    """Return file name to C text of lists of actions. None if a unit has no C code."""
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
