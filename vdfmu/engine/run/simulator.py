@@ -155,6 +155,12 @@ class Simulator:
             for v in each.named("structuralParameter")
         }
         """Parameters that are sizes of arrays."""
+        self._names = {
+            f"{name}.{v.name}": dict(v.items)
+            for name, each in self._checked.descriptions.items()
+            for v in (*each.named("output"), *each.named("input"))
+            if v.items
+        }
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
@@ -208,6 +214,7 @@ class Simulator:
                 "isolated": isinstance(components, Isolated),
                 "held": checked.held,
                 "notes": [*checked.notes, *reach],
+                **({"names": self._names} if self._names else {}),
             }
             with shown_steps(options["progress"], "co-simulation") as progress:
                 run = self._planned(components, grid, options["record"], files, taps, options["pace"] is not None)
