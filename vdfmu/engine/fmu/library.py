@@ -59,8 +59,6 @@ class Library:
         self.name, self.description, self.folder, self.box = name, description, folder, box
         self.stage = "loaded"
         self._corrupt = corrupt
-        self._functions: dict[str, Any] = {}
-        """Functions by their names without prefix."""
         self.token = next(_tokens)
         self.python = (folder / "resources" / "slavemodule.txt").is_file()
         load = partial(
@@ -97,16 +95,8 @@ class Library:
         return self.prefix + name
 
     def function(self, name: str) -> Any:
-        """Return an FMI function by its name without prefix; it accepts ctypes arguments and returns its status.
-
-        It is the library's own, with the types that fmpy declares, unless its calls are watched or mended: fmpy's
-        method of it takes three times as long.
-        """
-        function = self._functions.get(name)
-        if function is None:
-            function = vars(self.fmu).get(self.prefix + name) or getattr(self.fmu.dll, self.symbol(name))
-            self._functions[name] = function
-        return function
+        """Return fmpy's method of an FMI function, by its name without prefix; it accepts ctypes arguments."""
+        return getattr(self.fmu, self.prefix + name)
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function with ctypes arguments; CosimError when its status is above warning."""
