@@ -58,6 +58,7 @@ def test_an_added_unit_is_built_and_one_that_does_not_work_is_named(acme, tmp_pa
     assert "no scenario 'none_such'" in done.stderr and done.returncode == 2
 
 
+@pytest.mark.heavy
 def test_names_are_found_in_python(acme, added):
     added(acme)
     assert find_unit("plain_pd").__name__ == "PlainPD"

@@ -13,6 +13,7 @@ import pytest
 import scipy.io
 import scipy.sparse
 
+from tests.conftest import heavy
 from vdfmu.base import foreign
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.foreign import read_arrow, read_foreign
@@ -172,9 +173,9 @@ def library(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("code", "message"), [
-    ("import os; os.abort()", r"x.h5: expected a HDF5 file, but its content crashed .* \(SIGABRT"),
+    *heavy(("import os; os.abort()", r"x.h5: expected a HDF5 file, but its content crashed .* \(SIGABRT")),
     ("import os; os._exit(3)", r"its content crashed the library that reads it \(exit code 3"),
-    ("raise MemoryError", "the memory limit of 1536 MiB does not hold it"),
+    *heavy(("raise MemoryError", "the memory limit of 1536 MiB does not hold it")),
     ("raise ImportError('none')", r"an HDF5 file needs the package h5py, .*'pip install vdfmu\[matlab\]'"),
     ("bytearray(2**32)", "the memory limit of 1536 MiB does not hold it"),
 ])  # fmt: skip

@@ -30,6 +30,7 @@ def chain(version):
     return {name: (PIECE, version) for name in "bca"}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_chain_is_integrated_as_one(system, version, isolate):
@@ -74,6 +75,7 @@ RELAY = Model(
 WIRES = ["a.y -> b.u", "b.y -> c.u", "c.r -> b.f", "b.r -> a.f"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_an_event_passes_through_all_at_its_time(system, xml, version):
     """The first switches at 0.75 s, within a step, and the others by it; x is the time since."""

@@ -122,6 +122,7 @@ def test_a_sweep_takes_the_values_and_options_of_the_system(fmus, tmp_path):
     assert repr(swept) == f"Study {tmp_path}: 2 points; axes a.T; measures end"
 
 
+@pytest.mark.heavy
 def test_a_scenario_is_a_system(tmp_path):
     system = vdfmu.load("planar_tracking")
     assert "plant.tau_s" in {name.partition("[")[0] for name in system.outputs}

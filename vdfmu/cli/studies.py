@@ -79,7 +79,11 @@ def run(
     say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
-    say_written(study.path, study.report(), more=f"; {amount(len(study), 'point')}")
+    page, points = study.report(), f"; {amount(len(study), 'point')}"
+    if study.unchanged:
+        say(f"Nothing has changed in {study.folder}: {study.path.name}, {page.name}{points}")
+    else:
+        say_written(study.path, page, more=points)
     if study.answer.state == FAILED:
         raise SystemExit(1)
 

@@ -162,8 +162,6 @@ class AlgorithmOptions(LoadedOptions, total=False):
     """How a system is checked and coupled."""
 
     parameters: Annotated["Mapping[str, Value] | None", parameters_option]
-    strict: Annotated[bool, Option("Refuse unconnected inputs; see `vdfmu.engine.plan.check.check_system`.",
-        default=False, flag=None)]
     algorithm: Annotated[str | None, algorithm_option]
     convergence: Annotated[float | None, Option("Change of a coupled signal, relative as `adaptive`, at which "
         f"{choice(repeats=True)} ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]

@@ -127,7 +127,7 @@ def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_pat
         np.testing.assert_array_equal(np.isfinite(log.q).all(axis=0), [True, False])
         np.testing.assert_array_equal(log.q[:, 0], data[1][:, 0])
         (note,) = log.notes
-        assert "q[2]" in note and name in note and "without encoder" in note
+        assert "q[2]" in note and name in note and "without an encoder" in note
     none = {k: v for k, v in columns.items() if k[0] != "q"} | {f"q[{i}]": np.zeros(M) for i in (1, 2)}
     assert read_log(write(tmp_path / "log.csv", none), robot).q is None
 

@@ -40,7 +40,7 @@ def library(tmp_path_factory):
     return build(tmp_path_factory.mktemp("claims"), "claims")
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("way", range(len(BROKEN)))
 def test_a_declared_call_that_does_not_work_is_a_problem(way, library, tmp_path):
     path = pack(tmp_path / "claims.fmu", library, XML.format(way))

@@ -99,6 +99,7 @@ def test_a_sweep_of_a_package_runs_the_variant_that_is_named(place):
             sweep("planar_tracking", {"controller.K_p": [1.0]}, out=place[0] / "no", **wrong)
 
 
+@pytest.mark.heavy
 def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     content = with_a_fault(place)
     words = ("run", "odd.fmu", "--stop", "1", "--step", "0.1", "--out", "odd")
@@ -114,6 +115,7 @@ def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     assert command("run", "none.fmu", "--run-anyway", cwd=place[0]).returncode == 2
 
 
+@pytest.mark.heavy
 def test_a_run_that_is_stopped_while_it_is_judged_keeps_its_own_rows(place, tmp_path, monkeypatch):
     package = place[0] / "results" / "system" / "system.ssp"
     shorter = simulate(package, stop=0.5, step=0.25)

@@ -120,7 +120,7 @@ def assert_same(part, whole, place=""):
         assert part == whole, place
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("size", [1, 2, 3, 7])
 def test_the_size_of_the_blocks_changes_no_number(system, monkeypatch, size):
     for rows in (1, 2, 3, 6, 7, 8, 9, 40):

@@ -10,7 +10,7 @@ import pytest
 
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.sweeps.digest import function_digest
+from vdfmu.study.sweeps.digest import value_digest
 from vdfmu.study.sweeps.measures import read_measures
 
 T = np.linspace(0.0, 2.0, 201)
@@ -139,9 +139,9 @@ def test_the_digest_of_an_object_or_a_partial_function_has_its_code_and_its_valu
         lambda: partial(power, exponent=2), lambda: partial(power, exponent=3), lambda: partial(product, exponent=2),
         lambda: partial(Asked(1.0)), lambda: np.max, lambda: np.min,
     ]  # fmt: skip
-    digests = [function_digest(make()) for make in makers]
+    digests = [value_digest(make()) for make in makers]
     assert len(set(digests)) == len(digests)
-    assert digests == [function_digest(make()) for make in makers]
+    assert digests == [value_digest(make()) for make in makers]
 
 
 def made(source, **names):
@@ -164,19 +164,19 @@ HELPED = "def helper(x): return {scale} * x\ndef measure(results): return helper
      made("class A:\n  def f(self): return 2\na = A()\nmeasure = lambda r: a.f()")),
 ], ids=["global", "helper", "keyword", "closure", "list", "class"])  # fmt: skip
 def test_the_digest_has_what_a_function_refers_to(first, second):
-    assert function_digest(first) != function_digest(second)
-    assert function_digest(first) == function_digest(first)
+    assert value_digest(first) != value_digest(second)
+    assert value_digest(first) == value_digest(first)
 
 
 def test_the_digest_is_that_of_another_process(tmp_path):
     """Whatever the order of sets, and whether two equal values are one object."""
     script = tmp_path / "script.py"
     script.write_text(
-        "from vdfmu.study.sweeps.digest import function_digest\nimport numpy as np\n"
+        "from vdfmu.study.sweeps.digest import value_digest\nimport numpy as np\n"
         "a = [1.5, 'x']; K = {'a': a, 'b': a if SAME else [1.5, 'x']}\n"
         "def again(n): return n and again(n - 1)\n"
         "def measure(r): return again(1) if r in {'one', 'two', 'three'} else K['a'][0] * np.max(r)\n"
-        "print(function_digest(measure))\n"
+        "print(value_digest(measure))\n"
     )
     digests = {
         subprocess.run(

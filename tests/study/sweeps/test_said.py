@@ -1,14 +1,18 @@
 """What a study says of files that are none of its, and of points that all fail."""
 
+from functools import partial
+from pathlib import Path
+
 import pyarrow
 import pytest
 from pyarrow import parquet
 
 import vdfmu
-from tests.conftest import invoked, refused
+from tests.conftest import invoked, ran, refused
 from tests.engine.reference import models
 from tests.study.sweeps.conftest import study_of
 from vdfmu.base.errors import SspError, UsageError
+from vdfmu.study.sweeps.candidates import judge_point
 from vdfmu.study.sweeps.sweep import Sweep
 
 
@@ -56,3 +60,34 @@ def test_the_exit_code_of_a_study_is_1_if_all_points_fail(tmp_path, monkeypatch,
     done = invoked("sweep", "run", "f.ssp")
     assert done.exit_code == code
     assert "report.html" in done.output
+
+
+def test_a_study_that_is_the_same_is_neither_judged_nor_written_again(tmp_path, monkeypatch):
+    scenario, folder = tmp_path / "mine.toml", tmp_path / "study"
+    shipped = Path(vdfmu.__file__).parents[1] / "models" / "scenarios" / "planar_tracking.toml"
+    scenario.write_text(shipped.read_text())
+    words = ["sweep", scenario, "--vary", "controller.K_p=*0.9, 1", "--stop", "0.05", "--out", folder]
+    words += ["--measure", "error=rms(trajectory.q_d - plant.q)"]
+    judged = []
+    monkeypatch.setattr("vdfmu.study.sweeps.candidates.judge_point", partial(_counted, judged, judge_point))
+    lines = ran(*words).output.splitlines()
+    page, count = folder / "report.html", len(judged)
+    content, written = page.read_bytes(), page.stat().st_mtime_ns
+    assert count and lines[-1].startswith("Written to")
+    again = ran(*words).output.splitlines()
+    assert again[:-1] == lines[:-1]
+    assert again[-1] == f"Nothing has changed in {folder}: sweep.parquet, report.html; 2 points"
+    assert len(judged) == count and page.stat().st_mtime_ns == written
+
+    page.write_bytes(content[:-1])  # no longer the page of the study
+    assert ran(*words).output.splitlines()[-1].startswith("Written to") and len(judged) == count
+    assert page.read_bytes().endswith(content[-1:])
+    # the runs are the same, their verdicts are not
+    scenario.write_text(scenario.read_text() + "\n[limits]\nmargin = 0.9\n")
+    assert "Good" not in ran(*words).output.splitlines()[0]
+    assert len(judged) > count and page.read_bytes() != content
+
+
+def _counted(calls, function, *arguments):
+    calls.append(arguments)
+    return function(*arguments)

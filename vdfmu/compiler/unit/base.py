@@ -72,7 +72,7 @@ class BaseUnit:
     made_of: ClassVar[Mapping[str, bytes] | None] = None
     """Name to content of ``unit.py`` and the files next to it, of a class that no file declares."""
     author: ClassVar[str | None] = None
-    """Author of the FMU, as `license`, `copyright` and `version`; None: the author of the project with the file."""
+    """Author of the FMU, as `license`, `copyright` and `version`; None: it names none."""
     license: ClassVar[str | None] = None
     copyright: ClassVar[str | None] = None
     version: ClassVar[str | None] = None

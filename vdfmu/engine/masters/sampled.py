@@ -51,7 +51,7 @@ class SampledStepper(Stepper):
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
-        self.opening = exchange.gathers(late=True)
+        self.opening = exchange.gathers()
         """Update inputs that are not fresh, from the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))

@@ -132,7 +132,7 @@ class Run:
         self._began = clock.perf_counter()
         stride = grid.n if progress is None else max(1, -(-grid.n // 100))
         try:
-            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite reports them
+            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # `refuse_not_finite` reports them
                 self.begin()
                 if progress is not None:
                     progress(0, grid.n)

@@ -14,9 +14,9 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.package.system import ends_of
+from vdfmu.engine.plan.check import check_coupling
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.run import check_coupling
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.system.scenario import Scenario, load_scenario

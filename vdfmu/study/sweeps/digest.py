@@ -1,4 +1,4 @@
-"""Digest of a function of the user's: another one has another digest, so that a study with it is another study.
+"""Digest of a function or of data: with another function of the user's, a study is another study.
 
 It covers the code of the function, its defaults and closure, and the numbers, functions and modules that it names.
 Functions and modules of installed packages count by their names.
@@ -11,7 +11,7 @@ import hashlib
 import io
 import pickle
 import sysconfig
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import partial
@@ -30,9 +30,9 @@ _MOST = 1000
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
 
-def function_digest(function: Callable[..., Any]) -> str:
-    """Digest of a function, or of an object that is called. Other objects that cannot be pickled are ignored."""
-    return hashlib.sha256(b"\0".join(_facts(function, {}))).hexdigest()[:16]
+def value_digest(value: Any) -> str:
+    """Digest of a function, an object that is called, or data. Other objects that cannot be pickled are ignored."""
+    return hashlib.sha256(b"\0".join(_facts(value, {}))).hexdigest()[:16]
 
 
 def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:

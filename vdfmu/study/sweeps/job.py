@@ -72,6 +72,8 @@ class WiredSystem:
     """File name of the package, for messages."""
     variant: str = DEFAULT
     """Its SSD."""
+    scenario: str = ""
+    """Digest of the scenario, with what is not in the package, such as its limits."""
 
     def read(self, folder: Path) -> FlatSystem:
         """Return the system of the package, which is written into a separate folder if it is not there."""

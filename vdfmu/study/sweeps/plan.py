@@ -29,7 +29,7 @@ from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.rules import runs_anyway
 from vdfmu.study.options import ENGINES, PlanOptions, ScenarioOptions
 from vdfmu.study.sweeps.axes import Axis, Points, draw, is_option, read_axes
-from vdfmu.study.sweeps.digest import function_digest
+from vdfmu.study.sweeps.digest import value_digest
 from vdfmu.study.sweeps.job import AxisBinding, Job, Task, WiredSystem
 from vdfmu.study.sweeps.measures import Measure, read_measures, unit_of
 
@@ -233,14 +233,14 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
         | {m.name: unit_of(m, units) for m in measures},
         "keep": list(keep),
         "engine": "batch" if any(system.program is not None for system in systems) else "fmu",
-        "points": digest(*(column.astype(str).tobytes() for column in points.values())),
+        "points": digest(*map(_bytes_of, points.values())),
         "systems": [
             {"options": {**s.options, **s.run}, "package": digest(s.content), "inputs": [t.digest for t in s.inputs],
              **({} if s.variant == DEFAULT else {"variant": s.variant})}
             for s in systems
         ],
     }  # fmt: skip
-    if functions := {m.name: function_digest(m.function) for m in measures if m.function is not None}:
+    if functions := {m.name: value_digest(m.function) for m in measures if m.function is not None}:
         facts["functions"] = functions
     chosen = np.array([combinations[row] for row in rows])
     compared = tuple(sorted({0, count // 2, count - 1}))
@@ -269,6 +269,11 @@ def name_of(scenario: Any) -> str:
 def digest(*parts: bytes) -> str:
     """Return a short SHA-256 of contents."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def _bytes_of(column: np.ndarray[Any, Any]) -> bytes:
+    """Return the bits of numbers, since their text takes long, and the text of other values."""
+    return (column if column.dtype.kind in "iuf" else column.astype(str)).tobytes()
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:
@@ -342,6 +347,7 @@ def of_scenario(
         loaded.input_hold,
         bindings,
         None if engine == "fmu" else _program(loaded, values, bound, needed=engine == "batch"),
+        scenario=value_digest(loaded),
     )
 
 

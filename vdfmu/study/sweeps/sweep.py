@@ -18,9 +18,9 @@ from vdfmu.engine.results.parquet import needed
 from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.answer import Answer, answer_of
 from vdfmu.study.sweeps.indices import Indices, indices
+from vdfmu.study.sweeps.kept import KeptAnswer
 from vdfmu.study.sweeps.ledger import Ledger
-from vdfmu.study.sweeps.page import write_page
-from vdfmu.study.sweeps.plan import make_plan, name_of
+from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
 from vdfmu.study.sweeps.study import Study, check_workers
 from vdfmu.study.sweeps.table import StudyTable
 from vdfmu.study.sweeps.worker import KILLED
@@ -35,6 +35,9 @@ class Sweep(StudyTable):
         ``sweep.parquet``, or its folder. An incomplete study has its finished points.
     notes : sequence of str
         Remarks on the study.
+    plan : Plan, optional
+        The plan whose points these are. With it the answer, and the page in the folder, are kept until something that
+        decides them changes.
 
     Raises
     ------
@@ -48,10 +51,16 @@ class Sweep(StudyTable):
     >>> sweep.failed                   # why points failed, by their number
     """
 
+    def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = (), plan: Plan | None = None) -> None:
+        super().__init__(path, notes)
+        self.unchanged = False
+        """Whether `report` left the page as it was, since it is that of the same points, scenario and version."""
+        self._kept = None if plan is None else KeptAnswer(self, plan)
+
     @cached_property
     def answer(self) -> Answer:
         """Return the result in sentences: best point, margin, ranking, the axis that matters most, failures."""
-        return answer_of(self)
+        return (self._kept and self._kept.answer) or answer_of(self)
 
     def indices(self, measure: str | None = None) -> Indices:
         """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
@@ -61,9 +70,21 @@ class Sweep(StudyTable):
         """Write the page, default ``report.html`` in the folder, and return its path.
 
         With `simulate` the page runs any point. For that the scenario of a study that you made is run, with the code
-        that it names; `trust` runs one that others made.
+        that it names; `trust` runs one that others made. A page of `sweep` in the folder is left if it would be the
+        same, see `unchanged`.
         """
-        return write_page(self, self.answer, None if out is None else Path(out), simulate=simulate, trust=trust)
+        kept = self._kept if out is None and simulate else None
+        self.unchanged = kept is not None and kept.has_page()
+        if kept is not None and self.unchanged:
+            return kept.page
+        from vdfmu.study.sweeps.page import write_page  # takes long to import
+
+        notes = len(self.notes)
+        page = write_page(self, self.answer, None if out is None else Path(out), simulate=simulate, trust=trust)
+        if kept is not None and (len(self.notes) == notes or self.facts["source"].endswith(".ssp")):
+            # a page without the run of its scenario may get it the next time
+            kept.keep(self.answer)
+        return page
 
 
 @with_progress
@@ -125,6 +146,6 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
             except KeyboardInterrupt as error:
                 error.add_note(f"Finished points are in {folder}: repeat the command to go on.")
                 raise
-        study_table = Sweep(ledger.finish(), notes=ledger.notes)
+        study_table = Sweep(ledger.finish(), ledger.notes, plan)
     study_table.notes += study_table.undefined()
     return study_table

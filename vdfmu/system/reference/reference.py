@@ -41,7 +41,7 @@ from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.dop853 import source_key
 from vdfmu.system.reference.solution import SHORT, ContinuousReference, Repeated, SampledReference
-from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits
+from vdfmu.system.reference.wired import Action, Carry, Node, Run, TimeSetter, WiredUnits
 from vdfmu.system.scenario.scenario import Variables
 
 REPEATED = 100
@@ -242,11 +242,6 @@ class Code:
         elif isinstance(action, TimeSetter):
             for place in action.places.tolist():
                 yield f"m[{place}] = t;"
-        elif isinstance(action, AtNewTime):
-            yield f"if (m[{action.place}] != t) {{"
-            yield from (line for each in action.actions for line in self._lines(each))
-            yield f"m[{action.place}] = t;"
-            yield "}"
         else:
             unit = self.system.units[action.unit]
             if not isinstance(unit, Traced):
