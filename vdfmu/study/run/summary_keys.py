@@ -116,7 +116,7 @@ _JUDGEMENT = Record(
     {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
      "algorithm": TEXT,
      "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}, {"read": FLAG}))},
-    {"kind": TEXT},
+    {"kind": TEXT, "order": WHOLE},
 )  # fmt: skip
 _EXPECTED = Record(
     {"file": TEXT, "within": NUMBER, "signals": WHOLE, "problems": _LINES, "beyond": WHOLE,
