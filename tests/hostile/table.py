@@ -81,9 +81,7 @@ def tried(corpus: Corpus, numbers: Iterable[int], row: Row | None = None) -> Row
 
 
 def table(rows: Iterable[Row]) -> str:
-    head = (
-        "| corpus | tries | refused or stopped in words | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
-    )
+    head = "| corpus | tries | rejected or stopped with a message | failures | slowest [s] |\n| --- | ---: | ---: | ---: | ---: |"
     return "\n".join([head, *map(_line, rows)])
 
 
