@@ -156,7 +156,7 @@ def _modes(
 
 
 def read_numbers(option: str, text: str) -> list[float]:
-    """Return the numbers of an option; UsageError for other words."""
+    """Return the numbers of an option; UsageError for any other text."""
     from vdfmu.base.errors import UsageError
 
     try:

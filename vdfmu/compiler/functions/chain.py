@@ -210,7 +210,7 @@ class _Merged:
         return ca.substitute(expressions, old, new) if old else expressions
 
     def turns(self) -> dict[_Leaf, int]:
-        """Return the turn of the pass of each number that is handed on: the first with all it depends on."""
+        """Return the turn of the pass of each value that is passed on: the first at which its inputs exist."""
         leaves = [leaf for leaf in self._leaves if self._representative[leaf] == leaf]
         if not leaves:
             return {}
