@@ -38,7 +38,7 @@ def run_joined(
 
     It is judged by the largest error `wanted`, a share of each range, and by `expected` results, unless these are None.
 
-    The run needs the engine alone: where CasADi is missing, it has no page. `source` is the name of a package that was
+    The run needs only the engine; if CasADi is missing, it has no page. `source` is the name of a package that was
     made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
     :func:`vdfmu.study.judgement.judge`.
     """
