@@ -164,20 +164,21 @@ hide: [toc]
 
 # FMU interface
 
-All variables of the FMUs: names, units, start values, bounds, dependencies. The page is made from the declarations of
-the units, `vdfmu/arm/units/`, as the FMUs are.
+All variables of the FMUs, with names, units, start values, bounds and dependencies. This page and the FMUs are
+generated from the same declarations, in `vdfmu/arm/units/`.
 
-It shows the interface for the paper's arm, `manipulator_6dof`. Another robot has the same groups with its own number
-of joints. Names count from 1. Start values of the robot's parameters are those of its file. Zeros by construction,
-such as offsets, are [folded](../native.md#limits) into the equations. The kinematic error is a variable if its
-amplitude is not zero, `f_ck` if the friction is `split`.
+It shows the interface for the paper's arm, `manipulator_6dof`. For another robot the variables are the same,
+but the arrays have its number of joints. Indices in names count from 1. The start values of the robot's parameters are
+those of its file. Numbers that are zero because of the arm's geometry, such as offsets, are
+[folded](../native.md#limits) into the equations, so they are not variables. The parameters of the kinematic error exist
+only if its amplitude is not zero, and `f_ck` only if the friction is `split`.
 
 A *fixed* parameter can be set until the initialization ends, a *tunable* one at every communication point. A minimum
 of 1e-12 means "positive", because FMI has no strict bounds. `1e+12` at `tau_max` means "no limit".
 
-The column *FMI 3.0* names the arrays of FMI 3.0. An array has the value reference of its first element. Native FMUs
-of FMI 3.0 also have `time`, with the last value reference. Only native FMUs have derivatives of states. See
-[FMUs](../native.md#variables). The [capability flags](#capability-flags) are at the end.
+The column *FMI 3.0* shows the shapes of the arrays in FMI 3.0. An array has the value reference of its first element.
+Native FMUs of FMI 3.0 also have `time`, with the last value reference. Only native FMUs have derivatives of states.
+See [FMUs](../native.md#variables). The [capability flags](#capability-flags) are at the end.
 
 """
 
@@ -187,11 +188,11 @@ hide: [toc]
 
 # Robot file
 
-Every key of a robot file, with its unit, bounds and default. The page is made from the table by which files are
+Every key of a robot file, with its unit, bounds and default. This page is generated from the table with which files are
 checked, `vdfmu/arm/robot/parameters.py`.
 
-A robot is one TOML file. [Your own arm](../tutorials/own_arm.md) has examples, from a URDF and without one. Every
-problem of a file is reported at once. Beside the numbers below it has
+A robot is one TOML file. [Your own arm](../tutorials/own_arm.md) has examples, from a URDF and without one. All
+problems of a file are reported together. In addition to the numbers below, a file can have these keys:
 
 | key | value |
 | --- | --- |
@@ -199,21 +200,22 @@ problem of a file is reported at once. Beside the numbers below it has
 | `friction` | `"lumped"` (default) or `"split"`: [friction](../model.md#friction) |
 | `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](../model.md#the-rotor-as-a-body) |
 | `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](../world.md) |
-| `tool_on_last_axis` | `true` if a tool on the axis of the last joint is meant, as a flange; default `false` |
+| `tool_on_last_axis` | `true` if the tool is meant to be on the axis of the last joint, as a flange; default `false` |
 | `folded` | `true` (default) or `false`: [zeros as parameters in runs](../native.md#limits) |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
-| `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]: instead of `K_f0`, `c_f`, `K_w0`, `c_w` |
-| `rotor_inertia` in `[joints.drive]` | of the motor, kg.m2: instead of `I_m`, which is `ell` times as large |
+| `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]; instead of `K_f0`, `c_f`, `K_w0`, `c_w` |
+| `rotor_inertia` in `[joints.drive]` | inertia of the motor, kg.m2; instead of `I_m`, which is `ell` times as large |
 | `gear`, `motor` of a joint | [a name in the catalogue](../drives.md#the-catalogue) |
 | `[sources]` | `"joints.link.mass" = ".."` for all joints, `"joints[2].link.mass"` for one |
 | `[[visuals]]` | shapes of the links, for views only |
 
 A visual has `joint` (0 for the base), `shape` (mesh, box, ellipsoid, cylinder, capsule, sphere), `file` of a mesh,
 `size`, `rotation` and `offset` in the link frame, and `color` (red, green, blue, opacity). `size` is the scale of a
-mesh, the sides, the half-axes, radius and length along z, or the radius.
+mesh, the sides of a box, the half-axes of an ellipsoid, radius and length along z of a cylinder or capsule, or the
+radius of a sphere.
 
-`[payload]` can be missing. So can tables of [options](../drives.md#options) such as `[joints.limits]`, but then of all
-joints.
+`[payload]` is optional. Tables of [options](../drives.md#options) such as `[joints.limits]` are optional too, but
+either all joints must have such a table or none.
 
 Units are SI, angles in rad. A unit in brackets belongs to a prismatic joint. [Notation](notation.md) has the
 symbols. An inertia can be one number for all axes, or three principal moments. The inertia of a payload can be 0.

@@ -157,21 +157,23 @@ hide: [toc]
 
 # Scenario file
 
-Every key of a scenario file, made from its schema, `vdfmu check --schema scenario`. A scenario is one TOML file: robot,
-system, values, duration and master of a run. [Arms and scenarios](../scenarios.md) has the shipped ones. A scenario
+Every key of a scenario file, generated from its schema, `vdfmu check --schema scenario`. A scenario is one TOML file
+with the robot, system, values, duration and master of a run. [Arms and scenarios](../scenarios.md) lists the shipped
+ones. A scenario
 also has a table for each component of its system, with the component's parameters. One value applies to all joints.
 Units are SI, angles in rad.
 
-A component that knows the robot takes any of [its numbers](robot_file.md) too, such as `mass`. A number in `[plant]`
-alone is unknown to the feedforward. `[plant_factors]` multiplies numbers in the plant alone, `mass = 1.02` or a list
-for the joints. `[paper]` has the numbers printed next to the results, from joint 1 on.
+The table of a component that uses the robot can also have any of [its parameters](robot_file.md), such as `mass`. The
+feedforward does not model values that are only in `[plant]`. `[plant_factors]` multiplies parameters of the plant
+only, by one factor, `mass = 1.02`, or by a list for the joints. `[paper]` has the paper's values, from joint 1 on,
+which are printed next to the results.
 """
 
 _RULES_HEAD = """# Rules of the check
 
-[`vdfmu check`](../checking.md) checks files by these rules, and the reader and the master refuse by the same rules. The
-number of a rule ends each line of the check. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI` of FMUs,
-`RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
+[`vdfmu check`](../checking.md) checks files by these rules, and readers and masters reject files by the same rules.
+Each line of the check ends with the number of its rule. `PKG` are rules of zip files and XML, `SSP` of systems, `FMI`
+of FMUs, `RUN` of runs, and `SRC` of robots, scenarios, systems and units. A note is not an error.
 
-| rule | severity | what holds | fix |
+| rule | severity | requirement | fix |
 | --- | --- | --- | --- |"""

@@ -307,7 +307,15 @@ def plant_function(functions_of):
         function, p = functions_of("plant", robot).function(f"plant_{name}"), robot.values()
         m = len(state_names(robot)) * robot.n
         shape = (m, m) if name == "jacobian" else (m,)
-        return lambda x, tau, F_e: function(p, x, tau, F_e).reshape(shape, order="F")
+        (result,) = function.results.values()
+
+        def call(x, tau, F_e):
+            for array, value in zip(function.args.values(), (p, x, tau, F_e), strict=True):
+                array[:] = value
+            function.run()
+            return result.reshape(shape, order="F").copy()
+
+        return call
 
     return bound
 

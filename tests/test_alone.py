@@ -85,6 +85,7 @@ def test_tracking_runs_without_the_features_beside_it(tmp_path):
     assert "6 of 6 checks pass" in said
 
 
+@pytest.mark.heavy
 def test_no_build_imports_efmi_and_the_digest_of_an_own_fmu_knows_no_arm():
     code = "import sys, vdfmu.arm.fmus, vdfmu.study.runs; print([m for m in sys.modules if 'efmi' in m])"
     assert python(ROOT, "-c", code).strip() == "[]"

@@ -58,6 +58,7 @@ def test_an_added_unit_is_built_and_one_that_does_not_work_is_named(acme, tmp_pa
     assert "no scenario 'none_such'" in done.stderr and done.returncode == 2
 
 
+@pytest.mark.heavy
 def test_names_are_found_in_python(acme, added):
     added(acme)
     assert find_unit("plain_pd").__name__ == "PlainPD"
@@ -107,9 +108,9 @@ def test_commands_that_use_no_added_format_load_none(added, tmp_path):
     for words in (("--help",), ("run", "--help"), ("robot", "list")):
         done = command(tmp_path, tmp_path, *words)
         assert done.returncode == 0, done.stderr
-        assert "left out" not in done.stdout + done.stderr
+        assert "ignored" not in done.stdout + done.stderr
     done = command(tmp_path, tmp_path, "run", "planar_tracking", "--format", "none_such")
-    assert "left out: format of results 'npz' of the package broken 1.0" in done.stderr and done.returncode == 2
+    assert "ignored: format of results 'npz' of the package broken 1.0" in done.stderr and done.returncode == 2
     done = command(tmp_path, tmp_path, "run", "planar_tracking", "--format", "npz")
     assert "error: format of results 'npz' of the package broken 1.0 cannot be used" in done.stderr
 

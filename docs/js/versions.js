@@ -1,5 +1,5 @@
 // Fills the selector of versions. versions.js, beside the folders of all versions, names them and their pages. It is a
-// script and no JSON, since pages from disk may not read files.
+// script and no JSON, because pages from disk may not read files.
 (() => {
     const root = new URL("../../", document.currentScript.src)
     const list = document.createElement("script")

@@ -46,7 +46,7 @@ class Of:
         return self.name in ("missing", "modulus", "unstable")
 
     def __call__(self, results: Any) -> float:
-        """Return the measure; `missing` is how much the modulus margin lacks."""
+        """Return the measure; `missing` is the difference from the required modulus margin."""
         if self.loops:
             poses = results.summary["loops"]
             if poses.lacking or not poses.seconds:

@@ -8,7 +8,7 @@ under the same controller: half the masses, half the friction, springs ten times
 predict says nothing about the arm.
 The records in Parquet need pyarrow. They are corrected for constants of the torques and the delay of the encoders
 behind the gears, as `vdfmu identify` finds them in A, and for the constant between the encoders of each axis: they
-count from their start. Axes 4 to 6 lack encoders behind their gears: the motor's position is shown.
+count from their start. Axes 4 to 6 have no encoders behind their gears: the motor's position is shown.
 """
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter

@@ -112,7 +112,7 @@ static double locate(const Solver *s, double done, double low, double high, doub
         below = levels_at(s, done, 0.0, s->m + unit.x, s->level);
     int side = 0;
     for (int k = 1; high - low > close; k++) {
-        /* each third time bisection, since a level may jump */
+        /* each third time bisection, because a level may jump */
         const bool straight = below < 0.0 && k % 3;
         double middle = straight ? high - above * (high - low) / (above - below) : 0.5 * (low + high);
         middle = fmin(fmax(middle, low + 0.5 * close), high - 0.5 * close);

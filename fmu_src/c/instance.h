@@ -40,7 +40,7 @@ typedef struct {
     double h;        /* [s] internal step that the solver tries next */
     double sampled;  /* [s] last sample taken in event mode; -INFINITY: none */
     /* Memory, rates of the inputs, memory at the end of the last step; n each. Whether the number of each event was above 0
-     * at the last look: not in the memory, since reading outputs must not lose an event. */
+     * at the last look: not in the memory, because reading outputs must not lose an event. */
     double values[];
 } Core;
 

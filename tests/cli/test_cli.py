@@ -44,6 +44,7 @@ SYSTEM = ["Feedforward", "PDController", "Plant", "Trajectory"]
 LOADED = ("--robot", "planar_2dof", "--set")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("words", "files", "starts"),
     [
@@ -94,6 +95,7 @@ def test_a_scenario_is_shown_as_its_file(tmp_path):
     assert tomllib.loads(shown.stdout)["name"] == "tracking"
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize(("arguments", "words"), [
     (["run", "trackng"], "trackng"),
     (["run", "planar_tracking", "--set", "controller.K_p"], "expected COMPONENT.VARIABLE=VALUE"),

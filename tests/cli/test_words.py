@@ -56,6 +56,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
         assert options(ALL[name])[word].metavar == values
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("words", "said"), [
     ("sweep tracking --varry x=1", "No such option"),
     ("run --mastre jacobi", "No such option"),
@@ -136,6 +137,10 @@ def test_margins_and_modes_as_json_and_the_motion_of_a_shipped_scenario_by_its_n
     answer = json.loads(command("linear", "planar_tracking", "--at", "0.5", "--json", cwd=tmp_path).stdout)
     assert [row["opened_at"] for row in answer["margins"]] == ["plant.tau[1]", "plant.tau[2]"]
     assert answer["state"] == "good" and all(0.0 < row["modulus"] < 1.0 for row in answer["margins"])
+    stricter = command("scenario", "show", "planar_tracking", cwd=tmp_path).stdout + "\n[limits]\nmargin = 0.99\n"
+    (tmp_path / "stricter.toml").write_text(stricter, encoding="utf-8")
+    answer = json.loads(command("linear", "stricter.toml", "--at", "0.5", "--json", cwd=tmp_path).stdout)
+    assert answer["state"] == "doubtful" and "(limit 0.99 by [limits] of the scenario)" in answer["text"]
     answer = json.loads(command("linear", "planar_2dof", "--json", cwd=tmp_path).stdout)
     assert answer["pose"] == [0.0, 0.0]
     assert len(answer["motors_free"]["frequency"]) == len(answer["motors_held"]["frequency"]) == 2

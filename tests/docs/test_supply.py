@@ -86,6 +86,7 @@ def test_the_sdist_has_every_file_of_the_project(tmp_path):
     assert packed == {name for name in listed if (ROOT / name).is_file()}
 
 
+@pytest.mark.heavy
 def test_the_readme_of_an_index_has_no_link_that_leads_nowhere(tmp_path):
     with zipfile.ZipFile(built("wheel", tmp_path)) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("dist-info/METADATA"))

@@ -29,7 +29,7 @@ def sampled_loop(steps: int) -> tuple[np.ndarray, np.ndarray]:
     return sampled_x, sampled_u
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
@@ -43,6 +43,7 @@ def test_a_controller_with_a_periodic_clock(system, algorithm, version, isolate)
     np.testing.assert_allclose(results["c.u"], u, rtol=1e-14, atol=0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("step", [0.05, 0.2, 0.4])
 def test_ticks_between_communication_points_are_communication_points(system, step):
     results = simulate(system(LOOP, WIRES), stop=2.0, step=step)
@@ -94,6 +95,7 @@ def test_an_early_return_is_an_event_of_the_component(system, step):
     assert three["b.v"].max() > (2.0 if step == 0.01 else 0.0)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("step", [0.2, 1.0])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_time_events_and_the_end_that_a_component_makes(system, version, step):
@@ -119,6 +121,7 @@ def test_discrete_inputs_are_set_at_events(system):
     np.testing.assert_array_equal(late["a.Int32_output"][1:], late["s.counter"][:-1])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("exchange", [False, True])
 def test_components_that_stay_loaded_begin_anew(system, exchange):
     """Clocks, events and solver too."""

@@ -18,7 +18,7 @@ from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
 from vdfmu.engine.algorithms import named
-from vdfmu.engine.masters import loop
+from vdfmu.engine.masters import compiled
 from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run import Interrupted, Results, Simulator, isolated, simulate
 
@@ -133,7 +133,7 @@ def both():
     return run
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(6)
 @pytest.mark.parametrize(("name", "algorithm"), [
     *((name, algorithm) for name in NAMES for algorithm in HELD),
     *((name, "extrapolated") for name in NAMES if not name.startswith(SAMPLED)),
@@ -156,7 +156,7 @@ def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
      *heavy(("mute", "the unit gave no reason; its last message: debug: fmi2DoStep ends (status error)"),
             ("discard", "too long"),  # a step that is discarded and does not end the simulation
             ("inf_from", "y is -inf")),
-     ("nan_from", "y is nan"), ("end", "")],
+     *heavy(("nan_from", "y is nan"), ("end", ""))],
 )  # fmt: skip
 def test_failures_and_ends_name_component_call_and_time(packaged, both, fault, said):
     package, _ = packaged("strict")
@@ -194,6 +194,7 @@ def test_rows_come_from_another_process_block_by_block(packaged, tmp_path, monke
     assert tap.values == expected["m.x0"].tolist()
 
 
+@pytest.mark.heavy
 def test_a_unit_of_version_3_ends_the_simulation(system, both):
     """The stair ends it at 9 s. Components with their own steps have no events."""
     hints = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}
@@ -242,5 +243,5 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
         stepper(package, stepper="c", algorithm="extrapolated", adaptive=1e-3)
     with pytest.raises(UsageError, match=r"stepper: must be auto, fmpy or c, got 'rust'\."):
         stepper(package, stepper="rust")
-    monkeypatch.setattr(loop, "library", lambda: None)
+    monkeypatch.setattr(compiled, "library", lambda: None)
     assert stepper(package) == "fmpy: no C compiler"

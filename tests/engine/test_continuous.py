@@ -92,28 +92,6 @@ def test_a_system_without_connections(pack):
         np.testing.assert_allclose(results["source.y"], results.time, rtol=0, atol=ROUNDING)
 
 
-def exact(t):
-    a = 0.3 * (G + K) / K
-    return a * (t - 1 / K) + (0.1 + a / K) * np.exp(-K * t)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("algorithm", ["extrapolated", "iterative"])
-def test_the_error_follows_the_one_that_is_asked_for(loop, algorithm):
-    errors, steps = [], []
-    for adaptive in (1e-3, 1e-4, 1e-5):
-        results = run(loop, algorithm, adaptive=adaptive)
-        np.testing.assert_array_equal(results.time, H * np.arange(17.0))
-        errors.append(np.abs(results["plant.y"] - exact(results.time)).max())
-        steps.append(results.summary["communication"]["steps"])
-        # An error e of the torque in each step, in one direction, shifts x by at most e / K.
-        assert errors[-1] < adaptive / K * max(1.0, np.abs(results["controller.y"]).max())
-    # The estimate is of second order in the step: a hundredth of the error takes ten times the steps. Rows end steps
-    # early, and the first ten are short to begin with.
-    assert 5.0 < (steps[2] - 20) / (steps[0] - 20 if steps[0] > 40 else 20) < 20.0
-    assert errors[2] < errors[0] / 20
-
-
 @pytest.mark.heavy
 def test_a_unit_that_refuses_long_steps_gets_shorter_ones_without_any_real_output_too(pack):
     path = pack(["source Ramp y:output", "plant Choosy u:input y:output"], ["source.y -> plant.u"])

@@ -50,7 +50,7 @@ def test_derivatives_of_outputs_halve_the_error_of_the_prediction(system, versio
         assert 0.45 < with_rates / plain < 0.55
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("algorithm", ["extrapolated", *heavy("iterative")])
 @pytest.mark.parametrize(
     ("model", "version"), [(MASS, "3.0"), (RATES, "2.0"), (RATES, "3.0"), (STRAIGHT, "3.0"), (JACOBIAN, "3.0")]

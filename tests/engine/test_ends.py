@@ -61,7 +61,7 @@ def test_what_is_no_number_ends_the_run(package, options, name, value):
 def test_an_output_that_nobody_reads_may_be_left_out(pack, strict):
     path = pack(["unit Strict y:output", "ramp Ramp y:output"], extra={"resources/Strict.fmu": strict.read_bytes()})
     options = {"stop": 1.0, "step": 0.25, "parameters": {"unit.nan_from": 0.5}}
-    with pytest.raises(CosimError, match="No component reads it: leave it out of the record"):
+    with pytest.raises(CosimError, match="No component reads it: do not record it"):
         simulate(path, **options)
     assert len(simulate(path, record=["ramp.*"], **options)) == 5
 

@@ -61,7 +61,7 @@ def test_the_error_control_of_the_annotation_is_that_of_its_algorithm(packed):
 
 def test_without_annotation_a_step_is_needed(packed):
     path = packed()
-    with pytest.raises(UsageError, match="step: expected a communication step, since"):
+    with pytest.raises(UsageError, match="step: expected a communication step, because"):
         simulate(path)
     assert simulate(path, step=0.5).summary["algorithm"] == "gauss-seidel"
 

@@ -82,6 +82,7 @@ def test_it_runs_as_in_fmpy(pack, xml, first, tmp_path):
     assert "f.minus_y" not in got.names
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("isolate", [False, True])
 def test_it_is_coupled_with_units_of_fmi_2(looped, isolate):
     got = simulate(looped, stop=1.0, step=0.25, isolate=isolate)
@@ -124,6 +125,7 @@ def test_the_check_runs_it_and_says_that_model_exchange_has_no_master(first, lib
     assert any(note.rule.number == "RUN008" for note in inspect_file(exchange, run=False).notes)
 
 
+@pytest.mark.heavy
 def test_a_unit_whose_initialization_and_steps_warn_is_checked_and_runs(pack, xml, library, tmp_path):
     """FMPy takes both statuses for texts, and would read a warning, 1, as an address."""
     path = pack_fmu(tmp_path / "first.fmu", library, description(warns=1))

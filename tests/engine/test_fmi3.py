@@ -132,7 +132,7 @@ def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
 
 
 @pytest.mark.heavy
-def test_structural_parameters_size_the_arrays(system, xml):
+def test_structural_parameters_size_the_arrays(system):
     sizes = {"s.n": 2, "s.m": 1, "s.r": 4}
     path = system({"s": (models.STATE_SPACE, "3.0")})
     values = {"s.A": [0.0, 1.0, -1.0, 0.0], "s.B": [0.0, 0.0], "s.C": [1.0, 0.0, 0.0, 1.0, 2.0, 0.0, 1.0, 1.0],
@@ -144,8 +144,5 @@ def test_structural_parameters_size_the_arrays(system, xml):
     np.testing.assert_allclose(y[-1, 0], np.cos(1.0), atol=1e-3)
     np.testing.assert_array_equal(y[:, 2], 2 * y[:, 0])
     np.testing.assert_array_equal(y[:, 3], y[:, 0] + y[:, 1])
-    bound = system({"s": (models.STATE_SPACE, "3.0")}, bindings={"s": xml.values(xml.integer("n", 1))})
-    assert "s.x0" not in simulate(bound, stop=0.1, step=0.1)
-    assert len(check_system(load_ssp(bound)).descriptions["s"].variables) == 1 + 3 + 1 + 3 + 3 + 9 + 1 + 3 + 1 + 1 + 3
     with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
         simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})

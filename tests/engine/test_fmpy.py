@@ -1,24 +1,48 @@
 """What vdfmu needs of fmpy and pythonfmu. A failure here after an upgrade says which code of vdfmu to look at."""
 
 import ctypes
+import importlib.metadata
 import inspect
+import tomllib
 from hashlib import sha256
 from pathlib import Path
 
 import fmpy
+import numpy as np
 import pytest
 import pythonfmu
-from fmpy import fmi1
+from fmpy import fmi1, fmi3
 from fmpy.fmi1 import FMICallException, FMU1Slave
 from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 
 from tests.wild import build, write
+from vdfmu.engine.fmu.versions import Instance1, Instance2, Instance3
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = "4be156a552c16f30"
 """Begin of the digest of the library of pythonfmu 0.7.0 for Linux."""
 STRANGE, NEGATIVE = 8, 9
 """Ways of ``wild.c``: a step returns 17, or -1."""
+
+
+def test_the_bounds_in_pyproject_end_before_the_next_version_that_may_differ():
+    """The methods with FMI's names are undocumented, and the faults of pythonfmu's library are those of 0.7."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"fmpy>=0.3.32,<0.4", "pythonfmu>=0.7,<0.8"} <= {*project["dependencies"]}
+    assert importlib.metadata.version("fmpy").startswith("0.3.")
+    assert importlib.metadata.version("pythonfmu").startswith("0.7.")
+
+
+@pytest.mark.parametrize("verb", ["Get", "Set"])
+def test_values_are_arrays_with_their_references_before_them(verb):
+    """`Instance._call_of` puts the arguments in this order."""
+    two = [*inspect.signature(getattr(FMU2Slave, f"fmi2{verb}Real")).parameters]
+    three = [*inspect.signature(getattr(FMU3Slave, f"fmi3{verb}Float64")).parameters]
+    binary = [*inspect.signature(getattr(FMU3Slave, f"fmi3{verb}Binary")).parameters]
+    assert two == ["self", "c", "vr", "nvr", "value"]
+    assert three == ["self", "instance", "valueReferences", "nValueReferences", "values", "nValues"]
+    assert binary == ["self", "instance", "valueReferences", "nValueReferences", "valueSizes", "values", "nValues"]
 
 
 def test_statuses_above_warning_are_raised_and_others_returned(tmp_path):
@@ -56,6 +80,14 @@ def test_fmpy_still_stays_in_the_folder_of_a_library_that_it_cannot_load(tmp_pat
     with pytest.raises(Exception, match="Failed to load shared library"):
         FMU2Slave(guid="", modelIdentifier="none", unzipDirectory=str(tmp_path))
     assert Path.cwd() == folder
+
+
+def test_types_of_values_are_ctypes_of_the_sizes_in_the_engine():
+    """`module` and `dtypes` of the classes in vdfmu/engine/fmu/versions.py describe the same memory."""
+    for kind in (Instance1, Instance2, Instance3):
+        for name, dtype in kind.dtypes.items():
+            assert ctypes.sizeof(getattr(kind.module, kind.prefix + name)) == np.dtype(dtype).itemsize, (kind, name)
+    assert fmi3.fmi3Float64 is ctypes.c_double
 
 
 def test_the_library_of_pythonfmu_is_the_one_whose_faults_are_made_up_for():

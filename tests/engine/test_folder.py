@@ -109,6 +109,7 @@ def test_what_a_killed_run_left_is_removed_by_the_next_and_that_of_a_living_one_
     assert living.poll() is None
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(os.name != "posix", reason="locks of folders are those of POSIX")
 @pytest.mark.parametrize("name", ["notes.txt", *heavy("before")])
 def test_what_no_run_wrote_or_an_earlier_one_is_not_removed(tmp_path, running, name):

@@ -143,9 +143,10 @@ def test_of_a_results_file_the_columns_of_free_inputs_are_taken_and_hold_at_the_
     first.write(tmp_path / "results.csv")
     again = simulate(lone, stop=1.0, step=H, algorithm="iterative", inputs=tmp_path / "results.csv")
     np.testing.assert_array_equal(again["plant.y"], first["plant.y"])
-    assert any("1 columns feed inputs; 1 name no free one" in note for note in again.summary["notes"])
+    feeding = "1 columns feed inputs; the other 1 do not name an unconnected input"
+    assert any(feeding in note for note in again.summary["notes"])
     other = pack(["ramp Ramp y:output"], [], name="other.ssp")
-    with pytest.raises(UsageError, match="no column names an input that nothing is connected to"):
+    with pytest.raises(UsageError, match="no column names an unconnected input"):
         simulate(other, stop=1.0, step=H, inputs=tmp_path / "results.csv")
     results = simulate(lone, stop=1.0, step=0.25, inputs=file("time,plant.u\n0.25,1\n0.5,2\n"), algorithm="jacobi")
     assert results["plant.u"].tolist() == [1.0, 1.0, 1.0, 2.0, 2.0]

@@ -65,7 +65,7 @@ def fails(package: Path, way: str, **options) -> CosimError:
 
 @pytest.mark.parametrize(("way", "options", "said"), [
     ("crash", {}, r"the component crashed the process \(SIGSEGV\)"),
-    ("leave", {}, r"the component ended the process \(exit code 0\)"),
+    *heavy(("leave", {}, r"the component ended the process \(exit code 0\)")),
     *heavy(("hang", {"wait_limit": 5.0}, r"no return within 5 s; a longer wait_limit \(run --wait-limit\)")),
     *heavy(("eat", {"memory_limit": 400.0}, r"SIGSEGV\); its memory had reached \d+ MB of 400 MB")),
     *heavy(("strange", {}, r"the unit gave no reason \(status 17, not of FMI 2\.0\)")),
@@ -78,6 +78,7 @@ def test_what_ends_a_step_names_component_call_and_time_and_keeps_the_rows(packa
     assert re.search(said, str(error))
 
 
+@pytest.mark.heavy
 def test_an_adaptive_step_or_a_start_that_ends_the_process_has_its_own_time(package):
     error = fails(package, "leave", algorithm="extrapolated", adaptive=1e-4)
     assert (error.unit, error.call) == ("unit", "doStep")
@@ -110,7 +111,7 @@ def test_this_process_outlives_them(package):
     assert children() <= before
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("way", "call", "said", "options"), [
     *((*end, {"isolate": isolate}) for isolate in (False, True) for end in (
         ("error_end", "terminate", r"the brake does not close \(status error\)"),
@@ -128,8 +129,9 @@ def test_what_fails_after_the_last_step_is_said_and_costs_no_row(package, way, c
     assert re.search(said, str(error))
 
 
-@pytest.mark.parametrize("way", ["error_end", *heavy("strange", "error_free", "fatal_end", "strange_end", "negative")])
-@pytest.mark.parametrize("kind", [*heavy("FMU"), "SSP"])
+@pytest.mark.heavy
+@pytest.mark.parametrize("way", ["error_end", "strange", "error_free", "fatal_end", "strange_end", "negative"])
+@pytest.mark.parametrize("kind", ["FMU", "SSP"])
 def test_check_says_what_a_unit_returns_that_it_may_not(wild, alone, way, kind):
     path = wild(way, 0.5e-3) if kind == "FMU" else alone(way, 0.5e-3)
     (problem,) = check_run.run_apart(path, kind).problems
@@ -228,7 +230,8 @@ def test_a_flood_of_a_component_is_shown_in_part_and_holds_nothing_up(package, m
     assert len(said) < SHOWN + KEPT + 100  # the sentence between them
 
 
-@pytest.mark.parametrize("algorithm", ["iterative", *heavy("gauss-seidel", "jacobi", "extrapolated")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("algorithm", ["iterative", "gauss-seidel", "jacobi", "extrapolated"])
 def test_isolated_components_compute_the_same_bits(arm_package, algorithm):
     here, apart = (
         simulate(arm_package(), algorithm=algorithm, stop=0.02, isolate=isolate) for isolate in (False, True)
@@ -285,6 +288,7 @@ def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_a
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
+@pytest.mark.heavy
 def test_after_a_run_the_process_may_end_as_it_likes(package):
     code = (
         "import ctypes, sys\nfrom vdfmu.engine.run import simulate\n"
@@ -324,6 +328,7 @@ def fleeing(package, monkeypatch, tmp_path):
     return start
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("rest", "said"), [
     ("os._exit(3)", r"ended \(3\) after this call had returned"),
     *heavy(("os.kill(os.getpid(), 9)", r"ended \(SIGKILL\) after this call had returned")),

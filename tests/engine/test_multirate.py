@@ -32,7 +32,7 @@ def system(pack, xml):
     return write
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("annotation", [OWN_STEP, LIBCOSIM])
 @pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])

@@ -94,6 +94,7 @@ def test_a_new_algorithm_is_one_row_of_the_registry_with_one_kind_of_inputs(toy,
             Algorithm("toy_algorithm:halving", **row)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "row",
     [SILENT, replace(SILENT, stepper="toy_algorithm:varying"), HALVING, replace(HALVING, ordered=True)],
@@ -109,6 +110,7 @@ def test_inputs_read_back_as_they_were(toy, arm_package, tmp_path, row):
     assert any(UNSAID in note for note in memory.summary["notes"]) == (row.substeps == 0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("ordered", [False, True])
 def test_the_loop_is_the_one_that_it_samples(toy, arm_package, ordered):
     """Two steps of half the length: the loop of a shipped algorithm at half the step."""

@@ -76,6 +76,7 @@ def test_an_observer_needs_nothing_but_row_and_sees_those_of_its_period_until_a_
     assert rows.sizes == [sum(kind == "real" for kind in results.kinds.values())] * 11
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("isolate", [False, True])
 def test_taps_see_the_rows_that_they_want_in_their_order(fragile, isolate):
     seen = []

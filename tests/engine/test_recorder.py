@@ -78,6 +78,7 @@ def test_a_file_that_cannot_be_opened_is_named(package, tmp_path):
         simulate(package, stop=0.01, stream=tmp_path / "nowhere" / "rows.csv")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi", "extrapolated", "iterative"])
 def test_recorded_are_the_outputs_and_inputs_on_request(package, tmp_path, algorithm):
     """An input that is held has the value of its source in this row or in the row before."""

@@ -4,7 +4,6 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
 from tests.wild import write
@@ -23,19 +22,6 @@ def together(run):
 
     with ThreadPoolExecutor(THREADS) as pool:
         return [result for results in pool.map(several, range(THREADS)) for result in results]
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("backend", "isolate"), [("native", False), ("python", False), ("native", True)])
-def test_eight_threads_compute_what_one_does(arm_package, backend, isolate):
-    package, folder = arm_package(backend), os.getcwd()
-    alone = simulate(package, stop=0.01)
-    runs = together(lambda: simulate(package, stop=0.01, isolate=isolate))
-    assert len(runs) == THREADS * RUNS
-    for results in runs:
-        for name in alone.names:
-            np.testing.assert_array_equal(results[name], alone[name])
-    assert os.getcwd() == folder
 
 
 def test_the_working_folder_is_the_same_after_components_are_loaded_or_cannot_be(arm_package, pack, xml, tmp_path):

@@ -8,6 +8,7 @@ import fmpy
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
+from tests.conftest import heavy
 from tests.wild import build
 from vdfmu.base.errors import CosimError
 from vdfmu.engine.fmu.instance import Instance
@@ -55,7 +56,7 @@ def package(library, pack, xml, tmp_path):
 @pytest.mark.parametrize(
     ("reported", "way", "isolate"),
     [(reported, way, False) for reported in (4.0, 1e308, math.nan, -1.0) for way in (ENDS, EARLY)]
-    + [(4.0, EARLY, True)],
+    + heavy((4.0, EARLY, True)),
 )
 def test_a_time_outside_of_the_step_ends_the_run_with_its_component(package, reported, way, isolate):
     """In C steps, without isolation, and in those of Python. A step is 0.25 s; `reported` counts steps."""

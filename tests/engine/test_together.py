@@ -30,6 +30,7 @@ def chain(version):
     return {name: (PIECE, version) for name in "bca"}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_chain_is_integrated_as_one(system, version, isolate):
@@ -74,6 +75,7 @@ RELAY = Model(
 WIRES = ["a.y -> b.u", "b.y -> c.u", "c.r -> b.f", "b.r -> a.f"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_an_event_passes_through_all_at_its_time(system, xml, version):
     """The first switches at 0.75 s, within a step, and the others by it; x is the time since."""
@@ -94,6 +96,6 @@ def test_an_event_that_does_not_settle_and_values_that_are_no_reals_are_refused(
         simulate(path, stop=2.0, step=0.5, isolate=False)
     path = system({name: (RELAY, "2.0") for name in "bca"}, [*WIRES, "a.on -> b.go"])
     with pytest.raises(
-        SspError, match=r"a\.on -> b\.go: is of type Boolean, but must be real, since b, c, a depend on"
+        SspError, match=r"a\.on -> b\.go: is of type Boolean, but must be real, because b, c, a depend on"
     ):
         simulate(path, stop=1.0, step=0.5, isolate=False)

@@ -14,7 +14,7 @@ VALUES = st.dictionaries(TEXTS, st.one_of(TEXTS, NUMBERS, st.booleans(), WHOLE, 
 TABLES = st.one_of(VALUES, st.dictionaries(TEXTS, st.dictionaries(TEXTS, VALUES, max_size=2), max_size=2))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(TABLES)
 @example({"": ["\x00"]})
 def test_a_table_is_read_back_as_it_was(table):

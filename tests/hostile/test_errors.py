@@ -20,7 +20,7 @@ class MuteError(Exception):
         raise self.args[0]
 
 
-SAID = "MuteError: its message cannot be printed, since that raises ValueError"
+SAID = "MuteError: its message cannot be printed, because that raises ValueError"
 
 
 class _Point:
@@ -35,7 +35,7 @@ class _Point:
 @pytest.mark.parametrize("raised", [ValueError, SystemExit, RecursionError])
 def test_an_error_that_cannot_be_printed_is_named_by_its_kind(raised):
     error = MuteError(raised)
-    assert kind_text(error) == f"MuteError: its message cannot be printed, since that raises {raised.__name__}"
+    assert kind_text(error) == f"MuteError: its message cannot be printed, because that raises {raised.__name__}"
     error.add_note("A note")
     assert error_text(error).endswith(f"raises {raised.__name__}. A note")
 

@@ -46,6 +46,7 @@ def test_a_run_and_a_study_of_this_user_run_again(tmp_path, monkeypatch):
         study.options(0)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("number", range(len(unpacked.MAKERS)), ids=[each.__name__ for each in unpacked.MAKERS])
 def test_a_log_that_unpacks_to_much_is_refused_and_no_other_file_is_read(number, tmp_path, monkeypatch):
     """4,096 chunks are few enough to be read."""

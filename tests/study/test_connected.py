@@ -1,6 +1,8 @@
 """`vdfmu.build`, `vdfmu.connect` and `vdfmu.load`: FMUs and systems in one call each."""
 
 import math
+import pickle
+import re
 from pathlib import Path
 
 import fmpy
@@ -11,6 +13,7 @@ import vdfmu
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.files import data_path
+from vdfmu.engine.results.verdict import DOUBTFUL, Check, verdict_of
 
 Lag = find_unit(data_path("examples") / "units" / "low_pass.py")
 
@@ -122,6 +125,20 @@ def test_a_sweep_takes_the_values_and_options_of_the_system(fmus, tmp_path):
     assert repr(swept) == f"Study {tmp_path}: 2 points; axes a.T; measures end"
 
 
+def test_a_notebook_shows_diagram_and_contents_and_other_processes_get_the_results(fmus):
+    system = vdfmu.connect({"a": fmus["2.0"], "b": fmus["3.0"]}, {"a.y": "b.u"}, stop=0.1, step=0.01)
+    results = system.run(parameters={"a.u": 2.0})
+    html = results._repr_html_()
+    assert 'data-signal="a.y" data-ends="b.u"' in html and "<td>b.y</td>" in html
+    assert not re.search(r"(src|href)=|url\(|<script", html)  # nothing is loaded
+    assert 'data-signal="a.y"' in system._repr_html_()
+    read = pickle.loads(pickle.dumps(results))
+    assert np.array_equal(read["b.y"], results["b.y"]) and "<td>b.y</td>" in read._repr_html_()
+    results.summary["verdict"] = verdict_of([Check("x", "X", DOUBTFUL, "the <b> is late")])
+    assert "<strong>! Doubtful: the &lt;b&gt; is late</strong>" in results._repr_html_()
+
+
+@pytest.mark.heavy
 def test_a_scenario_is_a_system(tmp_path):
     system = vdfmu.load("planar_tracking")
     assert "plant.tau_s" in {name.partition("[")[0] for name in system.outputs}

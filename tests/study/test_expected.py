@@ -111,6 +111,7 @@ def test_what_cannot_be_compared_is_said_before_the_run(tmp_path, text, within, 
         read_expected(path if text else None, within)
 
 
+@pytest.mark.heavy
 def test_the_command_compares_runs_of_fmus_and_ends_with_the_exit_code(tmp_path):
     lag = models.build(models.LAG, "2.0", tmp_path)
     words = "run", f"a={lag.name}", f"b={lag.name}", "--connect", "a.x=b.u", "--stop", "1", "--step", "0.1"

@@ -71,6 +71,7 @@ def test_a_run_that_fails_leaves_the_next_as_it_was(package):
         assert_same_bits(system.run(**RUN), first)
 
 
+@pytest.mark.heavy
 def test_threads_share_a_system(package):
     alone = [simulate(package, parameters=each, **RUN) for each in VALUES]
     system, results = vdfmu.load(package), {}
@@ -112,7 +113,7 @@ if sys.argv[2] == "exit":
 """
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("way", "code"), [("end", 0), ("fork", 0), ("pool", 0), ("exit", 7)])
 def test_a_process_may_end_or_fork_between_runs(package, tmp_path, way, code):
     done = subprocess.run(

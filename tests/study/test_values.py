@@ -113,7 +113,7 @@ def test_the_fmu_of_a_unit_with_two_choices_is_valid(place, version):
     fmpy.read_model_description(str(path), validate=True)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("name", "value"), VALUES)
 def test_each_entry_gives_the_same_verdict(place, simulator, name, value):
     unit = load_units(place / "typed.py")["typed"]
@@ -154,10 +154,6 @@ def test_an_input_that_is_given_a_value_has_no_note_on_its_start_value(tmp_path)
     note = "a.u: input is not connected and keeps its start value"
     assert note in system.run().summary["notes"]
     assert note not in system.run(parameters={"a.u": 2.0}).summary["notes"]
-    # a strict run needs a value of each input
-    assert len(system.run(parameters={"a.u": 2.0}, strict=True)) == 3
-    with pytest.raises(VdfmuError, match="input is not connected"):
-        system.run(strict=True)
     package = system.write(tmp_path / "a.ssp")
     done = command("run", package, "--set", "a.u=2", "--judge", "1", "--out", tmp_path / "out")
     assert "keeps its start value" not in done.stdout + done.stderr, done.stderr

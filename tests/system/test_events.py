@@ -8,6 +8,7 @@ import pytest
 
 import vdfmu
 from tests.compiler import eventful
+from tests.conftest import heavy
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -65,7 +66,7 @@ def solve(name: str, path: Path, stop: float, step: float):
     return reference(name, SystemDescription(loaded, system_values(loaded)), stop=stop, step=step)
 
 
-@pytest.mark.parametrize("name", ["continuous", "sampled", "sampled-delayed"])
+@pytest.mark.parametrize("name", ["continuous", *heavy("sampled", "sampled-delayed")])
 def test_units_with_events_of_their_own(scenario, name):
     path = scenario({"ball": "Ball", "heater": "Thermostat", "counter": "Counter"}, stop=2.5)
     solution = solve(name, path, 2.5, 0.1)
@@ -90,6 +91,7 @@ def cycle(t: float) -> float:
     return (1.0 - 1.5 * math.exp(-rest)) * (-1.0) ** k
 
 
+@pytest.mark.heavy
 def test_a_relay_drives_a_limit_cycle(scenario):
     """The continuous reference has the closed form. FMUs that look at communication points have their reference's."""
     path = scenario({"lag": "Lag", "relay": "Relay"}, LOOP, step=0.01)
@@ -105,6 +107,7 @@ def test_a_relay_drives_a_limit_cycle(scenario):
     assert 0.01 < compared["continuous"]["max_difference"]["lag.x"] < 8 * 0.02 * 1.5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["continuous", "sampled"])
 def test_an_event_moves_a_switching_by_time(scenario, tmp_path, name):
     """On for 0.25 s of the first two seconds, then until 2.125 s, where 0.625 s are reached, and on to 2.75 s."""

@@ -262,7 +262,7 @@ def _numbers(value: Any) -> str:
 
 
 def _written(robot: Robot, root: Any, form: str, notes: list[str]) -> bytes:
-    """Return the file with a comment: its robot, what is left out, and the sources of numbers."""
+    """Return the file with a comment: its robot, the omitted parameters, and the sources of numbers."""
     lines = [f"Robot {robot.name} of vdfmu. {robot.description}", "SI units, angles in rad."]
     lines += [f"{form} does not have:", *(f"  {note}" for note in notes)] if notes else []
     lines += ["Sources:", *(f"  {key}: {text}" for key, text in robot.sources.items())] if robot.sources else []

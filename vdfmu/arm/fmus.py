@@ -75,8 +75,8 @@ def build_fmus(
     step : float, optional [s]
         Time from one step to the next of an eFMU without sampled states; others have their period.
     folded : bool, optional
-        Whether zeros of gravity, centres of mass and tool, and a payload that the robot lacks, are constants. That is
-        the fastest form, and the one that :func:`vdfmu.run` builds. By default they are parameters, as in
+        Whether zeros of gravity, centres of mass and tool, and the payload of a robot without one, are constants. That
+        is the fastest form, and the one that :func:`vdfmu.run` builds. By default they are parameters, as in
         :func:`build`.
     progress : callable or bool, optional
         Called with stage, done, total; True shows bars, on the terminal or in the notebook.
@@ -153,8 +153,8 @@ def build(
     parameters : mapping of variable to value, optional
         Start values whose names are no words of Python.
     folded : bool, optional
-        Whether zeros of gravity, centres of mass and tool, and a payload that the robot lacks, are constants. That is
-        the fastest form. By default they are parameters.
+        Whether zeros of gravity, centres of mass and tool, and the payload of a robot without one, are constants. That
+        is the fastest form. By default they are parameters.
     progress : callable or bool, optional
         See :func:`build_fmus`.
     **start

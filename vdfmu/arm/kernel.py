@@ -1,8 +1,10 @@
-"""Traced functions of a robot and their calls on arrays."""
+"""Traced functions of a robot and their calls on arrays, compiled for large batches."""
 
 from __future__ import annotations
 
+import math
 import threading
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_function
 from vdfmu.compiler.scalar import from_sx, to_sx
+
+_WORTH = 50_000
+"""States in batches of one function from which it is compiled: compiling takes as long as they do uncompiled."""
 
 
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
@@ -59,8 +64,10 @@ class Kernel(Functions):
         super().__init__(robot.key(), cache)
         self.robot = robot
         self.p = robot.values()
-        self._bound = threading.local()
-        """Functions with buffers, by name; each thread has its own."""
+        self._prepared = threading.local()
+        self._lock = threading.Lock()
+        self._states: Counter[str] = Counter()
+        self._compiled: dict[str, Any] = {}
 
     def names(self) -> Collection[str]:
         """Names of the functions, without derivatives."""
@@ -72,25 +79,65 @@ class Kernel(Functions):
 
     def rows(self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]) -> Floats:
         """Call a function of one result for arrays (m,) or batches (k, m), with this robot's parameters."""
-        bound: KernelFunction | None = getattr(self._bound, name, None)
-        if bound is None:
-            bound = self.function(name, p=self.p)
-            setattr(self._bound, name, bound)
-        *buffers, _ = bound.args.values()  # the last are the parameters
-        (result,) = bound.results.values()
-        arrays = [_checked(name, a, v, size) for a, v, size in zip(bound.args, arguments, sizes, strict=False)]
+        prepared = getattr(self._prepared, name, None)
+        if prepared is None:
+            prepared = _Prepared(self.casadi_function(name), sizes, self.p)
+            setattr(self._prepared, name, prepared)
+        if prepared.takes(arguments):
+            prepared.run()
+            return _finite(name, prepared.result.copy())
+        names = list(prepared.buffers)
+        arrays = [_checked(name, a, v, size) for a, v, size in zip(names, arguments, sizes, strict=True)]
         batches = {len(a) for a in arrays if a.ndim == 2}
         if len(batches) > 1:
             raise KernelError(f"{name}: batches of different lengths {sorted(batches)}: expected one length.")
-        out = np.empty((batches.pop() if batches else 1, len(result)))
-        columns = [np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays]
-        for k, row in enumerate(out):
-            for buffer, column in zip(buffers, columns, strict=True):
-                buffer[:] = column[k]
-            bound.run()
-            row[:] = result
+        out = np.empty((batches.pop() if batches else 1, len(prepared.result)))
+        with self._lock:
+            self._states[name] += len(out)
+            if name not in self._compiled and self._states[name] >= _WORTH:
+                from vdfmu.compiler.c.loaded import compiled_rows  # takes long to import
+
+                self._compiled[name] = compiled_rows(self.casadi_function(name))
+        run = self._compiled.get(name)
+        if run is None:
+            self.calculate(prepared, arrays, out)
+        else:
+            run([*arrays, self.p], out)
         _finite(name, out)
         return out if any(array.ndim == 2 for array in arrays) else out[0]
+
+    def calculate(self, prepared: _Prepared, arrays: Sequence[Floats], out: Floats) -> None:
+        """Calculate the rows of `out` from `arrays`, each a batch or a single row, without the compiler."""
+        rows = np.hstack([np.broadcast_to(a, (len(out), a.shape[-1])) for a in arrays])
+        for result, row in zip(out, rows, strict=True):
+            prepared.all[:] = row
+            prepared.run()
+            result[:] = prepared.result
+
+
+class _Prepared:
+    """A function of one result with buffers for one state; each thread has its own."""
+
+    def __init__(self, function: ca.Function, sizes: Sequence[int], p: Floats) -> None:
+        self.all = np.zeros(sum(sizes))
+        parts = np.split(self.all, np.cumsum(sizes)[:-1])
+        self.buffers = dict(zip(function.name_in(), parts, strict=False))
+        """Arguments except for the parameters, next to each other in `all`."""
+        self._function = KernelFunction(function, {**self.buffers, "p": p})
+        (self.result,), self.run = self._function.results.values(), self._function.run
+        self._places = [(buffer, buffer.shape) for buffer in parts]
+
+    def takes(self, arguments: Sequence[npt.ArrayLike]) -> bool:
+        """Take over the arguments of one state if their squares are finite; return whether that is done."""
+        try:
+            for (buffer, shape), argument in zip(self._places, arguments, strict=True):
+                array = np.asarray(argument, dtype=float)
+                if array.shape != shape:
+                    return False
+                buffer[:] = array
+        except (TypeError, ValueError, OverflowError):
+            return False
+        return math.isfinite(self.all.dot(self.all))
 
 
 def _checked(function: str, name: str, value: npt.ArrayLike, size: int) -> Floats:

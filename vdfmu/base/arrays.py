@@ -25,7 +25,7 @@ def element_name(name: str, index: Sequence[int]) -> str:
 
 
 def with_named(numbers: ArrayLike, name: str, values: Mapping[str, Any]) -> Floats:
-    """Return numbers, replaced by `values` of elements that it names, counted from 1: ``name[2,3]``."""
+    """Return the array `name` with the elements that `values` names replaced; names count from 1: ``name[2,3]``."""
     replaced = np.array(numbers, dtype=np.float64)
     for place in np.ndindex(replaced.shape):
         replaced[place] = values.get(element_name(name, place), replaced[place])
@@ -57,11 +57,11 @@ def distinct(*arrays: ArrayLike) -> NDArray[Any]:
 def bends(
     time: NDArray[Any], values: NDArray[Any], rows: NDArray[np.intp], count: int, least: float
 ) -> tuple[NDArray[np.intp], NDArray[Any]]:
-    """Return at most `count` more rows at which curves leave the straight lines between `rows`, with the distances.
+    """Return at most `count` more rows where curves deviate from the straight lines between `rows`, and the deviations.
 
-    Rule of Ramer (1972) and Douglas and Peucker (1973), from the top: always add the row farthest from its line. Its
-    distance counts at that moment. It is the largest over the curves. Distances below `least` and values that are not
-    finite are ignored. `time` (m,) and `rows` (k,) increase. `values` (curves, m) have the same unit.
+    Rule of Ramer (1972) and Douglas and Peucker (1973), from the top: always add the row farthest from its line. A
+    distance is the largest over the curves, at the moment when its row is added. Distances below `least` and values
+    that are not finite are ignored. `time` (m,) and `rows` (k,) increase. `values` (curves, m) have the same unit.
     """
 
     def farthest(first: int, last: int) -> tuple[float, int, int, int]:
@@ -88,7 +88,7 @@ def bends(
 
 
 def scipy_part(name: str) -> Any:
-    """Import a module of scipy by its full name without its package (0.1 to 0.3 s), or the package if it is missing."""
+    """Import a module of scipy without its package, which takes 0.1 to 0.3 s; import the package if it is missing."""
     import scipy
 
     package = name.rpartition(".")[0]
@@ -105,7 +105,7 @@ def scipy_part(name: str) -> Any:
 
 
 def odeint(rate: Callable[[float, Floats], Floats], x: Floats, times: Floats, **options: Any) -> tuple[Floats, str]:
-    """Solve by LSODA from `x` at the first of the times. Return a row for each time, and the reason of a failure."""
+    """Solve by LSODA from `x` at the first of the times. Return a row for each time, and the reason if it failed."""
     options |= {"full_output": 1, "tfirst": 1}
     with suppress(TypeError, ValueError):  # a scipy with other internals
         states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate, x, times, **options)

@@ -141,7 +141,7 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
     try:
         content = read(data[_LINE:])
     except Exception as error:
-        LOG.info("made anew, since the cache has something else: %s: %s", path, error)
+        LOG.info("made again, because the cache has other content: %s: %s", path, error)
         return None
     with suppress(OSError):  # another process may have removed it
         os.utime(path)
@@ -160,7 +160,7 @@ def _prebuilt(kind: str) -> dict[str, bytes]:
         with tarfile.open(archive) as packed:
             return {member.name: file.read() for member in packed if (file := packed.extractfile(member))}
     except Exception as error:  # what xz raises has no common base, and some builds of Python have no xz
-        LOG.info("made anew, since the package has something else: %s: %s", archive, error)
+        LOG.info("made again, because the package has other content: %s: %s", archive, error)
         return {}
 
 
@@ -187,7 +187,7 @@ def store(path: Path, content: bytes) -> None:
     except OSError as error:
         warn_once(
             f"the cache {path.parent.parent} cannot be written: {error.strerror or error}. Later commands compile and "
-            "trace again what it lacks, and 'vdfmu report' makes pages without sliders. Free space, or choose another "
+            "trace everything again, and 'vdfmu report' makes pages without sliders. Free space, or choose another "
             "folder with VDFMU_CACHE_DIR."
         )
     finally:
@@ -297,7 +297,7 @@ def _keys() -> list[bytes]:
 def one_job() -> Generator[None]:
     """Begin a job or continue the current one: a command, or a call such as :func:`vdfmu.run`.
 
-    Results of `cached_per_command` end with the job, since files and classes may change before the next.
+    Results of `cached_per_command` end with the job, because files and classes may change before the next.
     """
     made = _made.get()
     token = _made.set({} if made is None else made)

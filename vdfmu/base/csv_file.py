@@ -125,7 +125,7 @@ class CsvFile:
     def blocks(self, faults: list[str], texts: bool = False) -> Iterator[tuple[NDArray[np.int64], Floats]]:
         """Yield numbers of lines (m,), and values (m, n), of stretches of rows.
 
-        Rows with another number of cells, or with a cell that is not a number, are left out and added to `faults`. With
+        Rows with another number of cells, or with a cell that is not a number, are skipped and added to `faults`. With
         `texts`, such a cell is NaN.
         """
         width = len(self.names)

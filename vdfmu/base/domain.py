@@ -12,7 +12,7 @@ from typing import Any
 from vdfmu.base.measure import POSITIVE
 
 NO_LIMIT = 1e12
-"""Start value of a limit that does not limit; FMI lacks a portable infinity."""
+"""Start value of a limit that does not limit, because FMI has no portable infinity."""
 _WORDS = {"Boolean": "true or false", "String": "a text", "Binary": "bytes, or a text of hexadecimal digits"}
 
 
@@ -41,7 +41,7 @@ class Domain:
         Raises
         ------
         ValueError
-            The text says what was expected, and what was given.
+            The text has the expectation and the value.
         """
         if getattr(value, "ndim", None) == 0:
             value = value.item()  # a scalar of numpy

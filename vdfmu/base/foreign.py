@@ -38,7 +38,7 @@ TITLES = {
     ".hdf5": "HDF5 file",
     ".parquet": "Parquet file",
 }
-"""Suffixes of the formats, and what their files are called."""
+"""Suffixes of the formats, and the names of their files in messages."""
 ARROW = "table.arrow"
 """Name of the file of a table that is handed back as a whole."""
 
@@ -78,9 +78,9 @@ class Foreign(NamedTuple):
         return {name: arrays[name] for name in self.names}
 
     def listed(self) -> str:
-        """Return the names of the arrays and what was left out, for a message."""
+        """Return the names of the arrays and of the ignored content, for a message."""
         there = f"there are {', '.join(self.names)}" if self.blocks else "it has no arrays of numbers"
-        return f"{there}; left out: {', '.join(self.left_out)}" if self.left_out else there
+        return f"{there}; ignored: {', '.join(self.left_out)}" if self.left_out else there
 
 
 class _Reader(NamedTuple):
@@ -110,7 +110,7 @@ def imported(feature: str, package: str, extra: str, *modules: str) -> tuple[Mod
 def read_foreign(path: Path) -> Foreign:
     """Read the numbers of a file of one of the formats in `TITLES`, by its suffix.
 
-    Links to other files, objects, cells and other content without numbers are left out. UsageError if the file cannot
+    Links to other files, objects, cells and other content without numbers are ignored. UsageError if the file cannot
     be read, unpacks to more than its limit, or ends the process that reads it. StorageError if the folder of temporary
     files cannot hold its numbers.
     """

@@ -21,7 +21,7 @@ from vdfmu.base.process import Parent, limit
 _LIBRARIES = 2**30
 """Address space [byte] of Python and the libraries; 0.45 GiB are measured."""
 _COPIES = 2
-"""Copies of the content that a library may hold."""
+"""Number of copies of the content that a library may keep in memory."""
 _ENTRY = 64
 """Bytes that are counted for each array, in addition to its content and name."""
 _ALIGNED = 16
@@ -74,7 +74,7 @@ class Handover:
         return offset
 
     def add(self, name: str, value: Any) -> None:
-        """Add numbers or a text under a name, fields of a single struct each; anything else is left out."""
+        """Add numbers or a text under a name, fields of a single struct each; anything else is ignored."""
         name = name.encode("utf-8", "replace").decode()
         self._size += _ENTRY + len(name)
         kind = type(value).__name__
@@ -276,7 +276,7 @@ _READERS = {".mat": _matlab, ".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5, ".parqu
 
 
 def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
-    """Read a file, or `columns` of a table; return its blocks, texts, units, what was left out, or a fault."""
+    """Read a file, or `columns` of a table; return its blocks, texts, units, the ignored content, or a fault."""
     limit("AS", _LIBRARIES + _COPIES * most, lasting=False)
     store, fault, said, full = Handover(Path(folder), most), "", False, ""
     try:

@@ -228,6 +228,11 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
     return f"{f'−{text[1:]}' if text.startswith('-') else text} {unit}".rstrip()
 
 
+def per_cent(share: float) -> str:
+    """Return a share in per cent, two digits: ``3.4 %``; ``infinite`` if it is not finite."""
+    return f"{100.0 * share:.2g} %" if math.isfinite(share) else "infinite"
+
+
 def number(value: float, digits: int = 3) -> str:
     """Return a number with some significant digits, as all pages and messages write it.
 

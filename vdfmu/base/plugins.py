@@ -45,7 +45,7 @@ class Plugins:
         return self._load(points[0]) if points else None
 
     def all(self, shipped: Container[str]) -> dict[str, Any]:
-        """Return valid plugins by name. Warn of invalid ones and of shipped names, and leave them out.
+        """Return valid plugins by name. Warn of invalid ones and of shipped names, and ignore them.
 
         Empty within `vdfmu.base.trust.reading_only`, because only their code says what they are.
         """
@@ -55,12 +55,12 @@ class Plugins:
         for name, points in sorted(_points(self.group).items()):
             if name in shipped:
                 packages = " and ".join(map(_package, points))
-                warn_once(f"{self.noun} {name!r} of {packages} is left out: vdfmu itself has one of this name.")
+                warn_once(f"{self.noun} {name!r} of {packages} is ignored: vdfmu itself has one of this name.")
                 continue
             try:
                 valid[name] = self.get(name)
             except UsageError as error:
-                warn_once(f"left out: {error}")
+                warn_once(f"ignored: {error}")
         return valid
 
     def _load(self, point: EntryPoint) -> Any:

@@ -39,7 +39,7 @@ def message_of(error: object) -> str:
     try:
         return str(error)
     except (Exception, SystemExit) as other:
-        return f"its message cannot be printed, since that raises {type(other).__name__}"
+        return f"its message cannot be printed, because that raises {type(other).__name__}"
 
 
 def kind_text(error: BaseException) -> str:

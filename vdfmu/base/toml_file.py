@@ -90,7 +90,7 @@ def kind_of(content: Mapping[str, Any]) -> str:
 def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
     """Return the content of a regular file of at most `largest` bytes, else raise ModelError with the `expected` kind.
 
-    A device or pipe is refused, since it may never end.
+    A device or pipe is refused, because it may never end.
     """
     try:
         return read_regular(path, largest)

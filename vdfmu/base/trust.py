@@ -1,8 +1,8 @@
 """Code that files and options name: whether it may run, and in which process.
 
 Whatever is about to run code of a user, or of an installed plugin, calls `before_code` first. A call from Python runs
-it, since its author asked for it. A command that only reads a file runs no code, and a command that calculates runs it
-in a separate process, see `vdfmu.cli.own_process`.
+the code, because the caller wants it. A command that only reads a file runs no code, and a command that calculates
+runs it in a separate process, see `vdfmu.cli.own_process`.
 """
 
 from __future__ import annotations

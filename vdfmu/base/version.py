@@ -4,5 +4,6 @@ __version__ = "0.1.0"
 FORMAT = 1
 """Layout of robot, scenario and system files and of ``summary.json``: their key ``format``, by default 1.
 
-A layout that an older vdfmu would misread, or refuse, gets the next number and readers of the older ones.
+If an older vdfmu would misread or reject a new layout, the layout gets the next number, and readers for older numbers
+are kept.
 """

@@ -62,7 +62,8 @@ _KINDS: dict[Any, click.ParamType[Any]] = {
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
     """Return the arguments and options of a command, also of its ``**options``.
 
-    A command may have ``forms``: heading to a TypedDict of options. An option that one form lacks is below a heading.
+    A command may have ``forms``: heading to a TypedDict of options. An option that one form does not have is below a
+    heading.
     """
     parameters: list[click.Parameter] = []
     for argument in inspect.signature(function, eval_str=True).parameters.values():

@@ -22,7 +22,7 @@ from vdfmu.base.process import end_with_parent
 _PIPE = "_VDFMU_PIPE"
 """Variable of the environment with the pipe, or on Windows its handle, to the first process."""
 _END = b"\0"
-"""Byte before the exit code of a command that has ended by itself."""
+"""Byte before the exit code of a command that was not killed."""
 _MOST = 4096
 """Most bytes of names that are sent: a pipe holds more, so that nobody has to read it before the end."""
 _CODE = re.compile(r"(.+\.(?:py|casadi))(?::\w*)?", re.IGNORECASE)

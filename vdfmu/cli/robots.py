@@ -129,7 +129,7 @@ def _read_tool(text: str) -> list[float]:
 def import_file(
     file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
     base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
-    tip: Annotated[str | None, Option("Last link of the arm (default the last).", metavar="LINK")] = None,
+    tip: Annotated[str | None, Option("Last link of the arm, if there are several.", metavar="LINK")] = None,
     tool: Annotated[
         list[float] | None,
         Option(
@@ -233,7 +233,7 @@ def reach(
 
 @app.command("drives", example="vdfmu robot drives CSG-25-100")
 def list_drives(
-    name: Annotated[str | None, Positional("Gear or motor whose numbers and sources to show.")] = None,
+    name: Annotated[str | None, Positional("Gear or motor to show, with all numbers.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List the gears and motors that a robot file can name."""

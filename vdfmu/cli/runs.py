@@ -90,8 +90,8 @@ def run(
     _say_verdict(summary)
     if fmus or verbose:
         tell(run_panel(summary))
+    tell(*map(sheet_table, sheets(summary) if verbose else ()))
     if not fmus:
-        tell(*map(sheet_table, sheets(summary) if verbose else ()))
         (console.print if failed else tell)(verdict_table(summary, verbose))
     say_written(*(folder / name for name in written(folder, outputs)))
     if (page := folder / outputs[-1]).exists():

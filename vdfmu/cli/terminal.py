@@ -99,7 +99,7 @@ def _aside(text: str, markup: bool = False) -> None:
 
 
 def tell(*shown: Table | Panel | str) -> None:
-    """Print content that is in the written files too; ``--quiet`` leaves it out."""
+    """Print content that is also in the written files; ``--quiet`` omits it."""
     if not errors.quiet:
         for each in shown:
             say(each) if isinstance(each, str) else console.print(each)

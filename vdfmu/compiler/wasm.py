@@ -16,7 +16,8 @@ from vdfmu.base.errors import KernelError
 from vdfmu.base.files import data_path
 from vdfmu.compiler.c.calls import Vector, VectorText
 from vdfmu.compiler.c.text import EXPRESSIONS
-from vdfmu.compiler.functions.derivatives import instructions, lookup_table
+from vdfmu.compiler.functions.derivatives import lookup_table
+from vdfmu.compiler.functions.operations import instructions
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 INTEGER, NUMBER = b"\x7f", b"\x7c"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import Option, read_settings
-from vdfmu.engine.algorithms import ALGORITHMS, choice
+from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
 from vdfmu.engine.results.formats import FORMATS, SUFFIXES, choice_of_formats
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ def read_stepper(name: str) -> str:
 # fmt: off
 algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
     "communication points; the others treat them as continuous and are of second order in the step. The default is "
-    "the scenario's, or that of the package's annotation together with its `adaptive`; else {DEFAULT}, or, with a "
-    "note, {DELAYED} if the dependencies allow no order for it.", choices=tuple(ALGORITHMS))
+    f"the scenario's, or that of the package's annotation together with its `adaptive`; else {DEFAULT}, or, with a "
+    f"note, {DELAYED} if the dependencies allow no order for {DEFAULT}.", choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
     "NAME is component.variable, and VALUE is in the unit of the FMU; inputs can be set too. A name without an index "
     "sets all elements, to one value or to one each, 0.3,-0.5. *0.8 multiplies the value of the package or scenario, "
@@ -102,9 +102,10 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
         "Row k is at ``start + k * step``. The defaults of start, stop and step are those of the package's default "
         "experiment; else the start is 0.")]
     record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "``'*'`` records all. By default the outputs and the unconnected inputs are recorded, in "
-        "a run of a scenario always, and the local variables of an FMU without outputs. Connected inputs have the "
-        "values that the components used. Strings are not recorded.", metavar="SIGNAL", typed=TEXTS)]
+        "sequence of str", "``'*'`` records all. By default the outputs and the unconnected inputs are recorded, and "
+        "of an FMU without outputs the local variables. A run of a scenario always records the default signals. "
+        "Connected inputs have the values that the components used. Strings are not recorded.", metavar="SIGNAL",
+        typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
@@ -123,11 +124,11 @@ class LogOptions(TypedDict, total=False):
 
 
 class StepperOptions(TypedDict, total=False):
-    """What makes the steps."""
+    """The loop over the steps."""
 
-    stepper: Annotated[str, Option("Steps are run by fmpy, c or auto.",
+    stepper: Annotated[str, Option("Loop over the steps: fmpy, c or auto.",
         more="`fmpy` steps in Python by calls of fmpy, `c` in C by the same functions; the results are "
-            "bit-identical. `auto` is C where the system allows it. ``stepper`` in the summary has the one that was "
+            "bit-identical. `auto` uses C if the system allows it. ``stepper`` in the summary names the loop that was "
             "used, and the reason if it was not C.",
         default=AUTO, choices=STEPPERS, read=read_stepper)]
 
@@ -136,7 +137,7 @@ class IsolationOptions(TypedDict, total=False):
     """Which process components run in, and its limits."""
 
     isolate: Annotated[bool | None, Option("Run components in a separate process.", "bool",
-        "The default is to do so if an FMU was not built by vdfmu. Crashes, long calls and excessive memory then "
+        "This is the default if an FMU was not built by vdfmu. Crashes, long calls and excessive memory then "
         "raise a CosimError; otherwise a component could kill or block this process. On the command line, Python "
         "code of files also runs in a separate process, unless ``--no-isolate`` is given to debug it.",
         flag="--isolate/--no-isolate")]
@@ -161,8 +162,6 @@ class AlgorithmOptions(LoadedOptions, total=False):
     """How a system is checked and coupled."""
 
     parameters: Annotated["Mapping[str, Value] | None", parameters_option]
-    strict: Annotated[bool, Option("Refuse unconnected inputs; see `vdfmu.engine.plan.check.check_system`.",
-        default=False, flag=None)]
     algorithm: Annotated[str | None, algorithm_option]
     convergence: Annotated[float | None, Option("Change of a coupled signal, relative as `adaptive`, at which "
         f"{choice(repeats=True)} ends its repetitions; default a hundredth of `adaptive`, else 1e-8.", flag=None)]
@@ -195,7 +194,7 @@ class ResultOptions(ProgressOptions, total=False):
     """Output of a run."""
 
     overwrite: Annotated[bool, Option("Also overwrite files not written by vdfmu.", default=False)]
-    formats: Annotated[Sequence[str], Option("Result files, separated by commas.", "sequence of str",
+    formats: Annotated[Sequence[str], Option("Formats of the results, separated by commas.", "sequence of str",
         f"{choice_of_formats(FORMATS)}: rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
 
@@ -203,8 +202,8 @@ class ResultOptions(ProgressOptions, total=False):
 class PictureOptions(TypedDict, total=False):
     """Figures of a run in files."""
 
-    pictures: Annotated[Sequence[str], Option("Files of the figures, kinds separated by commas.", "sequence of str",
-        "Kinds are png, svg and pdf. Default none.", (), typed=str, choices=SUFFIXES)]
+    pictures: Annotated[Sequence[str], Option("Formats of figures, separated by commas.", "sequence of str",
+        "Formats are png, svg and pdf. By default no figures are written.", (), typed=str, choices=SUFFIXES)]
     width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="The size of their text is 8 pt.",
         default="160mm", metavar="LENGTH")]
     serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers that are set in a "

@@ -1,4 +1,4 @@
-"""The rules of files and findings, one list for reader, master and checker."""
+"""The rules for files, and findings of files that break them: one list for reader, master and checker."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Rule(NamedTuple):
     title: str
     way: str
     severity: str = "problem"
-    """``problem``, or ``note``: a note neither refuses a run nor makes a check fail."""
+    """``problem``, or ``note``: a note does not prevent a run or make a check fail."""
 
 
 class Finding(str):
-    """The text on a broken rule, with its place; errors carry it as a string."""
+    """The message about a broken rule, with its place. It is a string, so errors can contain it."""
 
     rule: Rule
     file: str
@@ -36,7 +36,7 @@ class Finding(str):
     """Line of the file; 0 without a file."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
-        """Make a finding of a text."""
+        """Return a finding with a text."""
         made = super().__new__(cls, text)
         made.rule, made.file, made.line = rule, file, line
         return made
@@ -45,7 +45,7 @@ class Finding(str):
         return str(self), self.rule, self.file, self.line
 
     def reworded(self, text: str) -> Finding:
-        """Return the finding in other words."""
+        """Return the finding with another text."""
         return Finding(text, self.rule, self.file, self.line)
 
     def within(self, place: str) -> Finding:
@@ -71,13 +71,13 @@ def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
 
 
 _UNUSABLE = ("FMI001", "FMI002", "FMI017", "FMI018")
-"""Rules without which an FMU has nothing to run."""
+"""Rules without which an FMU cannot run at all."""
 _anyway: ContextVar[bool] = ContextVar("_anyway", default=False)
 
 
 @contextmanager
 def run_anyway(chosen: bool = True) -> Generator[None]:
-    """Make faults of FMUs that can run in spite of them notes in a ``with`` block, so that they refuse no run."""
+    """In a ``with`` block, treat faults of FMUs that can still run as notes, so that they do not prevent a run."""
     token = _anyway.set(chosen)
     try:
         yield
@@ -131,102 +131,102 @@ _FMPY = (
     ("FMI012", "name"),
     ("FMI011", "same value reference"),
 )
-"""Rules, and words of fmpy's messages on them."""
+"""Rules, and the words by which fmpy's messages about them are recognised."""
 
 _TABLE = """
-PKG001 | The file is a zip file that can be read, and all of its entries unpack | export or copy it again
-PKG002 | Entries lie inside the package | pack them by relative paths with `/` between folders
+PKG001 | The file is a readable zip file, and all of its entries can be unpacked | export or copy the file again
+PKG002 | All entries are inside the package | use relative paths with `/` between folders
 PKG003 | Entries are files, not symbolic links | pack the file itself
-PKG004 | Sizes and counts of entries are within the limits | pack less, or raise `--unpack-limit`
-PKG005 | Entries are stored or deflated, without a password | pack them so
-PKG006 | Each name occurs once, also where case does not count, and is not a folder of another | rename one
-PKG007 note | No entry is packed twice | pack it once
-PKG008 | XML is well-formed | export it again
-PKG009 | XML has no document type and no XInclude | write the text in its place
-SSP001 | The package has a `SystemStructure.ssd`, or the SSD that is asked for | name one of those it has
-SSP002 | A file has the root of its kind | export it as SSP 1.0 or 2.0
-SSP003 | A file keeps the schema of its version | correct the line
+PKG004 | The sizes and the number of entries are within the limits | pack less, or raise `--unpack-limit`
+PKG005 | Entries are stored or deflated, without a password | pack them in this way
+PKG006 | Names of entries are unique even if case is ignored, and no file has the name of a folder | rename one
+PKG007 note | Each entry is in the package only once | remove the duplicate
+PKG008 | The XML is well-formed | export it again
+PKG009 | The XML has no document type and no XInclude | replace them by their content
+SSP001 | The package has a `SystemStructure.ssd`, or the requested SSD | request one that it has
+SSP002 | The root element of a file is that of its kind | export it as SSP 1.0 or 2.0
+SSP003 | A file conforms to the schema of its version | correct the line
 SSP004 | A file is encoded in UTF-8 | export it in UTF-8
-SSP005 note | The version is 1.0 or 2.0 | state one of them
+SSP005 note | The version is 1.0 or 2.0 | write one of them
 SSP006 note | The SSDs of a package have different names | rename one
-SSP007 | Documentation has a `documentation/index.html` | add the page where readers start
+SSP007 | Documentation has a `documentation/index.html` | add this page
 SSP008 note | Icons are in the package | add the icon
-SSP009 note | The schemas of the version are at hand | `pip install pyssp_standard`
-SSP010 | The default experiment, steps and the master that annotations name make sense | correct the value
-SSP011 | Files that are named are in the package | add the file, or name another
-SSP012 | Sources are relative paths inside the package | put the file into it and name it by its path
+SSP009 note | The schemas of the version are installed | `pip install pyssp_standard`
+SSP010 | The values of the default experiment, of steps and of the master in annotations are valid | correct the value
+SSP011 | Referenced files are in the package | add the file, or refer to another
+SSP012 | Sources are relative paths inside the package | put the file into the package and write its path
 SSP013 | A component has a source | name an FMU
-SSP014 | A component is an FMU, as its type says | set the type, or write the system into the SSD
-SSP016 | A system keeps the limits of size and depth | split or join systems
+SSP014 | A component is an FMU and has this type | set the type, or write the system into the SSD
+SSP016 | The size and depth of a system are within the limits | split or join systems
 SSP017 | Elements of a system have different names | rename one
 SSP018 | Connectors of an element have different names | rename one
-SSP020 | No element refers to a signal dictionary, which is not read | connect the components
+SSP020 | No element refers to a signal dictionary, which vdfmu does not support | connect the components
 SSP021 note | Dotted names of components and variables are unique | rename a component
-SSP022 | Units are defined in the file that names them, by finite numbers | define the unit in `Units`
+SSP022 | Units are defined in the file that uses them, with finite numbers | define the unit in `Units`
 SSP023 | The system has components | add one
-SSP030 | A connection joins elements and connectors that exist | correct the name
+SSP030 | A connection refers to existing elements and connectors | correct the name
 SSP031 | A connection leads from a source to a sink: table *Allowed connections* | swap or correct its ends
-SSP032 | A connector has one source | remove the other connection
-SSP033 | The ends of a connection have the same type | convert it in a component
-SSP034 | The units of a connection convert into each other | correct the unit, or suppress the conversion
-SSP035 | The ends of a connection have the same size, and indices lie in the arrays | correct size or index
-SSP036 | A transformation fits the type and has one entry for each value | correct the transformation
-SSP037 | Connections through systems form no circle | remove one
+SSP032 | A connector has only one source | remove the other connection
+SSP033 | Both ends of a connection have the same type | convert the type in a component
+SSP034 | The units of a connection can be converted | correct the unit, or suppress the conversion
+SSP035 | The ends of a connection have the same size, and indices are within the arrays | correct size or index
+SSP036 | A transformation suits the type and has one entry for each value | correct the transformation
+SSP037 | Connections through systems do not form a circle | remove one
 SSP038 note | An input has a connection or a value | connect it
-SSP039 | Signals pass without an algebraic loop | algorithm `jacobi`, or `iterative`
+SSP039 | Signals do not form an algebraic loop | use the algorithm `jacobi` or `iterative`
 SSP040 | A connector is a variable of the FMU | correct the name
-SSP041 | A connector has the kind of the variable: its causality | correct the kind
+SSP041 | The kind of a connector is the causality of the variable | correct the kind
 SSP042 | A connector has the type of the variable | correct the type
 SSP043 | A connector has the unit of the variable | correct the unit
 SSP044 | A connector has the size of the variable | correct the dimensions
 SSP045 | The FMU has the requested implementation | request another one
-SSP046 | An FMU that can be instantiated only once per process is there once | make a copy of the FMU
-SSP050 | A parameter binding has values, a mapping has entries, of a type of SSP | name the file, or write them there
-SSP051 | A name occurs once in a parameter set, and once as a target of a mapping | keep one
-SSP052 | A value is for a variable or connector that exists | correct the name, or `--ignore-unmatched`
-SSP053 | A value is for a variable that can be set | set another
+SSP046 | An FMU that can be instantiated only once per process is used only once | make a copy of the FMU
+SSP050 | Parameter bindings have values and mappings have entries, of a type of SSP | refer to a file, or add them
+SSP051 | A name is unique in a parameter set, and among the targets of a mapping | remove the others
+SSP052 | A value belongs to an existing variable or connector | correct the name, or use `--ignore-unmatched`
+SSP053 | A value belongs to a variable that can be set | set another variable
 SSP054 | A value has the type and size of the variable | correct type or dimensions
-SSP055 | The unit of a value converts into the unit of the variable | correct the unit
-SSP056 | A value lies within the limits of the variable | choose another
+SSP055 | The unit of a value can be converted to the unit of the variable | correct the unit
+SSP056 | A value is within the limits of the variable | choose another value
 SSP057 note | A value has an effect | remove it
-SSP058 note | A connection of different units converts its values | leave `suppressUnitConversion` out
-SSP059 note | The signals of the start and of a step have an order, without a loop | see the loop
+SSP058 note | A connection between different units converts its values | omit `suppressUnitConversion`
+SSP059 note | Without a loop, signals can be passed on in order at the start and in a step | see the loop
 FMI001 | An FMU is a zip file with a `modelDescription.xml` | export it again
-FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | state the version
-FMI003 | XML keeps the schema of its version | correct the line
-FMI004 | Types are defined | define it in `TypeDefinitions`
+FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | write the version
+FMI003 | The XML conforms to the schema of its version | correct the line
+FMI004 | Types are defined | define the type in `TypeDefinitions`
 FMI005 | Units and display units are defined | define the unit in `UnitDefinitions`
-FMI006 | Causality, variability and type go together | state an allowed pair
-FMI007 | Indices and value references are of variables | correct the number
-FMI008 | A dimension is the start value of a variable that is a size | give it a start value
+FMI006 | Causality, variability and type are an allowed combination | choose an allowed combination
+FMI007 | Indices and value references belong to variables | correct the number
+FMI008 | A dimension is the start value of the variable for the size | give this variable a start value
 FMI009 | min <= start <= max | correct the value
-FMI010 | Variables state start values and `initial` if and only if they must | add or remove it
+FMI010 | Variables have a start value and `initial` exactly where the standard requires them | add or remove it
 FMI011 | Variables that share a value reference have the same unit, and one start value | correct the others
-FMI012 | Names of variables are unique and of the naming convention | rename one
-FMI013 | The model structure is complete | add the entries that are missing
-FMI014 | Source files that are listed are there | add them to `sources/`
-FMI015 | Terminals name variables | correct the name
-FMI016 | The times of the default experiment make sense | correct the value
-FMI017 | There is a library for this platform, under the model identifier | build the FMU for it
-FMI018 | A library is one of its platform and processor | build the FMU for it
-FMI019 note | An FMU has co-simulation | export it for co-simulation
-FMI020 | A nominal value is a finite number other than 0 | state the size of the values
-FMI021 | The manifest of a layered standard states its name and version | add name or version
-FMI022 note | The manifest of FMI-LS-REF gives each related file a source and a role of the standard | correct the entry
-FMI023 | The numbers of continuous states and event indicators fit into memory | state those of the model
-FMI024 note | An FMU with libraries has the source files that it lists | add them to `sources/`
+FMI012 | Names of variables are unique and follow the naming convention | rename one
+FMI013 | The model structure is complete | add the missing entries
+FMI014 | Listed source files exist | add them to `sources/`
+FMI015 | Terminals refer to variables | correct the name
+FMI016 | The times of the default experiment are valid | correct the value
+FMI017 | There is a library for this platform, named by the model identifier | build the FMU for this platform
+FMI018 | A library is compiled for its platform and processor | build the FMU for this platform
+FMI019 note | An FMU supports co-simulation | export it for co-simulation
+FMI020 | A nominal value is a finite number other than 0 | write the typical size of the values
+FMI021 | The manifest of a layered standard has its name and version | add name or version
+FMI022 note | Each related file of the manifest of FMI-LS-REF has a source and a standard role | correct the entry
+FMI023 | The continuous states and event indicators fit into memory | write the numbers of the model
+FMI024 note | An FMU with libraries contains the source files that it lists | add them to `sources/`
 RUN001 | Ten steps do not fail | see the component's message
-RUN002 | A component neither ends its process nor takes too long | debug the component
-RUN003 | Reference results can be read, and the unit gives them | correct the table, or the unit
-RUN004 note | All reference results are compared | see why not
-RUN005 note | All signals are finite | do not read or record it
-RUN006 note | The file is run | mend its problems, or `--run-anyway`; leave out `--no-run`
-RUN007 | The master can step the system | another master, or another FMU
-RUN008 note | An FMU is of FMI 2.0 or 3.0, or of FMI 1.0 for co-simulation | export it so
-RUN009 | Inputs can be set, and the calls that an FMU declares work | mend the call, or do not declare it
+RUN002 | A component does not end its process or exceed the time limit | debug the component
+RUN003 | Reference results can be read, and the unit reproduces them | correct the table, or the unit
+RUN004 note | All reference results are compared | see the reason
+RUN005 note | All signals are finite | do not read or record the signal
+RUN006 note | The file is run | correct its problems, or use `--run-anyway`; omit `--no-run`
+RUN007 | The master can step the system | use another master, or another FMU
+RUN008 note | An FMU has FMI 2.0 or 3.0, or FMI 1.0 for co-simulation | export it for one of them
+RUN009 | Inputs can be set, and calls that an FMU declares work | correct the call, or do not declare it
 RUN010 note | The algorithm couples all components with its order of accuracy | see the component
-SRC001 | A robot, a scenario, a system or a unit can be read | change the named entry
-SRC002 note | No entry of such a file looks like a mistake | see the named entry
+SRC001 | A robot, scenario, system or unit can be read | correct the named entry
+SRC002 note | No entry of such a file is likely to be a mistake | see the named entry
 """
 """Number, with "note" for notes; requirement; fix."""
 
@@ -243,7 +243,7 @@ class Findings:
     """Findings on a file, or on a part of one."""
 
     entries: list[Finding] = field(default_factory=list[Finding])
-    """One sentence or more each, with the place."""
+    """Each is one or more sentences, with their place."""
     compared: list[str] = field(default_factory=list[str])
     """Files of reference results inside FMUs whose values were compared."""
     ran: bool = False

@@ -1,4 +1,4 @@
-"""What vdfmu adds to its core. Each folder can be deleted with its tests, and the core works on; see docs/extras.md.
+"""Extensions of the core of vdfmu. If a folder is deleted with its tests, the core still works; see docs/extras.md.
 
 An extra imports public names of the core, and another extra where docs/extras.md says so.
 """

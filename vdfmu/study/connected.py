@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
+from html import escape
 from multiprocessing import process, util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -41,6 +42,8 @@ Part = str | os.PathLike[str] | type
 
 _PLAIN = (str, int, float, type(None))
 """Types of options that can be compared."""
+_LOOK = "<style>.vdfmu svg.system { background: var(--back); } .vdfmu .keys span { margin-right: 1em; }</style>"
+"""Of a diagram in a notebook, whose background may be light where the system's is dark."""
 _KIND = {False: "co-simulation", True: "model exchange"}
 
 
@@ -109,6 +112,18 @@ class System:
         lines += [f"  free inputs: {', '.join(_shortened(texts)) or 'none'}"]
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        return f"{self._diagram()}<pre>{escape(repr(self))}</pre>"
+
+    def _diagram(self, results: Results | None = None) -> str:
+        """Return the diagram, for a notebook; empty where CasADi is missing."""
+        try:
+            from vdfmu.system.package.drawing import system_diagram  # takes long to import
+        except ImportError:
+            return ""
+        held = () if results is None else results.summary.get("held", ())
+        return f'{_LOOK}<div class="vdfmu">{system_diagram(self.path, held)}</div>'
+
     @with_options
     def run(self, *, reference: bool = False, **options: Unpack[SimulateOptions]) -> Results:
         """Run the system. FMUs that were built on this machine stay loaded for the next run.
@@ -132,6 +147,7 @@ class System:
         if self._scenario is not None:
             chosen = {**pick(ScenarioOptions, options), "out": False, "reference": reference}
             results.judge_by(partial(self._judge_run, self._scenario, chosen))
+        results.draw_by(self._diagram)
         return results
 
     def _simulate(self, options: dict[str, Any]) -> Results:

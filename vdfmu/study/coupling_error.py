@@ -17,7 +17,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 
 MARGIN = 1.5
-"""Factor on the estimate: without it, 6 of 638 systems with an error beyond the wanted one were called right."""
+"""Safety factor on the estimate: without it, 6 of 638 systems whose error was above the limit were judged right."""
 BANDS = {1: (0.35, 0.65), 2: (0.0, 0.40)}
 """Values of q at which a master of an order shows its order, or a higher one.
 
@@ -54,7 +54,7 @@ class Differences(NamedTuple):
     jumps: Any
     """Number of jumps."""
     late: float
-    """Share that runs may miss in common, since all see an event late: by up to a step of the last run."""
+    """Share that runs may miss in common, because all see an event late: by up to a step of the last run."""
     scale: Floats
     """The signal's range, or its value if it is constant; infinite if it is 0."""
     constant: Any
@@ -162,7 +162,7 @@ def verdict_on_all(seen: Differences, read: Any, order: int, wanted: float, exac
 
 
 def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> Floats:
-    """Return the difference of a run with the step 8 h / 13 from what the runs let expect of it, as shares of `scale`.
+    """Return the difference of a run with the step 8 h / 13 from the prediction by the other runs, relative to `scale`.
 
     Errors of an order p are ``C h**p``, so this run lies between those with h and h/2. Signals above the rate of the
     steps are not: they alias to another frequency.
@@ -221,7 +221,7 @@ KINDS: Mapping[str, Kind] = {
         "or choose a step that resolves it",
     ),
     "alias": Kind(
-        "{signal} has an alias of a faster signal",
+        "{signal} contains an alias of a faster signal",
         "A run with 8/13 of the step differs from the value that the other runs predict. Choose a step that resolves "
         "the "
         "faster signal, or filter it inside its component",

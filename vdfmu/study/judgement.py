@@ -18,6 +18,7 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, SspError, UsageError
 from vdfmu.base.interrupt import Stopped
+from vdfmu.base.measure import per_cent
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import named
 from vdfmu.engine.linear.linearise import linear_system
@@ -85,6 +86,8 @@ class Judgement:
     algorithm : str
     signals : tuple of SignalError
         All real outputs, the largest error first; `read` says whether another component reads it.
+    order : int
+        Order of the coupling error in the step, by the algorithm; 0 if unknown.
     kind : str
         Why a verdict is impossible: "near" the wanted error, "period" of a component not declared, "failed" run,
         "still" signals, algorithm without "order", or one of "growth", "chaos", "bistable", "quantised",
@@ -99,6 +102,7 @@ class Judgement:
     step: float = math.nan
     algorithm: str = ""
     signals: tuple[SignalError, ...] = ()
+    order: int = 0
     kind: str = ""
 
     @property
@@ -212,7 +216,7 @@ def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -
     worse, other = sorted((held, continuous), key=lambda each: -math.inf if math.isnan(each.error) else -each.error)
     if held.verdict == continuous.verdict != OPEN:
         both = (
-            f"The same verdict for {names} sampled every {period} and continuous: {_share(other.error)} in the other."
+            f"The same verdict for {names} sampled every {period} and continuous: {per_cent(other.error)} in the other."
         )
         return replace(worse, text=f"{worse.text} {both}")
     text = (
@@ -223,7 +227,7 @@ def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -
 
 
 class _Case(NamedTuple):
-    """What is judged."""
+    """The system that is judged."""
 
     checked: Checked
     wanted: float
@@ -280,7 +284,7 @@ class _Case(NamedTuple):
         unread = max((each for each in signals if not each.read), key=lambda each: each.error, default=signals[worst])
         if signals[worst].read and unread.error > signals[worst].error:
             solver = ", the error of solvers inside FMUs" if exact else ""
-            text += f" Unread output {unread.name}: {_share(unread.error)}{solver}."
+            text += f" Unread output {unread.name}: {per_cent(unread.error)}{solver}."
         periods = ", ".join(f"{each.name} {_time(each.step)}" for each in flat.components if each.step is not None)
         text += f" Kept periods: {periods}." if periods else ""
         text += f" Aliasing is not tested: {other}." if isinstance(other, str) else ""
@@ -305,7 +309,7 @@ class _Case(NamedTuple):
         late: float,
     ) -> str:
         """Return the verdict in a sentence, from the `worst` signal, or the signal `met` that prevents a verdict."""
-        share = _share(max(worst.error, late) if verdict == RIGHT else worst.error)
+        share = per_cent(max(worst.error, late) if verdict == RIGHT else worst.error)
         about = f"{share} of the {'value' if constant else 'range'} of {worst.name}"
         if verdict == RIGHT:
             return f"Right to {about} ({self._asked}). Errors inside FMUs are not judged."
@@ -319,14 +323,15 @@ class _Case(NamedTuple):
 
     @property
     def _facts(self) -> dict[str, Any]:
-        return {"wanted": self.wanted, "step": self.step, "algorithm": self.checked.algorithm}
+        how = {"algorithm": self.checked.algorithm, "order": self.checked.how.order}
+        return {"wanted": self.wanted, "step": self.step, **how}
 
     def _open(self, kind: str, why: str) -> Judgement:
         return Judgement(OPEN, f"Not decided: {why}", **self._facts, kind=kind)
 
     @property
     def _asked(self) -> str:
-        return f"step {_time(self.step)}; wanted {_share(self.wanted)}"
+        return f"step {_time(self.step)}; wanted {per_cent(self.wanted)}"
 
     def _way(self, worst: SignalError) -> str:
         """Return what makes the error of a signal right."""
@@ -334,7 +339,7 @@ class _Case(NamedTuple):
         share = self.wanted / (MARGIN * worst.error) if worst.error else 1.0
         way = f"a step of {_time(_rounded(self.step * share ** (1.0 / order)))}"
         way = f"{named(repeats=True)[0]}, or {way}," if order == 1 and self._repeats() else way
-        return f"{way[:1].upper()}{way[1:]}  should suffice."
+        return f"{way[:1].upper()}{way[1:]} should suffice."
 
     def _run(self, simulator: Simulator, names: Sequence[str], step: float, stop: float) -> Results:
         return simulator.run(start=self.grid.begin, stop=stop, step=step, record=names)
@@ -382,10 +387,6 @@ class _Case(NamedTuple):
 
 def _columns(results: Results, names: Sequence[str]) -> Floats:
     return np.column_stack([results[name] for name in names]).astype(float)
-
-
-def _share(value: float) -> str:
-    return f"{100.0 * value:.2g} %" if math.isfinite(value) else "infinite"
 
 
 def _time(seconds: float) -> str:

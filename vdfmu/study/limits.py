@@ -1,4 +1,4 @@
-"""The limits of all verdicts: what is measured, how far it may go, who says so, and the sentence about it.
+"""The limits of all verdicts: for each the measured value, its limit, the source of the limit, and the sentence.
 
 Runs, studies, logs and the page of a run are judged by this one table. A scenario sets its own limits in
 ``[limits]``, ``--limit margin=0.3`` sets one for a run.
@@ -81,7 +81,7 @@ ROWS = (
     Limit(
         "growth", "Growth of disturbances", 0.1, DOUBTFUL, "%",
         "{place} is unstable from {time} to {until} (grows {value})",
-        "vibration makes disturbances grow for a while; a tenth does not show in the errors",
+        "vibration lets disturbances grow for a while; growth by a tenth does not show in the errors",
     ),
     Limit(
         "saturated", "Joint limits", 0.01, DOUBTFUL, "%", "{place} for {value} of the run, {time}",
@@ -89,7 +89,7 @@ ROWS = (
     ),
     Limit(
         "tool", "Tracking", 0.1, DOUBTFUL, "%", "{place} off its path by {error}, {value} of the motion, at {time}",
-        "a motion counts as completed within a tenth of its size, as rise times are measured from 10 to 90 %",
+        "a motion is completed if it is within a tenth of its size, as rise times are measured from 10 to 90 %",
         failed=0.5,
     ),
     Limit(

@@ -121,7 +121,7 @@ class JudgeOptions(TypedDict, total=False):
         "if a component does not declare whether it is sampled.",
         metavar="PERCENT", typed=str, read=read_percent)]
     sampled: Annotated[bool | None, Option(
-        "Treat undeclared components as one or the other.", "bool",
+        "Treat undeclared components as sampled or not.", "bool",
         "Sampled components keep the step as their period, and continuous ones also take the shorter steps. By "
         "default this is what their FMUs declare; without a declaration both cases are judged.",
         flag="--sampled/--continuous")]
@@ -131,8 +131,8 @@ class ExpectOptions(TypedDict, total=False):
     """Recorded results that a run must equal."""
 
     expect: Annotated["str | os.PathLike[str] | None", Option(
-        "Recorded results; the run fails if it differs.", "path",
-        "A CSV file, or another file of results. All of its signals and rows are compared: those of the run are "
+        "Recorded results that the run must match.", "path",
+        "A CSV file, or another file of results. All of its signals and rows are compared; the signals of the run are "
         "interpolated at its times. Names without a component are those of the only component that has them.",
         metavar="FILE", typed=Path | None)]
     within: Annotated[float | None, Option("Allowed difference from --expect (default 1e-6).", "float",
@@ -186,7 +186,7 @@ class WorkerOptions(ProgressOptions, total=False):
 
     workers: Annotated[int | None, Option("Processes (default: one for each processor).")]
     time_limit: Annotated[float | None, Option("Time limit of a run in s (default 600).", "float [s]")]
-    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, for its workers.",
+    scheduler: Annotated[str | None, Option("Address of a Dask scheduler, to use its workers.",
         metavar="ADDRESS")]
     overwrite: Annotated[bool, Option("Replace another study in the folder.", default=False)]
 
@@ -205,7 +205,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
         more="Not for a grid or file. For ``saltelli`` it is the number of base points, for ``morris`` that of "
             "trajectories.")]
     measure: Annotated[Mapping[str, Any] | Sequence[str] | None, Option(
-        "error=rms(trajectory.q_d - plant.q). Repeatable.",
+        "Measure: 'error=rms(plant.q)'. Repeatable.",
         'mapping of str to str or callable, or sequence of "NAME=EXPRESSION"', "See "
         ":mod:`vdfmu.study.sweeps.measures`. It can also be a function of :class:`vdfmu.Results`. The default for a "
         "loop of trajectory, controller and plant is the RMS and peak position error and the peak torque of each "
@@ -215,15 +215,16 @@ class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
         "The table has a list for each point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
         "batch runs several points at once.", choices=ENGINES,
-        more="The points run as FMUs, or in one program of all units, which is the default if there are enough "
-            "points; see :mod:`vdfmu.extras.batch`.")]
+        more="`fmu` runs the FMUs at each point. `batch` compiles all units into one program, which is the default if "
+            "there are enough points; see :mod:`vdfmu.extras.batch`.")]
 
 
 class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
     chunk: Annotated[int | None, Option("Points that a worker takes at a time.",
-        more="A result file has as many rows. The default is the points of a few seconds, at most 50, or 56 in lanes.")]
+        more="A result file has the rows of one chunk. By default a chunk takes a few seconds and at most 50 points, "
+        "or 56 with the engine `batch`.")]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",
         typed=Path | None)]
-    retry: Annotated[bool, Option("Run points that failed again.", default=False)]
+    retry: Annotated[bool, Option("Run failed points again.", default=False)]

@@ -58,7 +58,7 @@ def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
 
 
 def judged_signals(checked: Checked) -> tuple[list[str], int]:
-    """Return all real outputs, those that count as read first, and the number of these.
+    """Return all real outputs, first those that are regarded as read, and the number of these.
 
     These are read by other components, or are outputs of components at the end of a chain.
     """

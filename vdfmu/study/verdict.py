@@ -1,6 +1,6 @@
 """The verdict on a run: the measured values against the table of limits, the most important checks first.
 
-A verdict is made from the summary of a run alone, so that a page or a later command says the same of it.
+A verdict is made only from the summary of a run, so that a page or a later command comes to the same result.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     if check.state == GOOD:
         sentence = f"matches the {compared['name']} scipy reference to {row.shown(check.value)} of the peak error"
         check = check._replace(sentence=sentence)
-    elif apart <= tolerance:  # of a position of 1 rad: what the solvers of the units may be off by
+    elif apart <= tolerance:  # of a position of 1 rad: the possible error of the solvers of the units
         more += f"; that is within the tolerance of the solvers, {number(tolerance)}"
         smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
         share = row.shown(check.value)

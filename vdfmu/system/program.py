@@ -32,7 +32,7 @@ class MovingUnit(NamedTuple):
     step: ca.Function | None
     """Step of its solver, if it has continuous states."""
     left: ca.Function | None
-    """Time until it switches by time, if it does."""
+    """Function that returns the time until its next switching by time, if it has any."""
     update: tuple[Call, ...]
     """Calls that set its sampled states."""
 

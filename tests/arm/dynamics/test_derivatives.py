@@ -6,7 +6,6 @@ import pytest
 
 from tests.compiler.native.compiled import results_of
 from vdfmu.base.errors import KernelError
-from vdfmu.compiler.c import functions as c_code
 from vdfmu.compiler.c.functions import c_texts
 from vdfmu.compiler.c.operations import c_derivatives
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
@@ -58,15 +57,11 @@ def test_forward_is_the_slope_along_the_direction(robot, functions_of, name):
 
 
 @pytest.mark.few(3)
-@pytest.mark.parametrize("form", ["whole", "in parts"])
 @pytest.mark.parametrize(
     "name",
     ["plant_derivatives", "feedforward_outputs_vdc", "trajectory_outputs", "controller_outputs_mixed", "margins"],
 )
-def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, form, tmp_path, monkeypatch):
-    if form == "in parts":
-        monkeypatch.setattr(c_code, "WHOLE", 37)
-        monkeypatch.setattr(c_code, "_PART", 37)
+def test_c_text_computes_what_the_trace_computes(robot, functions_of, name, tmp_path):
     if name == "margins":
         (function,) = traced_margins(robot)
     else:

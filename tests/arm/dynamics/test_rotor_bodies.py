@@ -10,7 +10,7 @@ from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 def test_plant_agrees_with_rotors_as_bodies(chain, draw):
     robot = dataclasses.replace(chain, rotor_coupling=True)
     n, bodies = robot.n, RotorBodies(robot)

@@ -119,7 +119,7 @@ def test_a_tool_that_cannot_be_is_refused(urdf, options, expected):
 
 @pytest.mark.parametrize("name", robot_names())
 def test_every_joint_moves_the_tool_or_the_file_says_that_the_last_does_not(name):
-    """By the Jacobian, which has another origin than the rule that it checks; 3 poses, since one may be singular."""
+    """By the Jacobian, which has another origin than the rule that it checks; 3 poses, because one may be singular."""
     robot = load_robot(name)
     poses = np.random.default_rng(5).uniform(-1.0, 1.0, (3, robot.n))
     J = np.array([vdfmu.dynamics.jacobian(robot, q) for q in poses])

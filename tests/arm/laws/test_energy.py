@@ -35,6 +35,7 @@ def rate_of_energy(robot, state):
     return float(sum(rates)), float(sum(map(abs, rates))) + spring + links
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize("friction", ["lumped", "split", "none"])
 @EVERY_CHAIN
 def test_power_balance_at_any_state(chain, draw, friction):

@@ -147,7 +147,7 @@ LUMPED = ("friction", "load_loss", "bristles", "thermal")
 """Sections of friction, to walk through in both arrangements."""
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("name", "friction"),
     [(name, kind) for name, of in PARAMETERS.items() for kind in ("split", "lumped")
@@ -162,6 +162,7 @@ def test_the_plant_driven_by_the_inverse_follows_the_desired_motion(chain):
     assert deviation(dataclasses.replace(chain, rotor_coupling=False)) < WITHIN
 
 
+@pytest.mark.few(2)
 def test_links_follow_the_inverse_with_coupled_rotors_too_whose_motion_is_declared_not_to_be_exact(chain):
     robot = dataclasses.replace(chain, rotor_coupling=True)
     x, tau, rates = inverse_at(robot, TIMES[1])

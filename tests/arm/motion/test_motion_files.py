@@ -31,6 +31,7 @@ def written(tmp_path):
     return writer(tmp_path)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", GOOD)
 def test_each_kind_is_read(kind, robot, written):
     require_read(written, kind, GOOD[kind], robot)

@@ -10,14 +10,6 @@ from tests.compiler.fmu.gain import UNIT
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import UnitError
 
-PROJECT = """
-[project]
-name = "mine"
-version = "3.1"
-license = "BSD-3-Clause"
-authors = [{ name = "Ada" }, { email = "bob@example.org" }]
-"""
-OF_PROJECT = {"version": "3.1", "author": "Ada, bob@example.org", "license": "BSD-3-Clause"}
 FORMS = (("native", "2.0"), ("native", "3.0"), ("python", "2.0"))
 
 
@@ -37,38 +29,23 @@ def built(folder, backend="native", version="2.0"):
     return {name: root.get(name) for name in wanted if root.get(name) is not None}, texts
 
 
-@pytest.fixture
-def folder(tmp_path):
-    (tmp_path / "deep").mkdir()
-    (tmp_path / "deep" / "gain.py").write_text(UNIT)
-    (tmp_path / "deep" / "pyproject.toml").write_text("[tool.other]\n")  # a file of tools alone is of no project
-    return tmp_path / "deep"
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("backend", "version"), FORMS)
-def test_a_unit_has_the_author_and_the_licence_of_its_project_or_none(folder, backend, version):
-    assert built(folder, backend, version)[0] == {}
-    (folder.parent / "pyproject.toml").write_text(PROJECT)
-    about, texts = built(folder, backend, version)  # of the same unit: another FMU
-    assert about == OF_PROJECT
+def test_a_unit_has_the_author_and_the_licence_of_its_class_or_none(tmp_path, backend, version):
+    (tmp_path / "gain.py").write_text(UNIT)
+    assert built(tmp_path, backend, version)[0] == {}
+    texts = 'author, copyright = "Ada, Bob", "(c) 2026 Ada"; version, license = "3.1", "BSD-3-Clause"'
+    (tmp_path / "gain.py").write_text(UNIT.replace("# here", texts))
+    about, texts = built(tmp_path, backend, version)
+    assert about == {"version": "3.1", "author": "Ada, Bob", "copyright": "(c) 2026 Ada", "license": "BSD-3-Clause"}
     if backend == "native":
         licence, page = texts
-        assert licence.startswith("The unit Gain (sources/unit.c and sources/kernel_*.c): Ada, bob@example.org, BSD-3")
+        assert licence.startswith("The unit Gain (sources/unit.c and sources/kernel_*.c): (c) 2026 Ada, BSD-3-Clause")
         assert "MIT License" in licence  # of the C that all units have
         assert "BSD-3-Clause. The C files that all units have are of vdfmu, MIT." in page
-
-
-def test_what_the_class_says_counts(folder):
-    (folder.parent / "pyproject.toml").write_text(PROJECT)
-    attributes = 'author, copyright = "Eve", "(c) 2026 Eve"; license = "proprietary"'
-    (folder / "gain.py").write_text(UNIT.replace("# here", attributes))
-    about, (licence, _) = built(folder)
-    assert about == {**OF_PROJECT, "author": "Eve", "copyright": "(c) 2026 Eve", "license": "proprietary"}
-    assert "(c) 2026 Eve, proprietary." in licence
-    (folder / "gain.py").write_text(UNIT.replace("# here", "author = 3"))
+    (tmp_path / "gain.py").write_text(UNIT.replace("# here", "author = 3"))
     with pytest.raises(UnitError, match=r"gain\.py, line 6: Gain: author: expected a text, got 3"):
-        built(folder)
+        built(tmp_path)
 
 
 def test_units_of_the_package_have_its_own(tmp_path):

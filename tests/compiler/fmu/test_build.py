@@ -123,15 +123,11 @@ def test_the_page_inside_describes_every_variable(planar, fmus, unit_name):
     rows = [[cell.text_content() for cell in row] for row in page.iter("tr")][1:]
     interface = Interface(shipped_units()[unit_name], planar)
     described: list[Variable] = []
-    for name, references, kind, unit, start, _, text in rows:
+    for name, references, _, unit, _, _, text in rows:
         first, *last = map(int, references.split(" .. "))
         members = interface.variables[first : (last or [first])[0] + 1]
         assert name == " .. ".join(dict.fromkeys((members[0].name, members[-1].name)))
         assert {v.unit or "" for v in members} == {unit}
-        shown, starts = start.split(", "), [v.start for v in members]
-        if kind != "input" and members[0].type == "Real" and start:
-            numbers = np.array(shown * (len(starts) if len(shown) == 1 else 1), dtype=float)
-            np.testing.assert_allclose(numbers, starts, rtol=1e-8, atol=0)
         alike = {general_description(v.description) if last else v.description for v in members}
         assert alike == {text}
         described += members

@@ -58,6 +58,7 @@ def test_the_files_become_fmus_by_pythonfmu_that_give_the_bits_of_those_of_vdfmu
         assert np.array_equal(values, theirs[name]), name
 
 
+@pytest.mark.heavy
 def test_an_fmu_of_other_sources_is_refused_by_name(built, tmp_path):
     with zipfile.ZipFile(built / "Plant.fmu") as archive, zipfile.ZipFile(tmp_path / "Plant.fmu", "w") as changed:
         for name in archive.namelist():

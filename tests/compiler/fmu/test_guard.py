@@ -102,6 +102,7 @@ os._exit(0)  # of processes with libraries of pythonfmu that could not start, on
 """
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("package", ["vdfmu", "casadi"])
 @pytest.mark.parametrize("logging", ["logging", "silent"])
 def test_a_python_without_the_packages_says_what_to_install(folders, run_python, package, logging):

@@ -187,6 +187,7 @@ def test_a_step_that_fails_at_a_later_sample_changes_nothing(instance, form):
     assert unit.step(1e-3).get("count") == 2.0
 
 
+@pytest.mark.few(1)
 def test_the_page_is_made_from_the_docstring(own_fmu, form):
     with zipfile.ZipFile(own_fmu("LowPass", form)) as archive:
         page = html.fromstring(archive.read("documentation/index.html").decode())

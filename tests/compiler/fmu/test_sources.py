@@ -37,5 +37,5 @@ def test_an_fmu_without_sources_runs_and_has_no_c_in_it(tmp_path, monkeypatch, v
 
 def test_a_python_fmu_is_its_source(tmp_path):
     (tmp_path / "gain.py").write_text(UNIT)
-    with pytest.raises(UsageError, match="Gain: a Python FMU is its source"):
+    with pytest.raises(UsageError, match="Gain: a Python FMU contains its source"):
         build_fmus(None, tmp_path, units=[tmp_path / "gain.py"], backend="python", sources=False)

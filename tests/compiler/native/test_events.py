@@ -77,6 +77,7 @@ def test_a_ball_bounces_in_model_exchange(built, form):
     assert np.array_equal(rows["bounces"], expected[:, 2])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("solver", [0, 3])
 @pytest.mark.parametrize("form", FORMS[:2])
 def test_a_thermostat_switches(built, form, solver):
@@ -89,6 +90,7 @@ def test_a_thermostat_switches(built, form, solver):
     assert np.array_equal(rows["switched"], expected[:, 2])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("form", FORMS)
 def test_a_clutch_locks_and_an_input_breaks_it(instance, form):
     unit = instance("Clutch", form).start()
@@ -120,6 +122,7 @@ def test_an_event_may_cause_another_at_the_same_time(instance, form):
     assert (unit.get("a"), unit.get("b")) == (1.0, 1.0)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("width", [1e-5, 1e-3, 0.5])
 def test_two_changes_in_an_internal_step_are_found(instance, form, width):
@@ -236,17 +239,6 @@ def test_intermediate_updates_see_events_and_their_inputs_cause_them(instance):
     assert min(abs(time - 2.0) for time in times) < 1e-14
     assert unit.get("side") == 1.0
     np.testing.assert_allclose(unit.get("w"), np.add(2.0, 2.0 * np.array([4.0, 1.0])), rtol=1e-12)
-
-
-@pytest.mark.parametrize("form", FORMS[:2])
-def test_descriptions_have_the_indicators(built, form):
-    description = fmpy.read_model_description(str(built("Thermostat", form)))
-    assert description.numberOfEventIndicators == 2
-    kinds = {v.name: (v.causality, v.variability) for v in description.modelVariables}
-    assert kinds["on"] == kinds["switched"] == ("output", "discrete")
-    assert kinds["hot"] == kinds["cold"] == ("output", "continuous")
-    if form == "3.0":
-        assert [each.variable.name for each in description.eventIndicators] == ["hot", "cold"]
 
 
 # ------------------------------------------------------------------ sanitizers

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.compiler.native.binding import ERROR, Instance, doubles, references, same_bits
-from tests.compiler.native.test_every_call import Calls
+from tests.compiler.native.calls import Calls
 
 Native = Callable[..., Instance]
 H = 1e-3

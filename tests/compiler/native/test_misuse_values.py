@@ -8,8 +8,8 @@ import pytest
 
 from tests.compiler.conftest import EACH
 from tests.compiler.native.binding import references
+from tests.compiler.native.calls import Calls
 from tests.compiler.native.phases import CASES, bring
-from tests.compiler.native.test_every_call import Calls
 
 TYPES = {
     "2.0": ("Real", "Integer", "Boolean", "String"),

@@ -131,6 +131,7 @@ def test_a_call_that_takes_too_many_internal_steps_is_ended_and_changes_nothing(
     assert np.array_equal(limited.x, counted.x)
 
 
+@pytest.mark.heavy
 def test_the_limit_of_internal_steps_is_far_from_use(arm):
     """0.1 s as one step at 1e-9, under a torque and a wrench: below a hundredth of the limit, which 10 s then keep."""
     integrator = integrator_of(arm, 1e-9)

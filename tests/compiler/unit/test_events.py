@@ -5,10 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from tests.compiler.eventful import Ball, Clutch, Counter, Endless, Pulse, Relay, Thermostat, ball, counter, thermostat
+from tests.compiler.eventful import Ball, Clutch, Counter, Endless, Pulse, Relay, Thermostat, ball, counter
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import KernelError, UnitError, UsageError
-from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.unit import Derivative, Event, Held, Input, Output, Parameter, Sampled, State, Unit
 
@@ -23,16 +22,6 @@ def test_a_ball_bounces(step):
     np.testing.assert_allclose(solution["v"], expected[:, 1], atol=1e-7)
     assert np.array_equal(solution["bounces"], expected[:, 2])
     assert expected[-1, 2] == 11.0
-
-
-def test_a_thermostat_switches():
-    solution = Thermostat().simulate(stop=250.0, step=10.0, tolerance=1e-11)
-    expected = np.array([thermostat(t) for t in solution.t])
-    # 1e-11 (1 + 21 K) of each of 200 parts
-    np.testing.assert_allclose(solution["T"], expected[:, 0], atol=1e-7)
-    assert np.array_equal(solution["on"], expected[:, 1])
-    assert np.array_equal(solution["switched"], expected[:, 2])
-    assert expected[-1, 2] >= 10.0
 
 
 def test_a_clutch_locks_and_slips_again():
@@ -67,18 +56,6 @@ def test_a_relay_without_states_looks_at_the_rows():
         y = 1.0 if u > 0.5 else -1.0 if u < -0.5 else y
         expected.append(y)
     assert np.array_equal(solution["y"], expected)
-
-
-@pytest.mark.parametrize("backend", [Plain, Traced])
-def test_an_event_leaves_other_states_alone(backend):
-    unit = backend(Interface(Ball, None))
-    unit.x[:] = 0.25, -3.0
-    unit.group("bounces")[:] = 4.0
-    unit.at_events[0]()
-    assert unit.x.tolist() == [0.0, pytest.approx(2.1, abs=1e-15)]
-    assert unit.group("bounces")[0] == 5.0
-    unit.outputs()
-    assert unit.group("ground")[0] == 0.0
 
 
 @pytest.mark.heavy

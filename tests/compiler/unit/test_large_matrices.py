@@ -125,7 +125,7 @@ def test_what_has_no_such_products_says_so(tmp_path):
 
 
 def test_linear_systems_keep_a_jacobian_of_numbers():
-    """A large matrix of states is no call, since each step would calculate its Jacobian again."""
+    """A large matrix of states is no call, because each step would calculate its Jacobian again."""
     unit = linear_unit(-np.eye(48), np.ones((48, 1)), np.ones((1, 48)), [[0.0]])
     functions = Interface(unit, None).functions
     assert not functions.casadi_function(f"{functions.name}_derivatives").find_functions(0)

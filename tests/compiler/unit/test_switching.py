@@ -91,6 +91,7 @@ def fmu(request, motor, tmp_path_factory):
 CLOSE = {"rtol": 1e-6, "atol": 1e-6}
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("step", [1e-3, 0.05, 0.0007])
 @pytest.mark.parametrize("duty", [*heavy(0.3), 0.01, 0.0005])
 def test_no_pulse_is_stepped_over(fmu, duty, step):

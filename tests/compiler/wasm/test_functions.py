@@ -120,7 +120,7 @@ def test_an_operation_without_code_is_said():
         Assembler().traced(ca.Function("wrong", [x], [ca.erf(x)]))
 
 
-@pytest.mark.parametrize("scenario", ["screw", *heavy("tracking", "estimation", "kr300")])
+@pytest.mark.parametrize("scenario", ["kr300", *heavy("screw", "tracking", "estimation")])
 def test_the_units_of_a_scenario_have_the_bits_of_casadi(scenario):
     """Start, outputs, derivatives, updates and steps of the solver, with random numbers."""
     system = WiredUnits(SystemDescription(load_scenario(scenario)))

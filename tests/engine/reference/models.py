@@ -3,6 +3,7 @@
 Each is described once here; the model description and the C file beside `layer.c` are made of that.
 """
 
+import re
 import subprocess
 import zipfile
 from dataclasses import dataclass, field
@@ -39,7 +40,7 @@ class V(NamedTuple):
     @property
     def field(self) -> str:
         """Its name in C."""
-        return self.name.replace("der(", "der_").replace(")", "")
+        return re.sub(r"\W", "_", self.name.replace(")", "").replace("]", ""))
 
 
 @dataclass

@@ -48,12 +48,12 @@ def library(request):
 
 
 def called(library, name, x):
-    x = np.ascontiguousarray(x, dtype=float)
+    n, x = len(x), np.pad(np.asarray(x, dtype=float), (0, -len(x) % 8))  # to whole blocks of any number of lanes
     y = np.zeros_like(x)
     function = library[f"call_{name}"]
     function.argtypes, function.restype = (c_void_p, c_void_p, c_int64), None
     function(x.ctypes.data, y.ctypes.data, len(x))
-    return y
+    return y[:n]
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

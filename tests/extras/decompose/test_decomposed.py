@@ -189,7 +189,7 @@ def test_two_arms_on_one_body_are_a_wiring(planar, draw):
 
 
 def test_what_joints_and_links_do_not_know_is_refused(planar):
-    with pytest.raises(UsageError, match="plant: the robot planar_2dof has moving_base, but units of links and"):
+    with pytest.raises(UsageError, match="plant: the robot planar_2dof has moving_base, which units of links and"):
         decomposed(scenario_of(replace(planar, moving_base=True)))
     with pytest.raises(UsageError, match="feedforward: the robot planar_2dof has hysteresis"):
         decomposed(scenario_of(replace(planar, hysteresis=True)))

@@ -128,6 +128,7 @@ def test_efmu_is_an_fmu_of_the_same_bits_each_time(efmu, planar, tmp_path):
     assert plain.read_bytes() == inside
 
 
+@pytest.mark.heavy
 def test_words_of_refusal(planar, tmp_path):
     cases: list[tuple[dict[str, Any], str]] = [
         ({"target": "efmi", "units": ["plant", "controller"]}, "target efmi: plant: it has continuous states"),

@@ -48,7 +48,7 @@ def test_the_file_of_a_design_is_a_motion_and_its_table_that_of_an_identificatio
         "I_m[1]",
         "+- ",
         "note: a prediction, for a row every 10 ms, encoders of 17 bits on both sides",
-        "note: the robot file lacks limits",
+        "note: the robot file has no limits",
         "collisions are not checked",
         "motion.toml: the motion, 10 s",
     ):

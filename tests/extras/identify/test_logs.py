@@ -100,7 +100,7 @@ def test_a_parquet_file_of_another_tool(robot, data, tmp_path):
     pa.parquet.write_table(pa.table({"stamp": stamps, "who": ["x"] * M, **columns}), tmp_path / "log.parquet")
     log = read_log(tmp_path / "log.parquet", robot, {"kappa": "m[{}]"})
     same(log, data)
-    assert log.notes == ("left out: who (string)", "times are those of stamp, in ns")
+    assert log.notes == ("ignored: who (string)", "times are those of stamp, in ns")
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "mat"])
@@ -127,7 +127,7 @@ def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_pat
         np.testing.assert_array_equal(np.isfinite(log.q).all(axis=0), [True, False])
         np.testing.assert_array_equal(log.q[:, 0], data[1][:, 0])
         (note,) = log.notes
-        assert "q[2]" in note and name in note and "without encoder" in note
+        assert "q[2]" in note and name in note and "without an encoder" in note
     none = {k: v for k, v in columns.items() if k[0] != "q"} | {f"q[{i}]": np.zeros(M) for i in (1, 2)}
     assert read_log(write(tmp_path / "log.csv", none), robot).q is None
 
@@ -166,7 +166,7 @@ def test_a_clock_that_jitters_is_told_from_samples_that_do(robot, data, tmp_path
     random = np.random.default_rng(0)
     t = T + 0.2 * STEP * random.uniform(-1, 1, M)
     log, error = resampled(robot, data, tmp_path / "log.csv", t, table(data))
-    assert "the clock jitters by up to 0.8" in log.notes[0] and "these times are taken" in log.notes[0]
+    assert "the clock jitters by up to 0.8" in log.notes[0] and "these equal times are used" in log.notes[0]
     # the line through the times: their deviation 0.12 h over sqrt(m) twice, at its ends, at 6 rad/s: 7e-5 rad
     assert error < 1.5e-4
     log, error = resampled(robot, data, tmp_path / "log.csv", t, table(motion(robot, t)))

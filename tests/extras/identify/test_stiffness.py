@@ -171,15 +171,9 @@ def test_limits_of_torque_reduce_the_excitation_and_are_named():
     assert all(("N.m RMS" in text) == short for text, short in zip(plan.lacks, lacking, strict=True))
 
 
-@pytest.fixture(scope="module")
-def coarse():
-    """Return an excitation with a row every 10 ms: its file is read in a tenth of the time."""
-    robot = vdfmu.load_robot("planar_2dof")
-    return robot, stiffness_experiment(robot, pose=POSES["planar_2dof"], step=0.01)
-
-
-def test_torques_survive_their_file(coarse, tmp_path):
-    _, plan = coarse
+@pytest.mark.heavy
+def test_torques_survive_their_file(planar, tmp_path):
+    _, plan = planar
     path = tmp_path / "torques.csv"
     path.write_text(excitation_text(plan.excitation))
     again = read_excitation(path, 2)
@@ -196,7 +190,7 @@ def test_the_measured_kr300_does_not_show_its_springs_because_friction_hides_the
     plan = stiffness_experiment(robot, pose=log.kappa.mean(axis=0), step=log.step)
     verdict = unexcited_verdict(log, robot, plan)
     assert verdict["state"] == "failed"
-    assert "joint 1 is excited by 11 % of its friction at 8.5 to 34 Hz" in verdict["headline"]
+    assert "excitation of joint 1 at 8.5 to 34 Hz is 11 % of its friction" in verdict["headline"]
     loud = log._replace(tau=100.0 * log.tau)  # what would refute it: torques that are not small there
     assert "joint 1 is excited, but not by periodic torques" in unexcited_verdict(loud, robot, plan)["headline"]
 
@@ -268,8 +262,9 @@ def test_positions_of_another_sign_or_order_give_no_stiffness_and_name_the_colum
         assert any("check the order, signs and units of the columns" in str(check) for check in checks)
 
 
-def test_changed_files_of_torques_and_steps_that_do_not_fit_the_period_are_refused(coarse, tmp_path):
-    robot, plan = coarse
+@pytest.mark.heavy
+def test_changed_files_of_torques_and_steps_that_do_not_fit_the_period_are_refused(planar, tmp_path):
+    robot, plan = planar
     lines = excitation_text(plan.excitation).splitlines()
     head, row = lines[0], lines[51].split(",")
     changed = {

@@ -76,7 +76,7 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
 
     report = tampered(fmus, tmp_path / "off.fmu", "out", change)
     (note,) = report.notes
-    assert note == "Plant_out.csv: quality: not compared: the unit lacks such a variable"
+    assert note == "Plant_out.csv: quality: not compared: the unit has no such variable"
     assert note.rule.number == "RUN004"
     (problem,) = report.problems
     assert problem.startswith("Plant_out.csv: E_kin at t = 0.12 s: expected 99")
@@ -170,7 +170,7 @@ def test_an_experiment_pairs_inputs_and_results_of_any_name(fmus, tmp_path, time
     assert (report.problems, report.compared) == ([], ["seen.csv"])
     assert [note.partition("experiment ")[2] for note in report.notes] == [
         "'two': not compared: it sets the parameters of 'p.ssv'",
-        "'three': not compared: it lacks reference results",
+        "'three': not compared: it has no reference results",
         f"'four': not compared: expected a .csv file of the FMU, got {FOLDER}experiments/seen.hdf5",
     ]
     content[f"{FOLDER}given.csv"] = content[f"{FOLDER}given.csv"].replace(b" ", b"1 ")  # other inputs

@@ -31,5 +31,5 @@ def test_what_has_no_optimum_is_said(planar):
     with pytest.raises(UsageError, match=r"state_gains: rate, step: expected numbers above 0\."):
         state_gains(planar, [0.0, 0.0], error=1e-3, rate=0.0, torque=0.01, step=0.0)
     robot = make_optional("hysteresis")
-    with pytest.raises(UsageError, match=r"expected no states that feedback lacks, got tau_h\."):
+    with pytest.raises(UsageError, match=r"expected no states without feedback, got tau_h\."):
         state_gains(robot, [0.0, 0.0], error=1e-3, rate=0.02, torque=0.01)

@@ -103,6 +103,7 @@ def test_it_holds_before_and_after_the_cycles():
     assert not seen[250:].any()
 
 
+@pytest.mark.heavy
 def test_a_cycle_has_a_duration_of_whole_samples(tmp_path):
     robot = vdfmu.load_robot("planar_2dof")
     unit = find_unit("iterative_learning")(robot, q_d=[0.01, 0.02])

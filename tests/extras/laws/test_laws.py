@@ -193,7 +193,7 @@ def test_joint_torque_control_is_passive_with_any_passive_environment(seed):
         return 0.5 * float(kinetic + springs) - float(g @ kappa)
 
     x_0 = np.concatenate([q_d, random.normal(size=n), kappa_d, random.normal(size=n)])
-    run = solve_ivp(rates, (0.0, 0.1), x_0, "LSODA", rtol=1e-9, atol=1e-11)
+    run = solve_ivp(rates, (0.0, 0.05), x_0, "LSODA", rtol=1e-9, atol=1e-11)
     stored = np.array([energy(x) for x in run.y.T])
     # relative 1e-9 a step of energies of the springs
     assert (np.diff(stored) <= 1e-7 * np.ptp(stored)).all() and stored[-1] < stored[0]

@@ -186,6 +186,7 @@ def test_arms_in_lanes_are_that_of_the_master():
     single.close()
 
 
+@pytest.mark.heavy
 def test_an_arm_whose_episode_ends_begins_anew_while_the_others_go_on():
     many = ArmVectorEnv(3, short(), limit=1e6, hold=10)
     alone = ArmVectorEnv(1, short(), limit=1e6, hold=10)

@@ -1,5 +1,6 @@
 """The page of FMUs of any tool: diagram, figures by unit of measurement, what the FMUs are, and the verdict."""
 
+import math
 import re
 from html import escape
 from typing import Any
@@ -12,6 +13,7 @@ from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import pack_zip
+from vdfmu.base.measure import per_cent
 from vdfmu.base.option import declared
 from vdfmu.engine.options import SystemOptions
 from vdfmu.engine.run import Interrupted, Simulator, simulate
@@ -19,6 +21,7 @@ from vdfmu.study import judgement
 from vdfmu.study.joined import run_joined
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.sweeps.sweep import Sweep, sweep
+from vdfmu.system.package.drawing import Coupling
 
 
 @pytest.fixture(scope="module", name="place")
@@ -36,7 +39,7 @@ def _place(tmp_path_factory):
         "--stop",
         "1",
         "--step",
-        "0.01",
+        "0.04",
     )
     done = command("run", *words, "--judge", "5", cwd=place)
     assert done.returncode == 0, done.stderr
@@ -53,6 +56,33 @@ def test_a_page_of_joined_fmus_has_diagram_figures_components_and_verdict(place)
     for name in ("a", "b"):
         assert f"<td>{name}</td><td>FMI 2.0, co-simulation</td>" in text.replace(' class="name"', "")
     assert run.package == folder / "system.ssp" and run.package.is_file()
+
+
+def test_the_diagram_and_a_table_have_the_coupling_errors_of_a_judged_run(place):
+    folder = place[0] / "results" / "system"
+    text, summary = (folder / "report.html").read_text(encoding="utf-8"), read_run(folder).summary
+    errors = {each["name"]: each for each in summary["judgement"]["signals"]}
+    share = errors["a.x"]["error"]
+    assert f'data-error="a.x: coupling error {per_cent(share)} of its range." style="--width: ' in text
+    assert "Width: coupling error, 5 % wanted:" in text
+    # with errors C h of first order, runs with h and with h / 2 differ from that with h / 4 by 3 / 4 and 1 / 4 of C h;
+    # C h^2 is smaller by the step over the time constant, 4 %
+    row = errors["b.x"]
+    table = [row["error"], row["error"] * row["q"], row["error"] * row["q"] / 2.0]
+    runs = [simulate(folder / "system.ssp", step=0.04 / n, stop=1.0, parameters={"a.u": 1.0}) for n in (1, 2, 4)]
+    for run, estimated, n in zip(runs, table, (1, 2), strict=False):
+        off = np.abs(run["b.x"][::n] - runs[2]["b.x"][::4]).max() / np.ptp(runs[2]["b.x"])
+        assert off == pytest.approx(estimated - table[2], rel=0.04)
+    cells = "".join(f"<td>{per_cent(each)}</td>" for each in table)
+    assert f'<td class="name">b.x</td>{cells}' in text and "Step<br>10 ms" in text
+
+
+def test_wires_widen_with_the_logarithm_of_their_error():
+    coupling = Coupling({}, 0.01)
+    widths = [coupling.width(error) for error in (0.0, 1e-4, 1e-3, 1e-2, 0.1, math.inf)]
+    steps = np.diff(widths)
+    assert widths[0] == widths[1] and steps[1] == pytest.approx(steps[2]) and steps[1] > 1.0  # a decade can be seen
+    assert widths[-1] == max(widths) and max(widths) < 8.0  # wires are 18 px apart; half of that stays free
 
 
 def with_a_fault(place) -> dict[str, bytes]:
@@ -99,6 +129,7 @@ def test_a_sweep_of_a_package_runs_the_variant_that_is_named(place):
             sweep("planar_tracking", {"controller.K_p": [1.0]}, out=place[0] / "no", **wrong)
 
 
+@pytest.mark.heavy
 def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     content = with_a_fault(place)
     words = ("run", "odd.fmu", "--stop", "1", "--step", "0.1", "--out", "odd")
@@ -114,6 +145,7 @@ def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     assert command("run", "none.fmu", "--run-anyway", cwd=place[0]).returncode == 2
 
 
+@pytest.mark.heavy
 def test_a_run_that_is_stopped_while_it_is_judged_keeps_its_own_rows(place, tmp_path, monkeypatch):
     package = place[0] / "results" / "system" / "system.ssp"
     shorter = simulate(package, stop=0.5, step=0.25)

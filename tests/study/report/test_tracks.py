@@ -67,6 +67,7 @@ def test_the_limit_of_a_loops_gain_is_its_gain_margin(planar):
     assert margin_at(track, 0.0) == pytest.approx(loops.nearest().modulus, abs=1e-5)  # five digits
 
 
+@pytest.mark.heavy
 def test_margins_along_a_slider_are_those_of_runs_with_its_gains(planar, described):
     """The least margin moves to another row of the run."""
     (chosen,) = [slider for slider in sliders(described) if slider["key"] == "controller.K_v"]

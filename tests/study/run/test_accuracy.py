@@ -1,4 +1,4 @@
-"""Notes on a finished run: the torque that an inverse leaves out, and springs whose phase depends on the tolerance."""
+"""Notes on a finished run: the torque that an inverse omits, and springs whose phase depends on the tolerance."""
 
 from typing import Any
 
@@ -43,7 +43,7 @@ def lacking(T: float, h: float) -> float:
 def test_a_run_says_what_the_inverse_leaves_out_and_that_stiff_springs_depend_on_the_tolerance():
     _, (note,) = run({"trajectory.T": 0.25}, 0.3)
     assert "motor 1 in a step, for its rotors are coupled and the motion is fast" in note
-    said = float(note.partition("leaves out ")[2].partition(" of ")[0])
+    said = float(note.partition("omits ")[2].partition(" of ")[0])
     # the note takes the slope of D once, at the middle of three steps in which the springs go through 10 % of it
     np.testing.assert_allclose(said, lacking(0.25, 1e-3), rtol=0.25)
     assert run({}, 2.0)[1] == []  # T = 2 s

@@ -81,6 +81,7 @@ def test_the_container_has_the_inputs_of_its_units_and_the_same_bits_each_time(r
     assert fmpy.read_model_description(str(other)).guid != token
 
 
+@pytest.mark.heavy
 def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
     folder, _ = runs(backend="python", algorithm="jacobi")
     with pytest.raises(UsageError, match="needs Python"):

@@ -46,7 +46,7 @@ def test_what_cannot_be_opened_is_a_wrong_option(tmp_path, monkeypatch):
     for name, words in {
         "missing.fmu": "there is no such file",
         "no.ssd": "there is no such file",
-        "a.txt": r"not of a kind that can be checked; expected \.fmu, \.ssp, \.ssd",
+        "a.txt": r"cannot be checked; expected \.fmu, \.ssp, \.ssd",
         "x.fmu": "is a folder; expected a file",
         "": r"is a folder; give .*SystemStructure\.ssd",
     }.items():

@@ -11,7 +11,6 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as compiled
 from vdfmu.system.reference import solution
 from vdfmu.system.reference.reference import reference, reference_blocks
-from vdfmu.system.reference.wired import AtNewTime, Evaluate, WiredUnits
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
@@ -39,20 +38,6 @@ def described(name="planar_tracking", parameters=None):
     return SystemDescription(scenario, system_values(scenario, parameters))
 
 
-def of_time(system):
-    """Return the units that are calculated once for each time."""
-    (early,) = (action for action in system.evaluate if isinstance(action, AtNewTime))
-    return [action.unit for action in early.actions if isinstance(action, Evaluate)]
-
-
-def test_a_signal_from_outside_is_no_function_of_the_time_alone():
-    """A force that the feedforward expects, which a file gives: held values change while the time stands."""
-    described_so = described("tracking")
-    inputs = {"feedforward.F_e_d[1]": ([0.0, 1.0], [0.0, 1.0])}
-    described_so = SystemDescription(dataclasses.replace(described_so.scenario, inputs=inputs), described_so.values)
-    assert of_time(WiredUnits(described_so)) == ["trajectory"]
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "scenario"), [
     *((name, "planar_tracking") for name in NAMES), ("continuous", "slider_tracking"), ("continuous", "two_arms"),
@@ -67,7 +52,7 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
         np.testing.assert_allclose(plain[group], values, rtol=1e-9, atol=1e-9, err_msg=group)
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("scenario", "step", "stop", "parameters"), [
     ("planar_tracking", 1e-3, 0.3, {}),
     ("two_joint", 1e-3, 0.3, {}),  # four joints stand still: stiff

@@ -21,7 +21,8 @@ from vdfmu.study.report import content
 from vdfmu.study.report.parts import tiles_of
 from vdfmu.study.run import measure
 from vdfmu.study.run import summary as numbers
-from vdfmu.study.run.key_figures import cut_figures, key_figures
+from vdfmu.study.run.joint_components import cut_figures
+from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.measure import accuracy_notes
 from vdfmu.study.run.summary import ArmLimits
 from vdfmu.study.sweeps.measures import REDUCTIONS, measured, read_measures
@@ -120,7 +121,7 @@ def assert_same(part, whole, place=""):
         assert part == whole, place
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("size", [1, 2, 3, 7])
 def test_the_size_of_the_blocks_changes_no_number(system, monkeypatch, size):
     for rows in (1, 2, 3, 6, 7, 8, 9, 40):

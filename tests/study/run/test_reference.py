@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 
-from tests.conftest import heavy
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot, robot_from_dict
@@ -69,13 +68,14 @@ def test_each_algorithm_matches_its_sampled_reference(folder, name, algorithm):
     case.require_same(algorithm, 1e-3, 0.5)
 
 
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", *heavy("jacobi")])
+@pytest.mark.heavy
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 def test_the_whole_tracking_run_matches_its_sampled_reference(folder, algorithm):
     case = Case(folder, "tracking", "1e-9")
     case.require_same(algorithm, 1e-3, 10.0)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
 @pytest.mark.parametrize("velocity", ["q_dot", "mixed"])
 def test_each_choice_of_the_derivative_term_matches_its_reference(folder, velocity, algorithm):

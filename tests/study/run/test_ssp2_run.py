@@ -34,6 +34,7 @@ def packages(tmp_path_factory):
     return old, folder / "new.ssp"
 
 
+@pytest.mark.heavy
 def test_the_reader_finds_the_same_system_which_runs_to_the_bit_as_ssp_1(packages):
     old, new = map(load_ssp, packages)
     assert (old.version, new.version) == ("1.0", "2.0")

@@ -52,6 +52,7 @@ def run(name, **options):
     return vdfmu.run(name, reference=False, out=False, **options)
 
 
+@pytest.mark.heavy
 def test_a_limit_cycle_fails_with_its_joint_and_the_run_is_written(tmp_path):
     out = tmp_path / "run"
     done = ran(

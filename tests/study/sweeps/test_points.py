@@ -109,7 +109,7 @@ def test_a_file_has_targets_and_points(tmp_path):
     assert [axis.target for axis in axes] == ["plant.q_0[1]", "algorithm"]
     assert points["plant.q_0[1]"].tolist() == [0.1, 0.2]
     assert points["algorithm"].tolist() == ["jacobi", "gauss-seidel"]
-    with pytest.raises(UsageError, match="has the points; leave it out"):
+    with pytest.raises(UsageError, match="has the points; omit it"):
         draw([], str(path), 3)
 
 
@@ -130,7 +130,7 @@ def test_a_file_that_cannot_be_read_is_said(tmp_path, content, words):
 
 @pytest.mark.parametrize(("over", "sample", "n", "words"), [
     (["a=lin(0, 1)"], "grid", None, "or their number"),
-    (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* Leave it out"),
+    (["a=lin(0, 1, 3)"], "grid", 10, "^points: a grid .* Omit it"),
     (["a=lin(0, 1)"], "lhs", None, "number of points"),
     (["a=lin(0, 1)"], "lhs", 0, "number of points"),
     ([], "grid", None, "^vary: expected at least one axis"),

@@ -34,6 +34,7 @@ def saltelli(tmp_path_factory):
     return study_of(tmp_path_factory.mktemp("saltelli") / "study", CUBE, ishigami, "saltelli", 512)
 
 
+@pytest.mark.heavy
 def test_sobol_indices_are_the_analytic_ones_and_narrow_with_the_root_of_the_points(saltelli):
     indices = saltelli.indices("y")
     first = np.array([PART["a"], PART["b"], 0.0]) / VARIANCE

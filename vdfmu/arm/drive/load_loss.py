@@ -17,7 +17,7 @@ class LoadLossRows:
     load_loss: bool = False
     # fmt: off
     mu_l: Array = row(
-        "load_loss", "1", "friction of the mesh over the torque that the drive carries", "", 1.0, 0.0,
+        "load_loss", "1", "friction torque of the mesh divided by the torque that the drive transmits", "", 1.0, 0.0,
         scaled_as="friction")
 
 

@@ -31,7 +31,7 @@ class OptionState(NamedTuple):
     """Its value, or a function of the robot."""
     minimum: float | None = None
     slow: bool = False
-    """Whether it changes over minutes and vibrations leave it out."""
+    """Whether it changes over minutes, so that the analysis of vibrations omits it."""
 
 
 class Condition(NamedTuple):
@@ -45,7 +45,7 @@ class Condition(NamedTuple):
     """(robot): (n,), above 0 if it holds."""
     way_out: str
     strict: bool = True
-    """Whether a margin of 0 is too small."""
+    """Whether the margin must be above 0 rather than at least 0."""
 
     @property
     def names(self) -> list[str]:

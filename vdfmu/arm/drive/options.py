@@ -43,7 +43,7 @@ class OptionRows(
 
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
-    """Return each option of a robot with its state, or None if `states` lack it. Its own drive comes last."""
+    """Return each option of a robot with its state, or None if `states` do not have it. Its own drive comes last."""
     options = [option for name, option in OPTIONS.items() if getattr(robot, name)]
     options += getattr(robot, "own_options", ())
     return [(option, (states or {}).get(option.state.name) if option.state else None) for option in options]

@@ -17,13 +17,13 @@ class ThermalRows:
 
     thermal: bool = False
     # fmt: off
-    T_ref: Array = row("thermal", "K", "temperature for which the viscous friction is given", "", 1e4, 0.0)
+    T_ref: Array = row("thermal", "K", "temperature at which the viscous friction is f_v", "", 1e4, 0.0)
     T_v: Array = row(
-        "thermal", "K", "rise of temperature by which viscous friction falls to 1/e", "", 1e9, POSITIVE,
+        "thermal", "K", "rise of temperature that reduces the viscous friction to 1/e", "", 1e9, POSITIVE,
         hint="For friction that does not depend on temperature give a large value such as 1e9.")
     T_amb: Array = row("thermal", "K", "temperature of the surroundings", "", 1e4, 0.0)
     C_th: Array = row("thermal", "J/K", "heat capacity of the joint", "", 1e9, POSITIVE)
-    G_th: Array = row("thermal", "W/K", "heat flow to the surroundings over the rise of temperature", "", 1e6, 0.0)
+    G_th: Array = row("thermal", "W/K", "heat flow to the surroundings per rise of temperature", "", 1e6, 0.0)
 
 
 def warm_viscosity(f_v: Any, robot: Any, T_j: Any = None) -> Any:

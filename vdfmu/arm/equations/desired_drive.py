@@ -36,7 +36,7 @@ def desired_drive_motion(
 
     With `rotor_coupling` ID holds the rotors' reaction (11), with each rotor turning as its link does. The acceleration
     of the deformation would take two more derivatives of q_d for each joint of the chain. Its part of kappa,
-    ``D' I_m D_ddot``, is left out here; the torques of :func:`feedforward_inverse` have it. No inverse has all of it:
+    ``D' I_m D_ddot``, is omitted here; the torques of :func:`feedforward_inverse` have it. No inverse has all of it:
     D'' of (3) jumps as a torque passes 0, and the rotors of the joints before would have to jump with it.
     """
     q, q_dot, q_ddot = desired_jets(desired)

@@ -158,7 +158,7 @@ def required_forces(
     is part of the link before it. The load F_l of (51) is the wrench `F_e_d` in {O}; a payload is part of the last
     link.
 
-    Deviation: (53) leaves out the rotor's part of (20) and (25), ``U_BD F_D_kr``; with `rotor_coupling` it is added.
+    Deviation: (53) omits the rotor's part of (20) and (25), ``U_BD F_D_kr``; with `rotor_coupling` it is added.
     """
     return handed_back(robot, U_AB, F_B_r_star, F_e_d, F_D_r_star)
 

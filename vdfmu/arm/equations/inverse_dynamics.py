@@ -112,7 +112,7 @@ def link_forces(
 ) -> list[np.ndarray]:
     """Force and torque on every driven cutting point, Eq. (44)-(47): n times (6,) [N, N m] in {B_i}.
 
-    Deviation: (46) leaves out the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
+    Deviation: (46) omits the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ def pd_control(
 
     Deviation: the paper takes the derivative of the link position, v = q_dot and v_d = q_d_dot. With elastic joints
     that is non-collocated and unstable at useful gains; the rotor's velocity v = kappa_dot is the default. Its
-    reference is the rotor's velocity along the desired motion, v_d = kappa_dot_d: q_d_dot leaves out that the spring
-    winds up, and the feedback would pull by ``K_v (kappa_dot_d - q_d_dot)`` on the exact motion.
+    reference is the rotor's velocity along the desired motion, v_d = kappa_dot_d: q_d_dot does not include that the
+    spring winds up, and the feedback would pull by ``K_v (kappa_dot_d - q_d_dot)`` on the exact motion.
 
     Parameters
     ----------

@@ -16,10 +16,11 @@ from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.measure import unit_of
 from vdfmu.base.text import amount
-from vdfmu.base.toml_file import toml_value
+from vdfmu.base.toml_file import toml_text
 
 ROUNDING = 1e-16
-"""Largest rounding error of a zero after turning frames, over the largest number of a list."""
+"""Largest rounding error of a zero after frames were rotated, relative to the largest number of its list."""
+_JOINT = "\n[[joints]]\n"
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.
 # SI units, angles in rad. Frame B_i is fixed to link i; its z axis is the axis of joint i; B_0 is the frame of {base}.
@@ -37,40 +38,44 @@ def robot_text(
 
     `on_axis` declares that the tool lies on the axis of the last joint.
     """
-    sources: list[dict[str, str]] = []
-    lines = [_HEAD.format(file=_line(file), base=arm.base, tip=arm.tip)]
     description = f"From {file}: {amount(len(arm.bodies), 'joint')} from {arm.base} to {arm.tip}"
-    lines += [f"name = {_text(name[:100])}", f"description = {_text(description)}"]
     whole = {"gravity": arm.gravity, "tip": arm.tool.placement.p}
     if np.abs(arm.tool.placement.R - np.eye(3)).max() > 1e-9:
         whole["tip_axes"] = arm.tool.placement.R
-    lines += [f"{row.key} = {_text(whole[row.foreign])}" for row in section("robot") if row.foreign in whole]
-    lines += ["tool_on_last_axis = true"] if on_axis else []
-    for i, (body, drive) in enumerate(zip(arm.bodies, driven, strict=True), 1):
-        lines += ["", f"# Joint {i}: {_about(body, drive)}", "[[joints]]"]
-        lines.append(f"name = {_text(body.joint.name)}")
-        lines.append(f"type = {_text(MOVING[body.joint.kind])}")
-        lines += _entries("joint", {"rotation": body.placement.R, "offset": body.placement.p})
-        lines += ["", "[joints.link]"]
-        lines += _entries("link", {"mass": body.mass, "centroid": body.centroid, "inertia": body.inertia})
-        for part in PARTS:
-            rows = [row for row in section(part) if row.path in drive.numbers]
-            if rows:
-                lines += ["", f"[joints.{part}]"]
-                lines += [f"{row.key} = {_text(drive.numbers[row.path][0])}" for row in rows]
+    joints: list[dict[str, Any]] = []
+    sources: list[dict[str, str]] = []
+    for body, drive in zip(arm.bodies, driven, strict=True):
+        chosen = {part: [row for row in section(part) if row.path in drive.numbers] for part in PARTS}
+        joints.append(
+            {
+                "name": _line(body.joint.name),
+                "type": MOVING[body.joint.kind],
+                **_entries("joint", {"rotation": body.placement.R, "offset": body.placement.p}),
+                "link": _entries("link", {"mass": body.mass, "centroid": body.centroid, "inertia": body.inertia}),
+                **{part: {r.key: drive.numbers[r.path][0] for r in rows} for part, rows in chosen.items() if rows},
+            }
+        )
         placed = f"{file}: origins and axes of the joints; z turned onto the axis"
         where = {row.path: placed for row in section("joint")}
         where |= {row.path: f"{file}: the links in the comment above the joint" for row in section("link")}
         sources.append(where | {path: source for path, (_, source) in drive.numbers.items()})
-    lines += ["", "[sources]"]
-    lines += [f"{key} = {_text(text)}" for key, text in _sources(file, arm, whole, sources)]
-    for visual in arm.visuals:
-        lines += ["", "[[visuals]]", *_look(visual, folder)]
-    return "\n".join(lines) + "\n"
+    content = {
+        "name": _line(name[:100]),
+        "description": _line(description),
+        **{row.key: whole[row.foreign] for row in section("robot") if row.foreign in whole},
+        **({"tool_on_last_axis": True} if on_axis else {}),
+        "joints": joints,
+        "sources": {key: _line(text) for key, text in _sources(file, arm, whole, sources)},
+        **({"visuals": [_look(visual, folder) for visual in arm.visuals]} if arm.visuals else {}),
+    }
+    text, *of_joints = toml_text(content, ROUNDING).split(_JOINT)
+    for i, (part, body, drive) in enumerate(zip(of_joints, arm.bodies, driven, strict=True), 1):
+        text += f"\n# Joint {i}: {_about(body, drive)}{_JOINT}{part}"
+    return _HEAD.format(file=_line(file), base=arm.base, tip=arm.tip) + "\n" + text
 
 
-def _entries(part: Section, values: dict[str, Any]) -> list[str]:
-    return [f"{row.key} = {_text(values[row.name])}" for row in section(part) if row.name in values]
+def _entries(part: Section, values: dict[str, Any]) -> dict[str, Any]:
+    return {row.key: values[row.name] for row in section(part) if row.name in values}
 
 
 def _about(body: Body, drive: DriveNumbers) -> str:
@@ -90,25 +95,19 @@ def _sources(
     for row in (row for row in PARAMETERS.values() if row.per_joint):
         texts = [joint[row.path] for joint in joints if row.path in joint]
         if len(set(texts)) == 1 and len(texts) == len(joints):
-            yield _text(row.path), texts[0]
+            yield row.path, texts[0]
             continue
         for i, joint in enumerate(joints, 1):
             if row.path in joint:
-                yield _text(row.path.replace("joints", f"joints[{i}]", 1)), joint[row.path]
+                yield row.path.replace("joints", f"joints[{i}]", 1), joint[row.path]
 
 
-def _look(visual: Visual, folder: Path) -> Iterator[str]:
+def _look(visual: Visual, folder: Path) -> dict[str, Any]:
     table = visual.to_dict()
     if Path(visual.file).is_absolute():
         table["file"] = Path(os.path.relpath(visual.file, folder.resolve())).as_posix()
-    for key, value in table.items():
-        yield f"{key} = {_text(value)}"
+    return table
 
 
 def _line(text: str) -> str:
     return " ".join(text.split())
-
-
-def _text(value: Any) -> str:
-    """Return a value of TOML on one line, with zeros for rounding errors of turned frames."""
-    return toml_value(_line(value) if isinstance(value, str) else value, ROUNDING)

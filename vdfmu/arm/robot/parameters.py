@@ -24,7 +24,7 @@ Fold = Literal["never", "always", "zeros", "spare zeros", "inertia", "lumped fri
 JOINT_OPTIONS: tuple[OptionName, ...] = tuple(OPTIONS)
 """Tables that all joints of a robot have or none."""
 OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
-"""Sections that a robot may lack; its flag has the same name."""
+"""Optional sections of a robot; its flag has the same name."""
 ENDS = ("moving_base", "coupled_tool")
 """Flags of a robot that couple an end of it to its surroundings."""
 
@@ -49,13 +49,13 @@ class Row:
     text: str
     """Its meaning; ``Eq. {}`` cites `equation`."""
     equation: str = ""
-    """The paper's, "(2)"; empty if the paper lacks it."""
+    """The paper's, "(2)"; empty if it is not in the paper."""
     largest: float = LARGEST_NUMBER
     """Largest absolute value, in SI units, far above any machine."""
     smallest: float | None = None
     """Smallest value. `POSITIVE` means "above 0", None for minus the largest."""
     default: Any = None
-    """Value of every entry, or of all, if the file lacks it. None: the file must have it."""
+    """Value of every entry, or of all, if it is not in the file. None: the file must have it."""
     shape: tuple[int, ...] = ()
     """Shape of one joint's value, or of the only value."""
     fold: Fold = "never"

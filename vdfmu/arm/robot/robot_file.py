@@ -70,7 +70,7 @@ def robot_from_dict(
     """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError has every problem of `where`.
 
     `files` are the texts of the files that the data names, see `Robot.files`. By default they are read from the folder
-    of `where`. The file of a drive is run, unless `own_drive` is False: the drive and its tables are left out then.
+    of `where`. The file of a drive is run, unless `own_drive` is False: the drive and its tables are then omitted.
     """
     problems = Problems(where)
     file = Table(problems, data, "", ROBOT_KEYS)
@@ -149,7 +149,7 @@ def load_robot(path_or_name: str | os.PathLike[str], *, own_drive: bool = True) 
     path_or_name : str or path
         A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
     own_drive : bool
-        False leaves out the drive that the file names, and its tables; nothing is run then.
+        False omits the drive that the file names, and its tables; then no code is run.
 
     Returns
     -------

@@ -35,7 +35,7 @@ class Feedforward(Unit):
     subtracted from ID and z' F_B,r.
 
     The inverse is not exact in two cases. With rotor_coupling the rotors' own accelerations would take two more
-    derivatives of q_d for each joint. They are left out of kappa_d, with an effect in fast motions. Of options it
+    derivatives of q_d for each joint. kappa_d does not contain them, which has an effect in fast motions. Of options it
     includes backlash, load loss and counterbalances, but not hysteresis, bristles, the winding, temperature, or limits.
 
     For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S assumed to

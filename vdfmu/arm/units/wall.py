@@ -29,7 +29,7 @@ class Wall(Unit):
     F_e = Output(*WRENCH, six("Force of the arm on the wall in {O}", "Moment of the arm on the wall in {O}"))
     depth = Output("m", text="Depth of the end effector behind the plane")
     N = Output("N", text="Normal force")
-    normal = Parameter("1", 3, "Direction into the wall in {I}, of any length, axis", start=[1.0, 0.0, 0.0])
+    normal = Parameter("1", 3, "Direction into the wall in {I}, of any norm, axis", start=[1.0, 0.0, 0.0])
     distance = Parameter("m", text="Distance of the plane from the origin of {I}, along the normal", start=10.0)
     k = Parameter("N/m", text="Stiffness", start=2e4, minimum=0.0, tunable=True)
     c = Parameter("s/m", text="Damping over stiffness and depth", start=2.0, minimum=0.0, tunable=True)

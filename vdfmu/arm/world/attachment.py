@@ -67,7 +67,7 @@ def seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
 def point_acceleration(V: np.ndarray, V_dot: np.ndarray) -> np.ndarray:
     """Acceleration of the origin of a frame, as of a point, and angular acceleration: (6,) [m/s2, rad/s2] in the frame.
 
-    The derivative of the coordinates lacks ``omega x v``, the turning of the frame itself.
+    The derivative of the coordinates does not contain ``omega x v``, the rotation of the frame itself.
     """
     return np.concatenate([V_dot[:3] + skew(V[3:]) @ V[:3], V_dot[3:]])
 

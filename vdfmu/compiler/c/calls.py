@@ -12,7 +12,7 @@ import numpy as np
 from vdfmu.base.errors import KernelError
 from vdfmu.compiler.c.rolled import rolled
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant
-from vdfmu.compiler.functions.derivatives import instructions
+from vdfmu.compiler.functions.operations import instructions
 
 STACK = 32_768
 """Most numbers of a memory on the stack: threads have 512 kB on some systems."""

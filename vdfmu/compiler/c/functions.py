@@ -23,14 +23,8 @@ from vdfmu.compiler.c.grouping import Operation, grouped
 from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
 from vdfmu.compiler.functions.chain import LOCAL
-from vdfmu.compiler.functions.derivatives import (
-    DIRECTIONS,
-    has_roundings,
-    instructions,
-    lookup_table,
-    matrix_numbers,
-    matrix_of,
-)
+from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, lookup_table, matrix_numbers, matrix_of
+from vdfmu.compiler.functions.operations import instructions
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
@@ -123,33 +117,25 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``elementary.h``.
 
-    A trace of more than :data:`WHOLE` operations becomes a chain of functions ``name_part_1``, ..: the time of register
-    allocation in compilers grows with the square of a function's length. The values are the same bits. Callees come
-    first, except for those in `apart`. KernelError for an unknown operation.
+    Callees come first, except for those in `apart`. KernelError for an unknown operation.
     """
     if not function.is_a("SXFunction"):
         return _calling(function, apart)
     operations = operations_of(function)
-    if len(operations) <= WHOLE:
-        if _RARE.search(function.name()) is None:
-            operations = grouped(operations)
-        read = {name for operation in operations for name in operation.arguments}
-        unused = [f"(void){name};" for name in function.name_in() if name not in read]
-        return [called_tables(function) + _definition(c_prototype(function), operations, unused)]
-    tables = called_tables(function)
-    return [tables + text for text in _chain(function, operations)]
+    if _RARE.search(function.name()) is None:
+        operations = grouped(operations)
+    read = {name for operation in operations for name in operation.arguments}
+    lines = [f"(void){name};" for name in function.name_in() if name not in read]
+    values = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
+    lines += [f"double {', '.join(f'w{i}' for i in values)};"] if values else []
+    lines += [operation.text for operation in operations]
+    return [called_tables(function) + definition(c_prototype(function), lines)]
 
 
 _RARE = re.compile(r"_(fwd|adj)1_")
 """In the name of a derivative of a pass, which is compiled quickly: calls in groups would gain little."""
-WHOLE = 18_000
-"""Most operations in a C function. The traces of the shipped arms are shorter."""
-_PART = 1_000
-"""Operations of one part of a longer trace."""
 _LONG = 3_000
 """Most operations of a callee without a separate text."""
-_TOGETHER = 30
-"""Parts in a file. A compiler takes some 200 MB for them."""
 
 
 def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
@@ -188,38 +174,6 @@ def called_tables(function: ca.Function) -> str:
     names = dict.fromkeys(matrix[0] for matrix in map(matrix_of, called) if matrix is not None)
     prototypes = (f"{_PRODUCT} {name}{ending}({_FACTORS});\n" for name in names for ending in ("", "_back"))
     return "".join([*(_lookup(each) for each in called if each.name().startswith(LOOKUP)), *prototypes])
-
-
-def _chain(function: ca.Function, operations: list[Operation]) -> list[str]:
-    """Return the texts of a long trace."""
-    parts = [operations[i : i + _PART] for i in range(0, len(operations), _PART)]
-    head, _, arguments = c_prototype(function).partition("(")
-    prototypes = [
-        f"{head}_part_{k}({arguments.removesuffix(')')}, double *restrict w)" for k in range(1, len(parts) + 1)
-    ]
-    names = (*function.name_in(), *(f"{name}_out" for name in function.name_out()))
-    live: set[int] = set()  # values that later parts read
-    texts: list[str] = []
-    for prototype, part in reversed(list(zip(prototypes, parts, strict=True))):
-        written: set[int] = set()
-        needed: set[int] = set()
-        for operation in part:
-            needed |= set(operation.reads) - written
-            written |= set(operation.writes)
-        load = [f"w{i} = w[{i}];" for i in sorted(needed)]
-        keep = [f"w[{i}] = w{i};" for i in sorted(written & live)]
-        used = {name for operation in part for name in (*operation.arguments, *operation.results)}
-        unused = [f"(void){name};" for name in names if name not in used]
-        texts.append(f"{prototype};\n{_definition(prototype, part, [*unused, '(void)w;'], load, keep)}")
-        live = (live - written) | needed
-    size = 1 + max(i for operation in operations for i in operation.writes)
-    calls = "".join(f"    {function.name()}_part_{k}({', '.join(names)}, w);\n" for k in range(1, len(parts) + 1))
-    declared = "".join(f"{prototype};\n" for prototype in prototypes)
-    texts.reverse()
-    return [
-        *("\n".join(texts[i : i + _TOGETHER]) for i in range(0, len(texts), _TOGETHER)),
-        f"{declared}\n{c_prototype(function)}\n{{\n    double w[{size}];\n{calls}}}\n",
-    ]
 
 
 def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
@@ -271,7 +225,7 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
         if operation == ca.OP_OUTPUT:
             name = results[target[0]]
             text = assign(language.result(name, target[1]), f"w{source[0]}")
-            lines.append(Operation(text, source[:1], results=(f"{name}_out",)))
+            lines.append(Operation(text, source[:1]))
         elif operation == ca.OP_CONST:
             value = language.number(function.instruction_constant(k))
             lines.append(Operation(assign(f"w{target[0]}", value), (), target))
@@ -303,15 +257,6 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             value = pattern.format(*[f"w{i}" for i in source])
             lines.append(Operation(assign(f"w{target[0]}", value), source, target))
     return lines
-
-
-def _definition(
-    prototype: str, operations: list[Operation], unused: list[str], load: Sequence[str] = (), keep: Sequence[str] = ()
-) -> str:
-    used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
-    declared = [f"double {', '.join(f'w{i}' for i in used)};"] if used else []
-    lines = (*unused, *declared, *load, *(operation.text for operation in operations), *keep)
-    return definition(prototype, lines)
 
 
 def _lookup(function: ca.Function) -> str:

@@ -19,13 +19,12 @@ _VALUE = re.compile(r"\bw(\d+)\b( = )?")
 
 
 class Operation(NamedTuple):
-    """A line of code: its text, the values ``w`` that it reads and writes, its arguments and results."""
+    """A line of code: its text, the values ``w`` that it reads and writes, and its arguments."""
 
     text: str
     reads: tuple[int, ...] = ()
     writes: tuple[int, ...] = ()
     arguments: tuple[str, ...] = ()
-    results: tuple[str, ...] = ()
 
 
 def grouped(operations: list[Operation]) -> list[Operation]:

@@ -11,7 +11,8 @@ from functools import cache
 import casadi as ca
 
 from vdfmu.base.files import data_path, source_bytes
-from vdfmu.compiler.functions.derivatives import derivative_names, instructions
+from vdfmu.compiler.functions.derivatives import derivative_names
+from vdfmu.compiler.functions.operations import instructions
 
 EXPRESSIONS = {
     ca.OP_ASSIGN: "{0}",

@@ -124,7 +124,7 @@ def build_units(
     }
     for content in contents.values():
         if content.backend == "python" and not sources:
-            raise UsageError(f"{content.model_name}: a Python FMU is its source. Build a native one to leave it out.")
+            raise UsageError(f"{content.model_name}: a Python FMU contains its source. Build a native FMU to omit it.")
         if problems := unmet(content.interface, content.interface.memory_of({})):
             raise UsageError(f"start values of {content.interface.name}: {' '.join(problems)}")
     for path in contents:  # all of them before the first is replaced

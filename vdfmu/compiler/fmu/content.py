@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tomllib
 import uuid
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
@@ -24,7 +23,6 @@ from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.interface import Interface, interface_of
 from vdfmu.compiler.unit.load import load_units
-from vdfmu.compiler.unit.place import source_file
 
 CONTENT_FILE = "vdfmu.json"
 CONTENT_PLACES = {"native": f"extra/vdfmu/{CONTENT_FILE}", "python": f"resources/{CONTENT_FILE}"}
@@ -225,37 +223,16 @@ def is_built(path: Path, guid: str) -> bool:
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:
-    """Return the known ones of author, licence, copyright and version of a unit.
+    """Return the known ones of author, licence, copyright and version of a unit, by the attributes of its class.
 
-    Attributes of its class override ``[project]`` of the nearest ``pyproject.toml`` above its file. Units of the
-    package have fixed texts.
+    Units of the package have fixed texts.
     """
     if is_shipped(unit):
         return {"version": __version__, "author": "vdfmu contributors", "license": "MIT"}
-    file = source_file(unit)
-    project = {} if file is None else _project(file)
-    texts = {name: getattr(unit, name) or project.get(name, "") for name in ABOUT}
-    return {name: text for name, text in texts.items() if text}
+    return {name: text for name in ABOUT if (text := getattr(unit, name))}
 
 
 def terms(about: Mapping[str, str]) -> str:
     """Return copyright, author and licence in a line."""
     owner = about.get("copyright") or about.get("author")
     return f"{f'{owner}, ' if owner else ''}{about.get('license') or 'no licence is named'}."
-
-
-def _project(file: Path) -> dict[str, str]:
-    """Return version, author and licence of the nearest project of a file."""
-    for folder in file.resolve().parents:
-        try:
-            table: Any = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-            authors = [author.get("name") or author["email"] for author in table.get("authors", ())]
-            terms = table.get("license", "")
-            return {
-                "version": str(table.get("version", "")),
-                "author": ", ".join(authors),
-                "license": terms if isinstance(terms, str) else str(terms.get("text", "")),
-            }
-        except (OSError, ValueError, LookupError, TypeError, AttributeError):
-            continue  # absent, or not of a project
-    return {}

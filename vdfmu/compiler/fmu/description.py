@@ -198,7 +198,7 @@ def _start_text(variable: Variable) -> str:
 
 
 def _variable_attributes(name: str, reference: int, description: str, variable: Variable) -> dict[str, str]:
-    """Return attributes of a variable in both versions of FMI; inputs and the time lack ``initial``."""
+    """Return attributes of a variable in both versions of FMI; inputs and the time have no ``initial``."""
     initial = {"parameter": "exact", "output": "calculated", "local": "calculated"}.get(variable.causality)
     return {
         "name": name,

@@ -91,7 +91,7 @@ def fmi_headers(fmi_version: str) -> dict[str, bytes]:
         headers = sorted((Path(folder) / "c-code").glob(f"{FMI_VERSIONS[fmi_version].prefix}*.h"))
         if headers:
             return {header.name: source_bytes(header) for header in headers}
-    raise FmuError("fmpy lacks the headers of FMI (folder fmpy/c-code). Install fmpy again.")
+    raise FmuError("the headers of FMI are missing in fmpy (folder fmpy/c-code). Install fmpy again.")
 
 
 def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:

@@ -138,7 +138,7 @@ Column = tuple[str, str, slice]
 def columns(content: Content, causality: str) -> list[Column]:
     """Return the columns of the table of inputs or outputs. In FMI 3.0 a column is an array.
 
-    Variables with a comma in their name are left out, since readers split the head at commas.
+    Variables with a comma in their name are omitted, because readers split the head at commas.
     """
     interface, groups = content.interface, content.interface.groups_of(causality)
     listed: list[Column] = []
@@ -177,7 +177,7 @@ def _manifest(name: str, stop: float, has_inputs: bool) -> Element:
     root = Element("fmiReferences", {f"{{{_NAMESPACE}}}fmi-ls-{key}": text for key, text in stated.items()})
     inputs = (f"{name}_in.csv", "text/csv", "testcase", f"Inputs of an experiment of {stop:g} s")
     outputs = (f"{name}_out.csv", "text/csv", "result", f"Outputs of an experiment of {stop:g} s")
-    page = ("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "What the experiment is")
+    page = ("../../documentation/fmi-ls-ref.txt", "text/plain", "document", "Description of the experiment")
     for source, kind, role, description in (*([inputs] if has_inputs else []), outputs, page):
         SubElement(root, "Related", type=kind, source=source, role=role, description=description)
     return root
@@ -198,5 +198,5 @@ Expect differences of about the parameter `tolerance`, times the size of the var
 Start at 0 s, stop at {stop:g} s, all parameters at their start values.
 {inputs if has_inputs else ""}\
 Outputs: {name}_out.csv, at the end of each {hold}, before the inputs change; the first row is from
-the initialization. Variables with a comma in their name are left out in FMI 2.0.
+the initialization. Variables with a comma in their name are omitted in FMI 2.0.
 {solved if interface.has_states else calculated}"""

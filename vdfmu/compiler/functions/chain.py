@@ -35,7 +35,7 @@ class PartTrace:
     inputs: Mapping[str, ca.SX]
     results: Mapping[str, ca.SX]
     shared: Mapping[str, ca.SX]
-    """Results of the whole chain, in terms of what its passes end with."""
+    """Results of the whole chain, as functions of the final values of its passes."""
     passes: Sequence[HandedOn]
 
 
@@ -65,9 +65,9 @@ class PartChain:
     outputs: Mapping[str, int]
     """Sizes of its results."""
     first: Mapping[int, ca.SX]
-    """What each pass begins with, in terms of shared inputs and of `last`."""
+    """Initial values of each pass, as functions of shared inputs and of `last`."""
     last: Mapping[int, ca.SX]
-    """Symbols of what each pass ends with."""
+    """Symbols of the final values of each pass."""
     shared: Mapping[str, ca.SX]
     common: Mapping[str, ca.SX]
     """Inputs of `first` and `shared` by their groups."""
@@ -134,7 +134,7 @@ def chain_of(
     used = symbols_of(column_of([*first.values(), *shared.values()]))
     allowed = elements_of([*common.values(), *last.values()])
     if not used <= allowed:
-        raise ChainError("what a pass begins with depends on a part")
+        raise ChainError("the initial values of a pass depend on a part")
     return PartChain(name, parts, kinds, places, arguments, outputs, first, last, shared, common)
 
 

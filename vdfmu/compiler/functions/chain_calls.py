@@ -1,6 +1,6 @@
 """Functions of a chain of parts: each pass calls a function of one part, part by part.
 
-What a pass calculates and a later pass needs is stored by the part.
+Each part stores the results of a pass that a later pass needs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def chain_function(chain: PartChain) -> ca.Function:
 
 
 def called(function: ca.Function, arguments: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
-    """Return the results of a function, for arguments by their names; further ones are left out."""
+    """Return the results of a function, for arguments by their names; further ones are ignored."""
     made = function.call([arguments[name] for name in function.name_in()])
     return dict(zip(function.name_out(), made, strict=True))
 
@@ -78,28 +78,14 @@ class _Split:
 
     def pass_function(self, turn: int, name: str) -> ca.Function:
         """Return the function of a pass, with inputs and results named as `inputs`, ``stored_<turn>``, ``after``."""
-        listed = self.operations.listed
         stored = {t: ca.SX.sym(f"stored_{t}", len(self.stored[t])) for t in self._turns if t < turn}
-        values: dict[int, Any] = {}
+        kept: dict[int, Any] = {}
         for t, symbols in stored.items():
-            values |= dict(zip(self.stored[t], symbols.elements(), strict=True))
-        wanted = [name for name, at in self.made.items() if at == turn]
-        results = {name: self._elements(list(self.part.results).index(name)) for name in wanted}
+            kept |= dict(zip(self.stored[t], symbols.elements(), strict=True))
+        results = {name: self._elements(k) for k, (name, at) in enumerate(self.made.items()) if at == turn}
         results["after"] = self._elements(len(self.part.results) + self._turns.index(turn))
         results["stored"] = self.stored[turn]
-        needed: set[int] = set()
-        waiting = [k for elements in results.values() for k in elements]
-        while waiting:
-            k = waiting.pop()
-            if k not in needed and k not in values:
-                needed.add(k)
-                waiting += listed[k].reads
-        for k in sorted(needed):
-            leaf = listed[k].leaf
-            if isinstance(leaf, tuple):
-                values[k] = self._columns[leaf[0]][leaf[1]]
-            else:
-                values[k] = self.operations.value(k, [values[i] for i in listed[k].reads])
+        values = self.operations.values(self._columns, lambda k, _: kept.get(k))
         columns = {name: column_of(values[k] for k in elements) for name, elements in results.items() if elements}
         inputs = dict(zip(self.inputs, self._columns, strict=True))
         inputs |= {f"stored_{t}": symbols for t, symbols in stored.items()}

@@ -214,14 +214,7 @@ class _LinearPart:
         inputs = [*self._part.inputs.values(), *self._handed]
         operations = Operations(ca.Function("part", inputs, [self._rows, *self._hands]))
         rows, outward, inward = operations.results
-        values: dict[int, ca.SX] = {}
-        for k, operation in enumerate(operations.listed):
-            if isinstance(operation.leaf, tuple):
-                values[k] = inputs[operation.leaf[0]][operation.leaf[1]]
-            elif k in outward:
-                values[k] = self._moved[outward.index(k)]
-            else:
-                values[k] = operations.value(k, [values[i] for i in operation.reads])
+        values = operations.values(inputs, lambda k, _: self._moved[outward.index(k)] if k in outward else None)
         return column_of(values[k] for k in rows), column_of(values[k] for k in inward)
 
     def functions(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import accumulate
-from typing import Any
 
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from vdfmu.compiler.functions.operations import Operations, instructions
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 DIRECTIONS = ("forward", "reverse")
@@ -89,12 +89,6 @@ def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, a
     return slopes
 
 
-def instructions(function: ca.Function) -> Iterator[tuple[int, int, list[int], list[int]]]:
-    """Yield number, operation, inputs and outputs of each instruction of a function."""
-    for k in range(function.n_instructions()):
-        yield k, function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-
-
 def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
     """Return the edges of a table, and its rows one after the other."""
     constants = [k for k, operation, *_ in instructions(function) if operation == ca.OP_CONST]
@@ -125,21 +119,13 @@ def rebuilt(
 
     `replace` gets each operation and its operands, and returns a replacement or None.
     """
-    work: list[Any] = [0.0] * function.sz_w()
-    results = [ca.SX(function.size_out(i)[0], 1) for i in range(function.n_out())]
-    for k, operation, read, place in instructions(function):
-        if operation == ca.OP_CONST:
-            work[place[0]] = ca.SX(function.instruction_constant(k))
-        elif operation == ca.OP_INPUT:
-            work[place[0]] = arguments[read[0]][read[1]]
-        elif operation == ca.OP_OUTPUT:
-            results[place[0]][place[1]] = work[read[0]]
-        else:
-            operands = [work[i] for i in read]
-            made = replace(operation, operands)
-            apply = ca.SX.unary if len(read) == 1 else ca.SX.binary
-            work[place[0]] = apply(operation, *operands) if made is None else made
-    return results
+    operations = Operations(function)
+
+    def replaced(k: int, operands: list[ca.SX]) -> ca.SX | None:
+        return replace(operations.listed[k].code, operands) if operands else None
+
+    values = operations.values(arguments, replaced)
+    return [ca.vertcat(ca.SX(0, 1), *(values[k] for k in elements)) for elements in operations.results]
 
 
 NEVER = 1e300

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import casadi as ca
 
-from vdfmu.compiler.functions.derivatives import instructions
+
+def instructions(function: ca.Function) -> Iterator[tuple[int, int, list[int], list[int]]]:
+    """Yield number, operation, inputs and outputs of each instruction of a function."""
+    for k in range(function.n_instructions()):
+        yield k, function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
 
 
 class TracedOperation(NamedTuple):
@@ -58,3 +63,20 @@ class Operations:
             assert isinstance(operation.leaf, float)
             return ca.SX(operation.leaf)
         return ca.SX.unary(operation.code, *operands) if len(operands) == 1 else ca.SX.binary(operation.code, *operands)
+
+    def values(
+        self, arguments: Sequence[ca.SX], replace: Callable[[int, list[ca.SX]], ca.SX | None] = lambda k, operands: None
+    ) -> list[ca.SX]:
+        """Return the value of each operation on other arguments.
+
+        `replace` gets the number of an operation that is no input, and its operands, and returns another value or None.
+        """
+        values: list[ca.SX] = []
+        for k, operation in enumerate(self.listed):
+            if isinstance(operation.leaf, tuple):
+                values.append(arguments[operation.leaf[0]][operation.leaf[1]])
+                continue
+            operands = [values[i] for i in operation.reads]
+            made = replace(k, operands)
+            values.append(self.value(k, operands) if made is None else made)
+        return values

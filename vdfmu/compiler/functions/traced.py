@@ -9,7 +9,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
@@ -22,8 +21,8 @@ from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 class KernelFunction:
     """A traced function with buffers for its arguments and results.
 
-    For speed, write into `args[name]`, call :meth:`run`, read `results[name]`: no memory is allocated. Keep the object
-    as long as its `run` is called, because it owns the buffers. A call of the object checks shapes and copies results.
+    Write into `args[name]`, call :meth:`run`, read `results[name]`: no memory is allocated. Keep the object as long as
+    its `run` is called, because it owns the buffers.
 
     `args` and `results` are float arrays (m,), rotations row by row, Jacobians of CasADi column by column. `buffers`
     may have contiguous arrays of the caller, used without a copy.
@@ -40,22 +39,6 @@ class KernelFunction:
             self._buffer.set_arg(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self.results.values()):
             self._buffer.set_res(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
-
-    def __call__(self, *arguments: npt.ArrayLike) -> Floats | tuple[Floats, ...]:
-        """Run on `arguments` in the order of `args`. Return a copy of each result."""
-        if len(arguments) != len(self.args):
-            raise KernelError(
-                f"{self.function.name()}: expected {len(self.args)} arguments ({', '.join(self.args)}), "
-                f"got {len(arguments)}."
-            )
-        for (name, array), value in zip(self.args.items(), arguments, strict=True):
-            value = np.asarray(value, dtype=float).ravel()
-            if value.shape != array.shape:
-                raise KernelError(f"{self.function.name()}: {name}: expected {len(array)} numbers, got {len(value)}.")
-            array[:] = value
-        self.run()
-        results = tuple(array.copy() for array in self.results.values())
-        return results[0] if len(results) == 1 else results
 
 
 def _buffer(buffers: Mapping[str, Floats], name: str, size: int) -> Floats:

@@ -58,7 +58,7 @@ def factorize(A: Rows | np.ndarray) -> Rows:
                 below[j].add(i)
     for k, pivots in enumerate(LU):
         if k not in pivots:
-            raise KernelError(f"row {k + 1} of a matrix lacks a pivot: its element on the diagonal is always 0.")
+            raise KernelError(f"row {k + 1} of a matrix has no pivot: its element on the diagonal is always 0.")
         pivots[k] = 1.0 / pivots[k]
         columns = sorted(j for j in pivots if j > k)
         for i in sorted(below[k]):

@@ -72,7 +72,7 @@ class BaseUnit:
     made_of: ClassVar[Mapping[str, bytes] | None] = None
     """Name to content of ``unit.py`` and the files next to it, of a class that no file declares."""
     author: ClassVar[str | None] = None
-    """Author of the FMU, as `license`, `copyright` and `version`; None: the author of the project with the file."""
+    """Author of the FMU, as `license`, `copyright` and `version`; None: it names none."""
     license: ClassVar[str | None] = None
     copyright: ClassVar[str | None] = None
     version: ClassVar[str | None] = None
@@ -147,7 +147,7 @@ class BaseUnit:
 
     @classmethod
     def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
-        """Variables by name, without optional ones (`when`) that the robot lacks."""
+        """Variables by name, without optional ones (`when`) that the robot does not have."""
         return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod

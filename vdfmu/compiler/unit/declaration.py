@@ -86,7 +86,7 @@ class Declared(Attributes, _OnInstance):
         robot, of any other name.
     minimum, maximum : float, optional
     when : str, optional
-        Optional section of a robot file: the unit of a robot without it lacks the variable.
+        Optional section of a robot file: for a robot without it, the unit does not have the variable.
     """
 
     causality: ClassVar[str] = "parameter"

@@ -1,4 +1,4 @@
-"""Events of units in a motion of their states: the time of the first, and what happens there.
+"""Events of units in a motion of their states: the time of the first, and the changes that it causes.
 
 A number of an event that changes its sign ends the motion there: a rise above 0 is an event, and a fall lets the next
 rise be one. The numbers are evaluated at the points of the motion and at the tops of parabolas through three points, so
@@ -94,7 +94,7 @@ def _located(
     low, below, above, side, k = begin, level(begin, start).max(), level(end, state).max(), 0, 0
     while end - low > (close := 2.0 * margin(end)):
         k += 1
-        # each third time bisection, since a level may jump; always without a line, between infinite levels
+        # each third time bisection, because a level may jump; always without a line, between infinite levels
         straight = below < 0.0 and k % 3 and np.isfinite(above - below)
         middle = end - above * (end - low) / (above - below) if straight else 0.5 * (low + end)
         middle = float(min(max(middle, low + 0.5 * close), end - 0.5 * close))

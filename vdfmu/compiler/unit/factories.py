@@ -210,7 +210,7 @@ def _matrices(*arrays: npt.ArrayLike) -> list[npt.NDArray[np.float64]]:
         if matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
             raise UsageError(f"{key} must hold finite real numbers.")
         if matrix.shape != shape and matrix.size + np.prod(shape):
-            raise UsageError(f"{key} must have shape {shape}, since D has {(p, m)}, got {matrix.shape}.")
+            raise UsageError(f"{key} must have shape {shape}, because D has {(p, m)}, got {matrix.shape}.")
     if not matrices[3].size:
         raise UsageError("A linear system must have an input and an output.")
     return [matrix.astype(float).reshape(shape) for matrix, shape in zip(matrices, shapes, strict=True)]

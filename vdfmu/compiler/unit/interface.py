@@ -201,7 +201,7 @@ class Interface:
 
         A group is an array if all its elements are there and differ in start value and description alone. Other groups
         are scalars: parameters of a robot if some are folded, and groups with several units, as ``q`` of an arm with
-        revolute and prismatic joints or ``F_e``, since an array of FMI 3 has one unit.
+        revolute and prismatic joints or ``F_e``, because an array of FMI 3 has one unit.
         """
         arrays: list[Array] = []
         for group, members in groupby(enumerate(self.memory), lambda item: item[1].group):

@@ -127,7 +127,7 @@ class UnitFunctions(Functions):
         if path is None:
             if self.unit.backend == "native":
                 return {}
-            raise UnitError(f"{self.unit.__name__} must be in a file, since a Python FMU carries it.")
+            raise UnitError(f"{self.unit.__name__} must be in a file, because a Python FMU carries it.")
         contents: dict[str, bytes] = {}
         for name in ("unit.py", *self.unit.files):
             try:

@@ -18,7 +18,7 @@ TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
 """Limit of calls of the right-hand side, ten times that of the shipped robots, because unusual values may never end."""
 _CLOSE = 1e-9
-"""Part of a period within which a time counts as a sample's."""
+"""Distance from a sample, relative to the period, within which a time is regarded as that of the sample."""
 MINIMUM_STEP = 1e-12
 """Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
 MAXIMUM_STEPS = 1_000_000

@@ -257,7 +257,7 @@ def calls_of(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Call]:
     """Yield the call of a method for each value of the choices that it reads; nothing if it sets nothing.
 
     The name of its function follows from unit, method and `fixed` choices. UnitError for a method that fails, or that
-    leaves out a variable it must set.
+    does not set a variable that it must set.
     """
     record = Recording(unit, phase, fixed)
     try:
@@ -297,7 +297,7 @@ def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:
 
 
 def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
-    """Raise if a method leaves out a variable that it must set."""
+    """Raise if a method does not set a variable that it must set."""
     missing = [name for name, d in unit.declared.items() if d.set_by == phase and name not in sets]
     if missing:
         choices = [

@@ -26,7 +26,7 @@ DTYPES: dict[str, Any] = {
 """Types of the kinds of variables in the master; texts and binary values are ``bytes``."""
 KINDS = tuple(DTYPES)
 TEXTS = ("String", "Binary")
-"""Kinds that tables do not hold and that no guess improves."""
+"""Kinds that tables of results do not contain and that iterations cannot improve."""
 
 
 def held(kind: str, value: Any) -> Any:

@@ -71,7 +71,7 @@ class Library:
         try:
             self.fmu = _loaded(watch(name, "load", load) if watch else load)
         except Exception as error:  # of fmpy, which raises plain ones
-            lacks = f"the library lacks a function of FMI {description.version.name}: "
+            lacks = f"the library does not have a function of FMI {description.version.name}: "
             reason = f"{lacks if isinstance(error, AttributeError) else ''}{error.__context__ or error}"
             raise CosimError(name, "load", box.time, reason) from None
         self.mend(self.fmu)
@@ -83,7 +83,7 @@ class Library:
         """Correct functions that fmpy declares wrongly."""
 
     def let_go(self) -> None:
-        """Make the library of a Python FMU give up its share in what its instances hold.
+        """Release the references of the library of a Python FMU to the data of its instances.
 
         pythonfmu 0.7.0 counts that down when the library is unloaded or the process ends, after it has been freed.
         """

@@ -114,7 +114,7 @@ def types_of(root: Any) -> dict[str, Any]:
 
 
 def _restore_lines(model: Any, root: Any) -> None:
-    """Set the line numbers of the file in fmpy's objects, since its text may have others."""
+    """Set the line numbers of the file in fmpy's objects, because its text may have others."""
     for variable, (item, _) in zip(model.modelVariables, variables_of(root), strict=False):
         variable.sourceline = item.sourceline
     for name, path in _UNKNOWNS.get(str(root.get("fmiVersion"))[0], {}).items():
@@ -149,7 +149,7 @@ def _rules(model: Any) -> list[Finding]:
 
 _IDENTIFIER = r"[A-Za-z_][A-Za-z_0-9]*(\[[0-9]+(,[0-9]+)*\])?"
 _PLAIN = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*|der\({_IDENTIFIER}(\.{_IDENTIFIER})*(,[0-9]+)?\)")
-"""Names of both naming conventions; fmpy's parser, at milliseconds each, checks all others."""
+"""Names that are valid in both naming conventions. All others are checked by fmpy's parser, which is slow."""
 
 
 class _Dangling:
@@ -171,7 +171,7 @@ class _Dangling:
                 self.fault("FMI004", item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions")
             kind = types.get(declared or "")
             if declared is not None and (kind is None or kind.tag == "ClockType"):
-                del value.attrib["declaredType"]  # fmpy lacks types of clocks
+                del value.attrib["declaredType"]  # fmpy has no types of clocks
             if self.version != "1":
                 self._causality(item, value)
                 self._display_unit(item, value, kind)

@@ -62,7 +62,7 @@ class _FmuContents:
 
 
 def store(archive: Archive, source: str, folder: Path) -> Path:
-    """Write an FMU of a package into a temporary folder, under a number, since its name may be too long for a file."""
+    """Write an FMU of a package into a temporary folder, named by a number because its name may be too long."""
     path = folder / f"{sum(1 for _ in folder.iterdir())}.fmu"
     try:
         with path.open("wb") as file:
@@ -279,7 +279,7 @@ def _nominal_fault(text: str | None) -> str:
 def _manifest_faults(name: str, root: Any) -> list[Finding]:
     stated = {QName(each).localname for each, text in root.attrib.items() if text}
     missing = [key for key in ("fmi-ls-name", "fmi-ls-version") if key not in stated]
-    return [finding("FMI021", f"{name}: lacks {', '.join(missing)}", root)] if missing else []
+    return [finding("FMI021", f"{name}: {' and '.join(missing)} missing", root)] if missing else []
 
 
 _ROLES = (
@@ -299,13 +299,13 @@ def related_notes(root: Any) -> list[Finding]:
     for item in root.iterfind("Related"):
         where = f"{line_of(item)}: {item.get('source')!r}"
         if not item.get("source"):
-            faults.append((f"{line_of(item)}: a related file lacks a source", item))
+            faults.append((f"{line_of(item)}: a related file has no source", item))
         role, slash, purpose = (item.get("role") or "").partition("/")
         free = role == "serialized-state" or not slash or (role == "experiment" and purpose in _PURPOSES)
         if role not in _ROLES or not free:
             faults.append((f"{where}: role is {item.get('role')!r}; expected one of {', '.join(_ROLES)}", item))
         if any(not label.get("name") for label in item.iterfind("Label")):
-            faults.append((f"{where}: a label lacks a name", item))
+            faults.append((f"{where}: a label has no name", item))
     return [finding("FMI022", text, item) for text, item in faults]
 
 

@@ -26,7 +26,7 @@ from vdfmu.engine.run.isolated import Isolated, LostProcessError
 
 _HARM = 50.0
 """Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
-and so do the ends of a motion, since friction falls with speed."""
+and so do the ends of a motion, because friction falls with speed."""
 _NOTABLE = 1.01
 """Growth of disturbances to be reported."""
 _ROWS, _FEWEST = 200, 60

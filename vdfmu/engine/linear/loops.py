@@ -9,8 +9,8 @@ on the unit circle, or, in continuous time, on the imaginary axis.
 
 A relative change k of the gain of loop i moves the eigenvalue p_j by k r_ij: r_ij is the influence of the loop on the
 growth of the mode. A mode is slow for a loop if it grows by up to `SLOW`, the loop moves it by less than `SLOW`, and a
-change of its gain by 100 % decides its growth. The margins of this loop leave it out: near such a mode they would be 0
-for any gains, as for a vibration of links without damping by motors or friction. Growth is reported separately.
+change of its gain by 100 % decides its growth. The margins of this loop do not include it: near such a mode they would
+be 0 for any gains, as for a vibration of links without damping by motors or friction. Growth is reported separately.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _FAST = 0.05
 """Eigenvalues up to this size are not separated if their eigenvectors are ill-conditioned, as of delays in a row. Their
 part of S is a power series in 1 / z."""
 _TERMS, _LEAST = 12, 1e-15
-"""Most terms of it, with the first omitted term at 1e-15 of the first; and states that count as 0."""
+"""Most terms of it, with the first omitted term at 1e-15 of the first; and states that are regarded as 0."""
 _NUDGE = 1e-11
 """Relative change of the closed loop's numbers, so that it has as many eigenvectors as states: of a mass that nothing
 holds, position and speed have one. Margins are exact to the same share, rates to 1e-8 1/s over 1 ms."""
@@ -112,7 +112,7 @@ class Loop:
 
     @property
     def least(self) -> float:
-        """The least modulus margin of all loops; 0 if a loop lacks it."""
+        """The least modulus margin of all loops; 0 if a loop has none."""
         return float(self.modulus.min())
 
     @property
@@ -347,7 +347,7 @@ class Tied(NamedTuple):
 
 
 def _separated(A: Floats, sampled: bool) -> tuple[Any, Any, Any, Floats]:
-    """Return eigenvalues (m, k) of matrices, right eigenvectors, left ones as rows, and what is not separated.
+    """Return eigenvalues (m, k) of matrices, right eigenvectors, left ones as rows, and the part that is not separated.
 
     Pairs of eigenvectors have product 1. In a sampled system, small eigenvalues with ill-conditioned eigenvectors are
     not separated: they get eigenvectors of 0, and the projections onto their states are returned, (m, k, k).

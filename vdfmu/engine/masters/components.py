@@ -163,7 +163,7 @@ class Components:
                 self._instantiate(instance)
 
     def _instantiate(self, instance: Instance) -> None:
-        """Create an instance; without event mode if it declares event mode and refuses it."""
+        """Create an instance; without event mode if it declares event mode but rejects it."""
         try:
             instance.instantiate()
         except CosimError as error:
@@ -173,7 +173,9 @@ class Components:
             self.box.pending.clear()
             instance.event_mode = False
             instance.instantiate()
-            text = f"{instance.name}: declares event mode (hasEventMode) and refuses it, runs without: {error.reason}"
+            text = (
+                f"{instance.name}: declares event mode (hasEventMode) but rejects it, so runs without: {error.reason}"
+            )
             self.box.pending.append(LogMessage("", self.box.time, "note", "", text))
 
     def initialize(self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE) -> None:

@@ -23,7 +23,7 @@ from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.grid import Grid, largest_step
 
 _FIRST = 1e-5
-"""First step of the error control, relative to the longest: it finds the slopes of the signals."""
+"""First step of the error control, relative to the longest step; it serves to calculate the slopes of the signals."""
 _SHORTEST = 1e-11
 """Shortest step of the error control, relative to the run; it leaves four digits of the run's times."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
@@ -122,7 +122,7 @@ class ContinuousStepper(Stepper):
             "rejected": self.rejected,
             "jumps": self.jumps,
             "unit_steps": self.unit_steps,
-            # rounded, since they are differences of times
+            # rounded, because they are differences of times
             "shortest_step": round(self.shortest, 12),
             "longest_step": round(self.longest, 12),
         }

@@ -58,7 +58,7 @@ class Coupled:
         self.exchange = exchange
         bank = self.bank = exchange.banks[0]
         self.outputs, self.inputs = bank.outputs, bank.inputs
-        """All real outputs, the latest; all connected real inputs, as they are set."""
+        """The latest values of all real outputs, and the values that are set at all connected real inputs."""
         n = len(bank.links)
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
         """Real inputs at the start and the end of the step, and their slopes."""
@@ -196,8 +196,8 @@ class Coupled:
 def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
     """Return the inverse interface Jacobian of a loop: of the derivative of its residual by the guess, see `Broyden`.
 
-    A component counts as x' = A x + B u, y = C x + D u, with its directional derivatives at the start of a step of `h`
-    [s]. None if a component gives none, or if no inverse exists.
+    A component is treated as x' = A x + B u, y = C x + D u, with its directional derivatives at the start of a step of
+    `h` [s]. None if a component gives none, or if no inverse exists.
     """
     if not all(unit.instance.description.derives_unknowns for unit in block.units):
         return None

@@ -25,7 +25,7 @@ from vdfmu.engine.plan.grid import largest_step
 _ROUNDS = 100
 """Most events at one time, one after the other."""
 _CLOSE = 1e-9
-"""Part of the communication step within which a time is a communication point."""
+"""Distance from a communication point, relative to the step, within which a time is regarded as that point."""
 
 
 class _Ticking:

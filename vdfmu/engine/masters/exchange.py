@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from ctypes import c_double, c_int, c_long
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,6 @@ from vdfmu.engine.results.results import Signal
 
 Gather = Callable[[], None]
 """Brings inputs up to date."""
-_RUNS = 6
-"""Most copies of neighbours that are faster than one copy of single values."""
 
 
 class Bank:
@@ -40,7 +38,7 @@ class Bank:
 
     def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
         self.kind = kind
-        self._fresh = fresh = checked.schedule.fresh
+        fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}
         outputs: list[tuple[str, FmuVariable]] = []
         inputs: list[tuple[str, FmuVariable]] = []
@@ -72,19 +70,11 @@ class Bank:
         """Whether the value at a place is an output, or an input that is not connected, here or elsewhere."""
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
-    def gather(self, window: slice, late: bool = False) -> Gather | None:
-        """Return the function that updates the inputs of a window, if it has any; `late` may leave out fresh inputs."""
+    def gather(self, window: slice) -> Gather | None:
+        """Return the function that updates the inputs of a window, if it has any."""
         links = self.links[window]
         if not links:
             return None
-        copies = self._copies(window, late)
-        if copies is not None:
-
-            def copied() -> None:
-                for target, source in copies:
-                    target[:] = source
-
-            return copied if copies else None
         sources = np.array([self.position[link.start] for link in links], np.intp)
         target, take = self.inputs[window], self.outputs.take
         factor = np.array([link.conversion.factor for link in links])
@@ -107,25 +97,6 @@ class Bank:
         if tables:
             return mapped
         return plain if all(link.conversion.trivial for link in links) else scaled
-
-    def _copies(self, window: slice, late: bool) -> list[tuple[memoryview, memoryview]] | None:
-        """Return targets and sources of the inputs of a window, run by run; None if one `take` is faster."""
-        if self.kind in TEXTS or not all(link.conversion.trivial for link in self.links[window]):
-            return None
-        pairs = [
-            (self.position[link.end], self.position[link.start])
-            for link in self.links[window]
-            if not (late and link.end in self._fresh)
-        ]
-        begins = [k for k, (i, j) in enumerate(pairs) if k == 0 or (i - 1, j - 1) != pairs[k - 1]]
-        if len(begins) > _RUNS:
-            return None
-        memory = self.memory.data
-        return [
-            (memory[i : i + n], memory[j : j + n])
-            for begin, end in pairwise([*begins, len(pairs)])
-            for (i, j), n in [(pairs[begin], end - begin)]
-        ]
 
     def calls(self, instance: Instance, verb: str, chosen: Callable[[FmuVariable], bool] | None = None) -> list[Call]:
         """Return the vectorised calls that ``Get`` or ``Set`` a unit's window, or its `chosen` variables.
@@ -181,7 +152,6 @@ class Exchange:
         """Real outputs that must be finite."""
         self._reads: list[tuple[Instance, list[Call]]] = []
         """Calls that get the outputs."""
-        self._all_finite: Callable[[], bool] = lambda: True
         self._fed: list[tuple[NDArray[Any], NDArray[np.intp], Course]] = []
         for kind, names, course in checked.feed.courses if checked.feed else ():
             bank = self._bank(kind)
@@ -276,9 +246,9 @@ class Exchange:
         for instance, calls in self._reads:
             instance.run(calls)
 
-    def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None), late: bool = False) -> list[Gather]:
+    def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None)) -> list[Gather]:
         """Return the functions that update the inputs in a window of each bank; see `Bank.gather`."""
-        gathers = (bank.gather(window(bank), late) for bank in self.banks)
+        gathers = (bank.gather(window(bank)) for bank in self.banks)
         return [gather for gather in gathers if gather is not None]
 
     def calls(self, name: str) -> list[Call]:
@@ -325,7 +295,6 @@ class Exchange:
                 read = {bank.position[link.start] for link in bank.links}
                 outputs = {i for i in chosen if bank.variables[i][1].causality == "output"}
                 self.watched = np.array(sorted(read | outputs), np.intp)
-                self._all_finite = _finite(bank.outputs, self.watched)
             if chosen:
                 columns[kind] = chosen
                 stores.append(row_store(rec, bank.memory, chosen))
@@ -345,9 +314,9 @@ class Exchange:
 
     def refuse_not_finite(self, call: str, time: float) -> None:
         """Raise CosimError if an output that is read or recorded is not finite at `time`."""
-        if self._all_finite():
-            return
         bank = self.banks[0]
+        if np.isfinite(bank.outputs.take(self.watched)).all():
+            return
         order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
         wrong = [i for i in self.watched if not math.isfinite(bank.outputs[i])]
         first, *rest = sorted(wrong, key=lambda i: order[bank.variables[i][0]])
@@ -355,7 +324,7 @@ class Exchange:
         names = [f"{owner}.{v.name}" for owner, v in (bank.variables[i] for i in rest)]
         also = f" (also {', '.join(names[:3])}{', ...' if names[3:] else ''})" if names else ""
         read = any((unit, variable.name) == link.start for link in bank.links)
-        way = "" if read else ". No component reads it: leave it out of the record (record, --record) to run on"
+        way = "" if read else ". No component reads it: do not record it (record, --record) to continue"
         raise CosimError(
             unit,
             call,
@@ -381,34 +350,11 @@ def _converted(link: Link, value: Any) -> Any:
     return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
 
 
-def _finite(outputs: Floats, watched: NDArray[np.intp]) -> Callable[[], bool]:
-    """Return a function that tests whether the watched outputs are finite: zero times any other number is NaN."""
-    whole, zeros, product = watched.size == outputs.size, np.zeros(watched.size), np.zeros(())
-    values = outputs if whole else np.zeros(watched.size)
-    total = c_double.from_buffer(product)  # pyright: ignore[reportArgumentType]
-
-    def finite() -> bool:
-        if not whole:
-            outputs.take(watched, None, values, "clip")
-        values.dot(zeros, product)
-        return total.value == 0.0
-
-    return finite
-
-
 def row_store(rec: NDArray[Any], memory: NDArray[Any], picked: Sequence[int]) -> Callable[[int], None]:
     """Return the function that stores the picked values in row k of `rec`."""
-    n = len(picked)
-    if list(picked) == list(range(picked[0], picked[0] + n)):
-        rows, row = rec.reshape(-1).data, memory[picked[0] : picked[0] + n].data
-
-        def whole(k: int) -> None:
-            rows[n * k : n * (k + 1)] = row
-
-        return whole
     columns = np.array(picked, np.intp)
 
-    def part(k: int) -> None:
+    def store(k: int) -> None:
         memory.take(columns, None, rec[k], "clip")
 
-    return part
+    return store

@@ -71,7 +71,7 @@ class Pace(Tap):
     """Delays rows until they are due. In its block Python collects no garbage: it would take milliseconds.
 
     `speed` is time of the run over wall time; 1 is real time. Rows are `step` [s] apart. The clock starts with the
-    second row, since the first step loads code. `pressed` returns whether the user stops the run, and ends the wait.
+    second row, because the first step loads code. `pressed` returns whether the user stops the run, and ends the wait.
     """
 
     def __init__(self, speed: float, step: float, pressed: Callable[[], bool] = lambda: False) -> None:

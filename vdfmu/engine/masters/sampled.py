@@ -51,12 +51,12 @@ class SampledStepper(Stepper):
 
     def __init__(self, exchange: Exchange) -> None:
         self._clock, self._size = exchange.clock, exchange.size
-        self.opening = exchange.gathers(late=True)
+        self.opening = exchange.gathers()
         """Update inputs that are not fresh, from the outputs at the start of the step."""
         if exchange.checked.feed is not None:
             self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
         self.stages: list[tuple[Instance, list[Gather], list[Call]]] = []
-        """Unit by unit: the instance, functions that update its fresh inputs, its calls."""
+        """For each unit: the instance, functions that update its fresh inputs, and its calls."""
         for name in exchange.checked.schedule.units:
             fresh = exchange.gathers(lambda bank, name=name: bank.fresh_windows[name])
             self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))

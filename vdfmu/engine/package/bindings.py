@@ -24,7 +24,7 @@ class _Bound:
     """A value for a variable of a component, or for a connector of a system."""
 
     entry: BoundParameter
-    """With the name in the element, and still without a component."""
+    """Its name is relative to the element; the component is not yet known."""
     node: Node
     level: int
     """Depth of the binding in the tree; 0 for the whole system."""

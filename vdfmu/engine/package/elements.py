@@ -230,5 +230,5 @@ class _NumberReader:
         if above < value < below:
             return value
         limits = "finite" if above < 0.0 else "positive finite" if below > 1.0 else "positive"
-        self.fault(f"expected a {limits} {key}, got {text}; write {quantity} or leave it out")
+        self.fault(f"expected a {limits} {key}, got {text}; write {quantity} or omit it")
         return None

@@ -23,7 +23,7 @@ from vdfmu.engine.plan.checker import Starts, overrides, unknown_variable
 from vdfmu.engine.results.recorded import group_of
 
 _TYPES = {"Real", "Integer", "Boolean", "String"}
-"""Types of SSP 1.0 that need nothing further; a connector may leave the others out."""
+"""Types of SSP 1.0 that need no further attributes; for other types a connector may omit the type."""
 _CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
 
 
@@ -118,7 +118,7 @@ class _Ports:
         self.faults: list[str] = []
 
     def elements(self, text: str, causalities: Sequence[str], where: str) -> list[FmuVariable]:
-        """Return the variables of ``component.variable``; none, and a fault, if there are none of the causalities."""
+        """Return the variables of ``component.variable``; if they have another causality, add a fault, return none."""
         component, _, wanted = text.partition(".")
         description = self.descriptions.get(component)
         if description is None:
@@ -154,7 +154,7 @@ class _Ports:
 
     @property
     def units(self) -> dict[str, UnitFactor]:
-        """Units of measurement with a definition; of several with one name, the first."""
+        """Units of measurement that have a definition; if several have the same name, the first."""
         units: dict[str, UnitFactor] = {}
         for description in self.descriptions.values():
             for variable in description.variables.values():
@@ -164,7 +164,7 @@ class _Ports:
 
 
 def _is_plain(unit: UnitFactor | None) -> bool:
-    """Whether a unit of measurement is 1, so that a signal may be any quantity."""
+    """Whether a unit of measurement is 1, which signals of any quantity may declare."""
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 

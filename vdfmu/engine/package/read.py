@@ -65,9 +65,9 @@ def _loaded(path: Path, variant: str, *_: Hashable) -> FlatSystem:
 def read_system(path: str | Path, variant: str = DEFAULT) -> tuple[FlatSystem | None, list[Finding]]:
     """Read a package as far as possible, with all problems; `load_ssp` accepts a package without problems.
 
-    The system is None if the package or its SSD cannot be parsed or is over a limit. Otherwise it lacks its unreadable
-    parts, and a component with a missing FMU has the source "". Its `problems` include the problems of reading, so
-    `vdfmu.engine.plan.check.check_system` reports everything at once.
+    The system is None if the package or its SSD cannot be parsed or is over a limit. Otherwise it is returned without
+    its unreadable parts, and a component with a missing FMU has the source "". Its `problems` include the problems of
+    reading, so `vdfmu.engine.plan.check.check_system` reports everything at once.
     """
     path = Path(path)
     try:

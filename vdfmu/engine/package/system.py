@@ -163,8 +163,8 @@ class BoundParameter:
     place: Place = field(default=("", 0), compare=False)
     dimensions: Shape = ()
     elsewhere: tuple[tuple[str, str], ...] = ()
-    """Other elements and variables or connectors with the same name in the parameter set, since names may contain dots;
-    at least one of all must exist."""
+    """Other elements and variables or connectors with the same name in the parameter set, as names may contain dots; at
+    least one of all must exist."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from vdfmu.engine.plan.checker import Checker, overrides, unfed
 from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.inputs import Feed, InputTable, feed_inputs
 from vdfmu.engine.plan.schedule import Schedule, choose_schedule
-from vdfmu.engine.rules import Finding, finding
+from vdfmu.engine.rules import finding
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,16 @@ class Checked:
         return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 
     @property
+    def sizes(self) -> dict[str, Value]:
+        """The structural parameters that are set, and their values."""
+        return {
+            f"{name}.{variable.name}": value
+            for name, each in self.starts.items()
+            for variable, value in each
+            if variable.causality == "structuralParameter"
+        }
+
+    @property
     def sources(self) -> Mapping[str, Description]:
         """Everything that has outputs: the components, and after them the signals from outside."""
         return {**self.descriptions, **({SOURCE: self.feed.description} if self.feed else {})}
@@ -71,7 +81,6 @@ def check_system(
     inputs: Sequence[InputTable] = (),
     algorithm: str | None = None,
     repeats: bool = False,
-    strict: bool = False,
     ignore_unmatched: bool = False,
 ) -> Checked:
     """Check a system against its FMUs and prepare its run.
@@ -88,8 +97,6 @@ def check_system(
         Default: see `vdfmu.engine.plan.schedule.choose_schedule`.
     repeats : bool
         Whether steps may be repeated and vary, so that units must save and restore their state.
-    strict : bool
-        Makes an input without connection and bound value a problem instead of a note.
     ignore_unmatched : bool
         Makes a bound parameter without a variable a note, as in SSP 1.0. It is nearly always a misspelling.
 
@@ -142,23 +149,29 @@ def check_system(
         feed,
         tuple(checker.clock_links),
     )
-    checked = with_parameters(checked, parameters or {})
-    if strict:
-        require_values(checked)
-    return checked
-
-
-def require_values(checked: Checked) -> None:
-    """Raise SspError for inputs that have neither a connection nor a value."""
-    unset = [each for each in checked.notes if isinstance(each, Finding) and each.rule.number == "SSP038"]
-    if unset:
-        raise SspError(unset)
+    return with_parameters(checked, parameters or {})
 
 
 def require_algorithm(name: str | None) -> None:
     """Raise UsageError for the name of an algorithm that there is not."""
     if name is not None and name not in ALGORITHMS:
         raise UsageError(f"unknown algorithm {name!r}; there are {', '.join(ALGORITHMS.names())}")
+
+
+def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
+    """Raise UsageError for options of the coupling that do not fit together."""
+    if adaptive is not None:
+        if algorithm in ALGORITHMS and not ALGORITHMS[algorithm].continuous:
+            raise UsageError(
+                f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
+                f"use {choice(continuous=True)}"
+            )
+        if not 0.0 < adaptive < 1.0:
+            raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
+    if convergence is not None and algorithm in ALGORITHMS and not ALGORITHMS[algorithm].repeats:
+        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for {choice(repeats=True)}")
+    if convergence is not None and not 0.0 < convergence < 1.0:
+        raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")
 
 
 def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checked:
@@ -217,7 +230,7 @@ def _check_abilities(
         if direct and not unit.interpolates_inputs and not unit.varies_steps:
             notes.append(
                 f"{name}: takes no derivatives of its inputs and steps of one length only; {', '.join(direct)} hold "
-                "their values at the end of a step, since an output depends on them directly. If it integrates them, "
+                "their values at the end of a step, because an output depends on them directly. If it integrates them, "
                 "the coupling is of first order"
             )
     return problems, notes

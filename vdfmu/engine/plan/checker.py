@@ -81,7 +81,7 @@ def _multiplied(value: Value, variable: FmuVariable, present: Value) -> Value:
 
 
 def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]) -> str:
-    """Say that a component lacks a variable, and which of a causality it has."""
+    """Report that a component does not have a variable, and which variables of a causality it has."""
     groups = list(dict.fromkeys(v.name.partition("[")[0] for v in variables))
     kind = variables[0].causality if variables else "variable"
     more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
@@ -192,7 +192,7 @@ class Checker:
         return sizes
 
     def _same_names(self) -> None:
-        """Note variables of two components with one dotted name, since results show only one."""
+        """Note variables of two components with one dotted name, because results show only one."""
         for name, description in self.descriptions.items():
             parts = name.split(".")
             for i in range(1, len(parts)):
@@ -312,12 +312,12 @@ class Checker:
 
     @property
     def problems(self) -> list[Finding]:
-        """What refuses the run."""
+        """Problems that prevent the run."""
         return problems_in(self.findings)
 
     @property
     def notes(self) -> list[Finding]:
-        """What does not."""
+        """Notes that do not prevent it."""
         return notes_in(self.findings)
 
     def start_values(self) -> Starts:

@@ -61,7 +61,7 @@ def compose(
 ) -> Conversion:
     """Compose the hops between two variables of a type, such as ``Real``; MisfitError if type or unit do not fit.
 
-    Each hop converts the unit first, unless the hop suppresses it or one side lacks a unit. Then it applies the
+    Each hop converts the unit first, unless the hop suppresses it or one side has no unit. Then it applies the
     transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes its source's unit.
 
     `source` and `target` are the units of the variables, `units` the definitions of the SSD; `relative` is whether the

@@ -24,14 +24,14 @@ from vdfmu.engine.package.system import UnitFactor
 from vdfmu.engine.plan.conversion import SOURCE, Conversion, Link, Port, between
 
 _CLOSE = 1e-12
-"""Rounding of a time and of a row's time, relative to the largest time."""
+"""Largest difference by rounding between a time and the time of its row, relative to the largest time."""
 _STRAIGHT = 1e-9
-"""Rounding of slopes, relative to the largest: no bend."""
+"""Largest change of a slope that is rounding and not a bend, relative to the largest slope."""
 
 
 @dataclass(frozen=True, eq=False)
 class InputTable:
-    """Signals of one file, or one array: their targets, and their values at times."""
+    """Signals of one file, or one array: the inputs that they feed, and their values over time."""
 
     where: str
     """The file, or the name of the array, for messages."""
@@ -46,13 +46,13 @@ class InputTable:
     held: bool
     """Whether a value holds until the next row; else it is interpolated linearly."""
     chosen: bool = True
-    """Whether every column must name an input; of a results file other columns are ignored."""
+    """Whether every column must name an input; in a results file other columns are ignored."""
     group: str = ""
     """Input whose elements are the columns, all of them; empty for columns of a file."""
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides a run: names, units, times, values, interpolation."""
+        """Digest of everything that a run depends on: names, units, times, values, interpolation."""
         head = repr((self.names, self.units, self.values.shape, self.held, self.chosen)).encode()
         return sha256(head + self.t.tobytes() + self.values.tobytes()).hexdigest()[:16]
 
@@ -62,12 +62,12 @@ Inputs = str | os.PathLike[str] | Sequence[str | os.PathLike[str] | InputTable] 
 
 
 class Course:
-    """Columns (m, n) of a table over times (m,) [s]; before the first row and after the last its values hold."""
+    """Columns (m, n) of a table over times (m,) [s]; before the first and after the last row their values are held."""
 
     def __init__(self, t: Floats, values: Floats, held: bool) -> None:
         self.held, self.t, self.values = held, t, values
         self.tolerance = _CLOSE * float(np.abs(t).max())
-        """Difference [s] within which a time counts as a row's."""
+        """Largest difference [s] between a time and the row that it equals."""
         change, least = np.diff(values, axis=0), 0.0
         if not held:
             slope = change / np.diff(t)[:, None]
@@ -136,7 +136,7 @@ def csv_columns(path: Path, problems: list[str], *, timed: bool = True) -> CsvCo
     """Read a CSV file of named columns of numbers with increasing ``time``, the first column if `timed`.
 
     Units are in brackets or in a second row, as in ``results.csv``. Faults of rows are added to `problems`, and rows
-    that cannot be read are left out. None for a file in another form.
+    that cannot be read are skipped. None for a file in another form.
     """
     try:
         columns = read_columns(path)
@@ -198,7 +198,7 @@ def outside(tables: Sequence[InputTable], begin: float, end: float) -> list[str]
     slack = _CLOSE * max(abs(begin), abs(end), math.ulp(0.0))
     return [
         f"{table.where}: its times are {table.t[0]:g} to {table.t[-1]:g} s, the run's are {begin:g} to {end:g} s; "
-        "before the first row and after the last its values hold"
+        "before the first row and after the last its values are held"
         for table in tables
         if table.t[0] > begin + slack or table.t[-1] < end - slack
     ]
@@ -284,9 +284,10 @@ def feed_inputs(
             course = Course(table.t, table.values[:, columns], held)
             courses.append(Fed(kind, tuple(table.names[i] for i in columns), course))
         if left == len(table.names):
-            problems.append(f"{table.where}: no column names an input that nothing is connected to{_list(free)}")
+            problems.append(f"{table.where}: no column names an unconnected input{_list(free)}")
         elif left:
-            notes.append(f"{table.where}: {len(table.names) - left} columns feed inputs; {left} name no free one")
+            feeding = f"{len(table.names) - left} columns feed inputs"
+            notes.append(f"{table.where}: {feeding}; the other {left} do not name an unconnected input")
     sources = {name: source for name, (source, _) in made.items()}
     none: dict[str, frozenset[str] | None] = dict.fromkeys(sources, frozenset())
     description = Description("", "", "", False, sources, none, none)

@@ -149,7 +149,7 @@ def make_schedule(
                 groups |= dict.fromkeys(group, group)
                 inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
                 problems += [
-                    f"{k}: is of type {k.sink.type}, but must be real, since {', '.join(group)} depend on each other "
+                    f"{k}: is of type {k.sink.type}, but must be real, because {', '.join(group)} depend on each other "
                     f"within a step and are integrated together; use {way_out}"
                     for k in inner
                     if {k.source.kind, k.sink.kind} != {"Real"}
@@ -202,7 +202,7 @@ def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset
 def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
     """Return the discrete inputs with feedthrough: they get the value at the end of the step.
 
-    Inputs in a loop within the step are left out: a switch in a loop might not settle.
+    Inputs in a loop within the step are excluded, because a switch in a loop might not settle.
     """
     edges = {(k.start[0], k.end[0]) for k in links if not k.discrete or k.end in through}
     loop_of = {name: i for i, (part, _) in enumerate(cycles(names, edges)) for name in part}
@@ -288,8 +288,8 @@ def _tear(
 ) -> dict[Port, tuple[Link, Sequence[Port]]]:
     """Remove connections until all cycles are open; return them by their ends, with a cycle of their loop.
 
-    In a loop, all connections into one unit are removed: the unit with the fewest discrete connections, since no guess
-    improves them, and then with the fewest in all.
+    In a loop, all connections into one unit are removed. It is the unit with the fewest discrete connections, because
+    iterations cannot improve them, and among these the one with the fewest connections.
     """
     torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
     loop_of: dict[Port, Sequence[Port]] = {}

@@ -52,6 +52,7 @@ class Recorded:
         self.time = time
         self._summary: dict[str, Any] = {} if summary is None else summary
         self._judge: Callable[[Any], object] | None = None
+        self._draw: Callable[[Any], str] | None = None
         self.messages = list(messages)
         self._signals = {signal.name: signal for signal in signals}
         self.data = dict(data)
@@ -67,6 +68,10 @@ class Recorded:
     def judge_by(self, judge: Callable[[Any], object]) -> None:
         """Let a function add a verdict to the summary when the summary is first asked for, so that runs stay fast."""
         self._judge = judge
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the results with their verdict, for another process, without the functions that made it."""
+        return self.__dict__ | {"_summary": self.summary, "_judge": None, "_draw": None}
 
     @property
     def names(self) -> list[str]:

@@ -99,7 +99,7 @@ class Blocks(RowsInMemory):
 
 
 _LARGE = 1_000_000_000
-"""Size of a file [bytes] that is announced."""
+"""Size [bytes] from which on a file is announced before it is written."""
 _REAL, _OTHER = 20, 3
 """Bytes of a value in CSV with its comma: of a real number mostly 16 or 17 digits with point, exponent and sign."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.text import amount
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal, group_of
+from vdfmu.engine.results.verdict import SIGNS, headline_of, state_of
 
 __all__ = ["KINDS", "TYPES", "Listing", "Recorded", "Results", "Signal", "group_of"]
 
@@ -99,7 +100,14 @@ class Results(Recorded):
         return repr(self.contents())
 
     def _repr_html_(self) -> str:
-        return self.contents().to_html()
+        """Return the headline of the verdict, the diagram of the system and the contents, as far as there are any."""
+        headline, sign = headline_of(self.summary), SIGNS.get(state_of(self.summary), "")
+        verdict = f"<p><strong>{sign} {escape(headline)}</strong></p>" if headline else ""
+        return verdict + (self._draw(self) if self._draw is not None else "") + self.contents().to_html()
+
+    def draw_by(self, draw: Callable[[Any], str]) -> None:
+        """Let a function draw the system that was run, as HTML for a notebook."""
+        self._draw = draw
 
     def contents(self) -> Listing:
         """Return the contents as a table: groups, their shapes, units and extremes."""

@@ -30,9 +30,9 @@ class Check(NamedTuple):
     name: str
     state: str
     sentence: str
-    """What, where and when: short enough for the headline."""
+    """What happened, where and when; short enough for the headline."""
     more: str = ""
-    """What else was measured, or the whole message of an error."""
+    """Further measured values, or the whole message of an error."""
     value: float = math.nan
     limit: float = math.nan
     """The number that was judged and the limit that it was compared with, in one unit; NaN without them."""
@@ -41,7 +41,7 @@ class Check(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The sentence with what else was measured."""
+        """The sentence with the further values."""
         first = self.sentence.partition(" ")[0]
         sentence = (
             f"{first.capitalize()}{self.sentence[len(first) :]}"

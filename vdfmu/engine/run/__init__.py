@@ -6,7 +6,7 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.run.isolated import LostProcessError
 from vdfmu.engine.run.run import Interrupted
-from vdfmu.engine.run.simulator import Simulator, check_coupling, simulate
+from vdfmu.engine.run.simulator import Simulator, simulate
 
 __all__ = [
     "ALGORITHMS",
@@ -16,7 +16,6 @@ __all__ = [
     "Results",
     "Signal",
     "Simulator",
-    "check_coupling",
     "check_system",
     "simulate",
 ]

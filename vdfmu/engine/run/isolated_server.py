@@ -21,7 +21,7 @@ from vdfmu.engine.masters.components import Components
 from vdfmu.engine.masters.exchange import Exchange
 from vdfmu.engine.package.system import Value
 from vdfmu.engine.plan.grid import Grid
-from vdfmu.engine.run.isolated import CALLS, STEP, mapped, windows
+from vdfmu.engine.run.isolated import CALLS, mapped, windows
 
 
 class Server:
@@ -117,15 +117,12 @@ class Server:
         owner = self if hasattr(self, name) else self._stepper if name in ("facts", "notes") else self._components
         return getattr(owner, name)
 
-    def answer(self, request: bytes, parent: Parent) -> dict[str, Any] | None:
+    def answer(self, request: bytes) -> dict[str, Any] | None:
         """Serve a request; return the reply, None if there is nothing to report."""
         reply: dict[str, Any] = {"result": None, "failure": None, "fault": None, "interrupted": False}
         try:
-            if not request:
-                self.advance(*STEP.unpack(parent.read(STEP.size)))
-            else:
-                name, arguments = pickle.loads(request)
-                reply["result"] = self.method(name)(*arguments)
+            name, arguments = pickle.loads(request)
+            reply["result"] = self.method(name)(*arguments)
         except CosimError as error:
             reply["failure"] = error.facts
         except VdfmuError as error:
@@ -160,7 +157,7 @@ def serve(memory: str, most: str) -> None:
     server = Server(memory)
     parent.reply()  # it has started
     for request in parent.requests():
-        parent.reply(server.answer(request, parent))
+        parent.reply(server.answer(request))
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ class Run:
     """A run on a grid of components that are initialized: its stepper, its rows, and its steps in C or in Python.
 
     :meth:`begin` makes the first row, :meth:`step` the next ones, and :meth:`results` returns them; :meth:`whole` does
-    it all. A run that `lasts` may begin again after a reset of its components, since start values do not change its
+    it all. A run that `lasts` may begin again after a reset of its components, because start values do not change its
     plan. `record`, `observer` and `pace` are those of :class:`vdfmu.engine.options.RowOptions`; rows are written to
     `files`. For `taps` see :meth:`vdfmu.engine.run.Simulator.run`.
     """
@@ -61,7 +61,7 @@ class Run:
         self.grid, self._components, self._box = grid, components, components.box
         self._exchange, self._files, self._taps = components.exchange, files, taps
         self.wanted, stepper = wanted(grid, record), options["stepper"]
-        """What decides its plan."""
+        """Values that its plan depends on."""
         span = grid.end - grid.begin
         self._stepper = components.couple(options["adaptive"], options["convergence"], span, record)
         block, longest = (ROWS, SECONDS) if files and not paced else (grid.n + 1, np.inf)
@@ -132,7 +132,7 @@ class Run:
         self._began = clock.perf_counter()
         stride = grid.n if progress is None else max(1, -(-grid.n // 100))
         try:
-            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # Finite reports them
+            with guard, self._pace or nullcontext(), np.errstate(invalid="ignore"):  # `refuse_not_finite` reports them
                 self.begin()
                 if progress is not None:
                     progress(0, grid.n)

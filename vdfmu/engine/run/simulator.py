@@ -16,7 +16,7 @@ from vdfmu.base.files import temporary_folder
 from vdfmu.base.option import checks_types, lists_options, pick, with_options
 from vdfmu.base.process import is_contained
 from vdfmu.base.progress import shown_steps
-from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, choice
+from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.components import (
     CONVERGENCE,
@@ -29,7 +29,7 @@ from vdfmu.engine.masters.components import (
 from vdfmu.engine.options import Limits, RowOptions, SimulateOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
-from vdfmu.engine.plan.check import Checked, check_system, require_values, with_parameters, with_steps
+from vdfmu.engine.plan.check import Checked, check_coupling, check_system, with_parameters, with_steps
 from vdfmu.engine.plan.grid import Grid, count_steps
 from vdfmu.engine.plan.inputs import outside, read_inputs
 from vdfmu.engine.results.formats import format_of
@@ -125,7 +125,7 @@ class Simulator:
         self._checked: Checked | None = None
         self._components: Components | Isolated | None = None
         self._loaded = ExitStack()
-        """Of the components: their folder, and what reports that one ends the process."""
+        """Of the components: their folder, and the function that reports that one ends the process."""
         self._box, self._resting = MessageBox(options["log"]), False
         self._lasts = False
         """Whether components may stay loaded after a run, for others."""
@@ -307,9 +307,7 @@ class Simulator:
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with Simulator(...) as simulator:'.")
         checked = with_steps(with_parameters(self._checked, parameters or {}), step)
-        if self._options["strict"]:
-            require_values(checked)
-        if parameters and (changed := _sizes(checked).items() - _sizes(self._checked).items()):
+        if parameters and (changed := checked.sizes.items() - self._checked.sizes.items()):
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
         return checked
@@ -420,31 +418,5 @@ class Simulator:
         if end is None:
             raise UsageError("stop: expected a time, because the system's default experiment has no stop time.")
         if step is None:
-            raise UsageError("step: expected a communication step, since the system's default experiment has no step.")
+            raise UsageError("step: expected a communication step, because the default experiment has no step.")
         return Grid(float(begin), float(end), float(step), count_steps(step, end, begin))
-
-
-def _sizes(checked: Checked) -> dict[str, Value]:
-    """Return the structural parameters that are set, and their values."""
-    return {
-        f"{name}.{variable.name}": value
-        for name, each in checked.starts.items()
-        for variable, value in each
-        if variable.causality == "structuralParameter"
-    }
-
-
-def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
-    """Raise UsageError for options of the coupling that do not fit together."""
-    if adaptive is not None:
-        if algorithm in ALGORITHMS and not ALGORITHMS[algorithm].continuous:
-            raise UsageError(
-                f"adaptive: {algorithm} samples the signals with the step, so the step is a property of the system; "
-                f"use {choice(continuous=True)}"
-            )
-        if not 0.0 < adaptive < 1.0:
-            raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
-    if convergence is not None and algorithm in ALGORITHMS and not ALGORITHMS[algorithm].repeats:
-        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for {choice(repeats=True)}")
-    if convergence is not None and not 0.0 < convergence < 1.0:
-        raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")

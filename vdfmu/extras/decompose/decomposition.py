@@ -79,10 +79,10 @@ def decomposed(scenario: Scenario, parameters: Mapping[str, Any] | None = None) 
 
 
 def _lacking(robot: Robot) -> Iterator[str]:
-    """Yield options of a robot that units of links and joints lack."""
+    """Yield options of a robot that units of links and joints do not support."""
     flags = (*(name for name in OPTIONS if name not in STATELESS), *ENDS)
     for option in [*["its own drive"] * bool(robot.drive), *(flag for flag in flags if getattr(robot, flag))]:
-        yield f"{option}, but units of links and joints lack it"
+        yield f"{option}, which units of links and joints do not support"
 
 
 def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
@@ -178,7 +178,7 @@ def _values(
 
 
 def _is_off(robot: Robot, row: Row, i: int) -> bool:
-    """Whether a number of a joint belongs to an option that the robot, or this joint, lacks."""
+    """Whether a number of a joint belongs to an option that the robot, or this joint, does not have."""
     if row.section not in OPTIONAL:
         return False
     return not getattr(robot, row.section) or bool(row.part_of and not getattr(robot, row.part_of)[i])

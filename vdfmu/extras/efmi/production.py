@@ -147,7 +147,7 @@ def _value(v: BlockVariable, value: float, block: SampledBlock, precision: Preci
 
 
 def _literal(value: float, precision: Precision, owner: str) -> str:
-    """Return a number. UsageError, with the owner, if the precision lacks it."""
+    """Return a number. UsageError, with the owner, if it does not exist in the precision."""
     size = abs(value)
     if precision.bits == 32 and math.isfinite(size) and size and not _SMALLEST <= size <= _LARGEST:
         raise UsageError(

@@ -47,10 +47,10 @@ def identify(
     other: Annotated[Path | None, Option("Another log to validate the model on.", flag="--score",
         metavar="LOG")] = None,
     plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
-    residuals: Annotated[Path | None, Option("Picture of the residuals over speed, load, ..",
-        more="Over speed, load, position and time, for the validation log if there is one.")] = None,
+    residuals: Annotated[Path | None, Option("Picture of the residuals to draw.",
+        more="It shows them over speed, load, position and time, for the validation log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
-    purpose: Annotated[str | None, Option("Identify springs from motor-side logs: stiffness.", flag="--for",
+    purpose: Annotated[str | None, Option("stiffness: springs from motor-side logs.", flag="--for",
         metavar="WHAT", choices=("stiffness",), more="It needs a log of periodic motor torques and no encoders "
             "behind the gears; with --design it chooses the torques.")] = None,
     excitation: Annotated[Path | None, Option("Excitation torques, as written by --design.", metavar="CSV",

@@ -51,7 +51,7 @@ _FEWER = 0.25
 
 
 class LogColumn(NamedTuple):
-    """Values at times [s], and their unit, empty if the file lacks it."""
+    """Values at times [s], and their unit, empty if the file does not have it."""
 
     t: Floats
     values: Floats
@@ -185,12 +185,12 @@ def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], p
         return t
     if most > 0.5 * step:
         problems.append(
-            f"the clock jitters by up to {1e3 * most:.3g} ms, and the motion is smoother without: expected less than "
-            f"half of the {1e3 * step:.3g} ms from row to row. Log the time of the sample, not of its arrival"
+            f"the clock jitters by up to {1e3 * most:.3g} ms, and the motion is smoother without it: expected less "
+            f"than half of the {1e3 * step:.3g} ms from row to row. Log the time of the sample, not of its arrival"
         )
     notes.append(
         f"the clock jitters by up to {1e3 * most:.3g} ms, but the motion is {rough / max(smooth, 1e-300):.2g} times as "
-        f"smooth with a row every {1e3 * step:.6g} ms: these times are taken"
+        f"smooth with a row every {1e3 * step:.6g} ms, so these equal times are used"
     )
     return even
 
@@ -223,7 +223,7 @@ def check_motion(
         most = np.asarray(robot.q_max) - np.asarray(robot.q_min)
         span = np.ptp(arrays.get(name, kappa), axis=0)
         problems += [
-            f"{name}[{i + 1}]: expected less than {most[i]:.4g} from end to end, as the robot's stops are, got "
+            f"{name}[{i + 1}]: expected a range below {most[i]:.4g}, the distance of the robot's end stops, got "
             f"{span[i]:.4g}: are these degrees? Give the unit, --column '{name}[{i + 1}]=NAME [deg]'"
             for i in np.flatnonzero(span > 1.05 * most)
             if name in arrays

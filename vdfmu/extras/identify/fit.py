@@ -9,7 +9,7 @@ For each joint there are two equations, link-side, with base parameters pi of th
 with tau later by ``delay_tau`` than positions. Positions go through a Butterworth filter, forward and backward, so
 without phase, and are differentiated by central differences of fourth order. Then both equations go through a second
 one, a sixtieth as wide, and one row is kept for every sample of its band. Friction and springs, whose laws are not
-linear, are worked out at all samples before it. The robot file counts as a measurement with errors; see
+linear, are worked out at all samples before it. The robot file is treated as a measurement with errors; see
 :mod:`~vdfmu.extras.identify.search` for it and for weights and intervals.
 """
 
@@ -69,7 +69,7 @@ class Identified:
     held: Mapping[str, str]
     """Parameters that are not identified and keep their values: why, and the fix."""
     weak: Mapping[str, Weak]
-    """Parameters near the robot file's value, since the log hardly determines them."""
+    """Parameters near the robot file's value, because the log hardly determines them."""
     torque_level: Floats
     """(n,) [N.m or N]: Root mean square of the spring torques."""
     stiffness: Floats
@@ -123,11 +123,11 @@ class Identified:
 
     @property
     def advice(self) -> list[str]:
-        """Data that the log lacks altogether."""
+        """Data that are completely missing in the log."""
         notes: list[str] = []
         if unseen := _numbers(~self.seen):
             notes.append(
-                f"the log lacks positions of links of joint {unseen}, so stiffnesses are the robot file's, and their "
+                f"the log has no link positions of joint {unseen}, so stiffnesses are the robot file's, and their "
                 "errors are not in the intervals: log them by encoders behind the gears, or by a camera or tracker"
             )
         return notes

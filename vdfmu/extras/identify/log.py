@@ -83,7 +83,7 @@ def _csv(path: Path) -> Recorded | _FileColumns:
 
 def _of_foreign(content: Foreign, notes: list[str]) -> Recorded | _FileColumns:
     """Return the results or the columns in a file of another tool."""
-    notes += [f"left out: {', '.join(content.left_out)}"] if content.left_out else []
+    notes += [f"ignored: {', '.join(content.left_out)}"] if content.left_out else []
     is_table = any(block.kind for block in content.blocks)
     if "vdfmu" in content.texts:
         return parquet_results(content) if is_table else mat_results(content)
@@ -248,7 +248,7 @@ def _chosen(
         there = [name for name, _ in best if name in table and not (key == "q" and np.isnan(table[name].values).all())]
         if lacks := [name for name, _ in best if name not in there]:
             notes.append(
-                f"{', '.join(lacks)}: not there, or without numbers: treated as without an encoder behind the gear"
+                f"{', '.join(lacks)}: missing or without numbers, so treated as without an encoder behind the gear"
             )
         by_key[key] = [
             _converted(key, name, table[name], unit, robot, i, notes, problems) if name in there else None

@@ -191,7 +191,7 @@ def design(
             "and 5 rad/s2 or 2 m/s2: add [joints.limits]"
         )
     if left := len(tried) - len(candidates):
-        notes.append(f"{left} of {len(tried)} motions are left out because they need more torque than the motors have")
+        notes.append(f"{left} of {len(tried)} motions are excluded because they need more torque than the motors have")
     notes.append("collisions are not checked: look at the motion before you run it")
     return Design(best.motion, best.table, expected, tuple(notes))
 

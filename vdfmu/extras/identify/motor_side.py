@@ -145,7 +145,7 @@ class MotorSide:
         """Return for each joint (n,) the frequency [Hz] of the mode with held motors that bends its spring most.
 
         There the motion of the rotors by their torques has a minimum. The most is of the energy of all springs. A
-        payload that a fit makes negative counts as none, since masses must be positive.
+        payload is set to 0 if its fitted mass is negative, because masses must be positive.
         """
         M, G = self.masses(max(drives.payload, 0.0))
         carried = self.carried.T @ ((drives.rotor / self.robot.ell**2)[:, None] * self.carried)

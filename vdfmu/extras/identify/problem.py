@@ -130,7 +130,7 @@ class BaseParameters(NamedTuple):
 def base_parameters(robot: Robot) -> BaseParameters:
     """Find the base parameters of an arm, from its structure: at random states, by projection column by column.
 
-    A column of the regressor that the columns before it give is left out, and its parameter joins theirs.
+    A column of the regressor that depends linearly on earlier columns is removed, and its parameter is added to theirs.
     """
     n, random = robot.n, np.random.default_rng(0)
     q, q_dot, q_ddot = random.uniform(-2.0, 2.0, (3, max(_STATES, 20 * n), n))

@@ -24,7 +24,7 @@ _WIDE = 60.0
 """The band of the first: times the second's. Friction follows speeds above the band into it, so it is wide."""
 _ORDER = 4
 _TRIM = 3.0
-"""Ends of the log that are left out, in periods of the band: transients of the filters."""
+"""Ends of the log that are not used because of the transients of the filters, in periods of the band."""
 _FEWEST = 50
 """Rows of an identification."""
 _ZEROS, _EVEN = 8, 0.05

@@ -1,7 +1,7 @@
 """The least squares of an identification: weights, prior, covariance.
 
 A log of some seconds does not determine all parameters, and its residuals are not white: errors of the model last. So
-the robot file's values count as observations with the errors that such files have, residuals are weighted by
+the robot file's values are treated as observations with the errors that such files have, residuals are weighted by
 their long-run variance (Newey and West 1987), and so are the intervals.
 """
 
@@ -133,7 +133,7 @@ class _Search:
                 places = problem.places[name].start + unseen
                 self.free[places] = False
                 if name in SPRINGS:
-                    self.held |= {problem.names[i]: f"the log lacks positions of its link; {way}" for i in places}
+                    self.held |= {problem.names[i]: f"the log has no positions of its link; {way}" for i in places}
         if noise is None:
             each = zip(problem.errors(self.x), problem.jacobian(self.x), strict=True)
             noise = [self._noise(error, slope) for error, slope in each]

@@ -41,12 +41,12 @@ _DONE = 1e-4
 _NEAR = 0.25
 """Half the width of the mean over neighbouring lines, as a logarithm of the frequency: a quarter of an octave."""
 _BLOCKS = 24
-"""Bands of lines whose residuals count as independent in the deviations."""
+"""Number of bands of lines whose residuals are assumed to be independent in the deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class StiffnessLevel:
-    """What the periods of one level of torque show of n joints."""
+    """Results for n joints from the periods of one level of torque."""
 
     f: Floats
     """Lines (f,) [Hz]."""
@@ -273,7 +273,7 @@ class _Fit:
         """Return the covariance (p, p), and that of stiffness (n, n) by torque constants and links.
 
         The covariance is the larger of the curvature's and the sandwich of White (1982), with the residuals of a
-        realisation in a band of lines as one sample, since those of neighbouring lines are alike.
+        realisation in a band of lines as one sample, because those of neighbouring lines are alike.
         """
         n, (r, f, _) = self.n, state.errors.shape
         slopes, errors = _weighted(state)

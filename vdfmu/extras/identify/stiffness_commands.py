@@ -1,4 +1,4 @@
-"""``vdfmu identify --for stiffness``: the torques to play, and what a log of them shows."""
+"""``vdfmu identify --for stiffness``: the excitation torques, and the springs that a log of them determines."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _COLUMN = "controller.tau_m[{}]"
 def design_stiffness(
     robot: str, pose: list[float] | None, step: float | None, out: Path | None, overwrite: bool
 ) -> None:
-    """Choose the torques, print what they reach and what the log must reach, and write them."""
+    """Choose the torques, print the amplitudes and the demands on the log, and write them."""
     arm = load_robot(robot)
     target = None if out is None else target_file(out, "", overwrite)
     plan = stiffness_experiment(arm, pose=pose, step=STEP if step is None else step)
@@ -73,7 +73,7 @@ def _print_design(arm: Robot, plan: StiffnessExperiment) -> None:
         "collisions are not checked: look at the travel before they are played",
     ])  # fmt: skip
     if not arm.limits:
-        say_notes(["the robot file lacks limits, so torque, speed and travel are not limited: add [joints.limits]"])
+        say_notes(["the robot file has no limits, so torque, speed and travel are not limited: add [joints.limits]"])
 
 
 def excitation_text(plan: PeriodicTorques) -> str:
@@ -125,7 +125,7 @@ def show_stiffness(
         plan = stiffness_experiment(arm, pose=rows.kappa.mean(axis=0), step=rows.step)
         judged = {"verdict": unexcited_verdict(rows, arm, plan)}
         _print_verdict(judged)
-        say("\nThe motion that would show them, by vdfmu identify --design ROBOT --for stiffness:")
+        say("\nThe torques that identify them, by vdfmu identify --design ROBOT --for stiffness:")
         _print_design(arm, plan)
         pages = stiffness_page(title, judged, [], [_to_do(plan)], [])
     else:
@@ -203,7 +203,7 @@ def _to_do(plan: StiffnessExperiment) -> str:
     lines = plan.excitation.lines
     torques = ", ".join(f"{x:.3g}" for x in plan.torque)
     return (
-        f"The motion that would show them: multisines from {lines[0]:.3g} to {lines[-1]:.3g} Hz with {torques} N.m RMS "
+        f"These torques identify them: multisines from {lines[0]:.3g} to {lines[-1]:.3g} Hz with {torques} N.m RMS "
         f"at the motors, for {plan.excitation.t[-1]:.3g} s at one pose. vdfmu identify --design ROBOT --for stiffness "
-        "writes it"
+        "writes them"
     )

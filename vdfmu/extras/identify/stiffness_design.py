@@ -1,4 +1,4 @@
-"""The torques that show the springs of an arm from its motors' side, within its limits, and what the log must reach."""
+"""Excitation torques that identify the springs of an arm from the motor side, within its limits; demands on the log."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _FINEST = 2.5e-4
 
 @dataclass(frozen=True, eq=False)
 class StiffnessExperiment:
-    """Torques to play at a pose, and what they reach, (n,) each."""
+    """Excitation torques at a pose, and the amplitudes that they cause, (n,) each."""
 
     excitation: PeriodicTorques
     pose: Floats
@@ -52,12 +52,12 @@ class StiffnessExperiment:
 
     @property
     def lacks(self) -> list[str]:
-        """What each joint lacks to be identifiable, in words; empty for a joint that lacks nothing."""
+        """For each joint the data that are missing for its identification, as text; empty if none are."""
         return missing(self.antiresonance, self.excitation.lines[-1], self.torque, self.breakaway)
 
 
 def missing(antiresonance: Floats, highest: float, torque: Floats | None, breakaway: Floats) -> list[str]:
-    """Return for each joint the frequency and the torque that an excitation lacks; empty for none.
+    """Return for each joint the frequency and the torque that are missing in an excitation; empty if none are.
 
     `highest` is the highest line [Hz], `torque` the RMS (n,), None without excitation, and `breakaway` the friction
     (n,), motor-side [N.m].
@@ -115,7 +115,7 @@ def stiffness_experiment(
         room = np.minimum(q - robot.q_min, robot.q_max - q)
         if (room <= 0.0).any():
             raise UsageError(f"pose: expected one between the end stops of {robot.name}, got {q.tolist()}.")
-        for whole in (False, True):  # first the joints that are beyond, then all, since they move each other
+        for whole in (False, True):  # first the joints that are beyond, then all, because they move each other
             speed, travel = peaks(rms[-1])
             share = np.minimum(_MARGIN * robot.kappa_dot_max / speed, _MARGIN * room / travel)
             rms = np.minimum(rms, rms[-1] * np.minimum(share.min() if whole else share, 1.0))

@@ -82,7 +82,7 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
             continue
         if band[0] < band[1]:
             share = 100.0 * size / max(dry, 1e-300)
-            text = f"joint {i + 1} is excited by {share:.0f} % of its friction at {band[0]:.3g} to {band[1]:.3g} Hz"
+            text = f"excitation of joint {i + 1} at {band[0]:.3g} to {band[1]:.3g} Hz is {share:.0f} % of its friction"
             more = (
                 f"torques of {size:.2g} N.m there, Coulomb friction of {dry:.2g} N.m: its stiffness is not identifiable"
             )

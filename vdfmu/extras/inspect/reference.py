@@ -33,7 +33,7 @@ AGREEMENT = 1e-3
 _MANY = 20_000
 """Steps allowed in any comparison: seconds for a compiled unit, less than the time limit for others."""
 _EVEN = 1e-9
-"""Difference of even steps as a part of the largest time, since rows are rounded."""
+"""Allowed difference of equal steps, relative to the largest time, because rows are rounded."""
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
 """Types in the master that a cell of the table can hold."""
 
@@ -139,7 +139,7 @@ def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> 
         tables = [_named(each, owner) for each in (references, stimuli) if each is not None]
         where = f"{posixpath.basename(owner)}, experiment {experiment.get('name')!r}"
         if references is None:
-            _leave(findings, where, "it lacks reference results")
+            _leave(findings, where, "it has no reference results")
         elif parameters is not None:
             _leave(findings, where, f"it sets the parameters of {parameters.get('source')!r}")
         elif lacking := [name for name in tables if name not in names or not name.endswith(".csv")]:
@@ -159,7 +159,7 @@ def _results_of(archive: zipfile.ZipFile, name: str, description: Description, f
         kind = _type(description, column)
         if type_of(kind) in _NUMBERS:
             return False
-        reason = f"type {kind} does not fit into a table of numbers" if kind else "the unit lacks such a variable"
+        reason = f"type {kind} does not fit into a table of numbers" if kind else "the unit has no such variable"
         left.setdefault(reason, []).append(column)
         return True
 
@@ -167,7 +167,7 @@ def _results_of(archive: zipfile.ZipFile, name: str, description: Description, f
     for reason, columns in left.items():
         findings.report("RUN004", f"{posixpath.basename(name)}: {', '.join(columns)}: not compared: {reason}")
     if not table.columns:
-        raise _NotComparedError("it lacks comparable columns")
+        raise _NotComparedError("it has no comparable columns")
     return table
 
 

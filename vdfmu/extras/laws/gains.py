@@ -72,7 +72,7 @@ def state_gains(
     rows: Any = [arm.outputs.index(f"{name}[{i + 1}]") for name in _FED_BACK for i in range(n)]
     if len(fast) != len(rows):
         more = {arm.states[i].partition("[")[0] for i in fast} - {"q", "q_dot", "kappa_dot", "tau_s"}
-        raise UsageError(f"state_gains: {robot.name}: expected no states that feedback lacks, got {', '.join(more)}.")
+        raise UsageError(f"state_gains: {robot.name}: expected no states without feedback, got {', '.join(more)}.")
     T = arm.C[np.ix_(rows, fast)]  # from states with the springs' torques to those with the rotors' positions
     A = T @ np.linalg.solve(T.T, arm.A[np.ix_(fast, fast)].T).T
     F, G = held(Linear(A, T @ arm.B[fast, :n]), step)

@@ -51,7 +51,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
     ----------
     system : System, Scenario, str or path
         A system of `vdfmu.connect` or `vdfmu.load`, or a package or scenario. Of a scenario the connections to
-        actions are cut, and components that reach no action and no observation are left out.
+        actions are cut, and components without an effect on actions and observations are omitted.
     actions : mapping of ``component.input`` to bounds
         Bounds are the largest absolute value, or a pair of lowest and highest.
     observations : mapping of ``component.output`` to bounds, or sequence of these outputs

@@ -17,7 +17,7 @@ METHODS = ("both", "global", "local")
 # A table: an option in some lines.
 # fmt: off
 class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
-    """Options of what is tuned."""
+    """Options of the problem that is tuned."""
 
     limit: Annotated[Sequence[str] | Mapping[str, Any], Option(
         "Limit: 'peak(controller.tau) < 2.5'. Repeatable.",
@@ -25,9 +25,9 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
         "functions of the results, whose positive values violate the limit.", (), metavar="EXPR<NUMBER", typed=TEXTS)]
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
-        "Say 'plant.mass[3]=*normal(1, .1)'. Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
-        "Uncertain parameters, as in a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
-    spread_points: Annotated[int, Option("Number of robots of the spread.", more="They are drawn as a Latin hypercube.",
+        "Uncertain: 'plant.mass=*normal(1, .1)'. Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
+        "Uncertain parameters, written as for a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
+    spread_points: Annotated[int, Option("Number of robots in the spread.", more="They are drawn as a Latin hypercube.",
         default=8)]
     combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(

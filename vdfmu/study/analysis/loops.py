@@ -102,7 +102,7 @@ def grown(loops: Along) -> Growth:
 def half_step(loops: Along) -> dict[str, Any]:
     """Return the entry ``half_step``: the modulus margin at half the step, by the same linearisations. Empty without.
 
-    Sampled components are left out: what they compute may depend on the step.
+    Sampled components are excluded, because their results may depend on the step.
     """
     system = loops.system
     if system.how.continuous or system.every or system.samples.signals:

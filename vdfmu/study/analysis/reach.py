@@ -27,21 +27,21 @@ from vdfmu.system.scenario import Scenario, load_scenario
 
 _DAMPING = 0.5
 _DAMPED, _LIGHT = 2.0, np.geomspace(0.003, 2.0, 12).tolist()
-"""Decay rates [1/s] of a joint by the friction of its drive, and of the modes of joints with little. Without friction
-no gains keep a delayed loop from driving the spring's mode. With little, a mode has the least delay margin where the
-peak of its gain is little above 1, and the decay rate for which it is differs from mode to mode."""
+"""Decay rates [1/s] of a joint with the friction of its drive, and of the modes of joints with little friction. Without
+friction, a delayed loop excites the spring's mode with any gains. With little friction, a mode has its smallest delay
+margin if the peak of its gain is just above 1. The decay rate for which this is so differs between modes."""
 _SAMPLES = 1.1
-"""Least delay margin of a joint by itself, in samples: all joints together have at least one."""
+"""Least delay margin of a single joint, in samples, so that all joints together have at least one sample."""
 _STABLE = 1e-3
-"""Modulus margin of a loop that only has to be stable."""
+"""Least modulus margin of a loop that only needs to be stable."""
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
-"""N of the first try, the factor from one try to the next, and the last N."""
+"""First and last value of N = K_v step / J that is tried, and the factor between tries: first, factor, last."""
 _INERTIAS = 5
-"""Inertias of the links that a joint's loop is tried with, from the smallest to the largest."""
+"""Number of link inertias with which a joint's loop is tried, from the smallest to the largest."""
 
 
 class Gains(NamedTuple):
-    """Gains (n,), link-side, and the modulus margin that each joint has by itself."""
+    """Gains (n,), link-side, and the modulus margin of each joint alone."""
 
     K_p: Floats
     K_v: Floats
@@ -51,15 +51,15 @@ class Gains(NamedTuple):
 def joint_gains(
     J: float, K: float, inertias: Floats, step: float, margin: float = 0.5, name: str = "the joint", fall: float = 0.0
 ) -> tuple[float, float, float]:
-    """Gains of one joint, K_p and K_v, and its modulus margin, at least `margin`.
+    """Return the gains K_p and K_v of one joint, and its modulus margin, which is at least `margin`.
 
-    The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and sees the
-    `inertias` (m,) of links; messages have its `name`. Its friction falls with the rotor's speed by at most `fall`
-    [N m s/rad or N s/m], which takes as much from K_v. UsageError if no gains of the search have the margin.
+    The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and moves
+    the `inertias` (m,) of links; messages have its `name`. Its friction falls with the rotor's speed by at most `fall`
+    [N m s/rad or N s/m], a negative damping that reduces K_v. UsageError if no gains of the search have the margin.
 
-    The loop has the margin, and a delay margin of a sample, without friction and where it falls; without friction it
-    has the margin also one sample later. Where no gains do all of this, the later loop has to be stable only, and is
-    first tried with half the margin.
+    The loop has the margin, and a delay margin of a sample, both without friction and where friction falls. Without
+    friction it also has the margin with one more sample of delay. If no gains fulfil all of this, the loop with one
+    more sample only needs half the margin, and if this fails too, it only needs to be stable.
     """
     tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)[:, None, None]
     falls = [fall, 0.0] if fall else [0.0]
@@ -90,10 +90,11 @@ def joint_gains(
 
 
 def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) -> Gains:
-    """Gains of an arm for a controller that acts on the rotors' velocity.
+    """Return gains of an arm for a controller that uses the rotors' velocity.
 
-    The arm is at `q`, (m, n) [rad or m], along its motion, or all over the workspace: a joint sees the inertia of its
-    links with all other joints held, and with all free. Each joint has at least `margin` by itself; else UsageError.
+    `q`, (m, n) [rad or m], are positions of the arm, along its motion or all over the workspace. The inertia that a
+    joint moves is calculated with all other joints held, and with all free. Each joint alone has at least `margin`;
+    else UsageError.
     """
     M = mass_matrix(robot, np.atleast_2d(np.asarray(q, dtype=float)))
     held = np.diagonal(M, axis1=1, axis2=2)
@@ -134,7 +135,7 @@ def _plant(J: Floats, M: Floats, K: Floats, fall: float, decay: float, step: flo
 def whole_arm(robot: Robot, q: Floats, gains: Gains, step: float) -> tuple[float, float]:
     """Return the least modulus margin of an arm at rest at `q`, (m, n) [rad or m], and its delay margin in samples.
 
-    Each joint is opened by itself, without friction but for some light damping of all modes.
+    The loop of each joint is opened with all others closed. There is no friction, only a light damping of all modes.
     """
     J, K = _rotors(robot)
     feedback = -np.hstack([np.diag(gains.K_p), np.zeros((robot.n, 2 * robot.n)), np.diag(gains.K_v)])
@@ -152,29 +153,29 @@ def _rotors(robot: Robot) -> tuple[Floats, Floats]:
 _STEPS = (1e-3, 5e-4, 2.5e-4)
 """Communication steps [s] that are tried."""
 _MANY = 8
-"""Most joints that move the whole way: long arms bend and do not coil."""
+"""Number of joints from which on strokes are reduced, so that long arms bend but do not coil."""
 _ROOM = 0.4
-"""Share of the way to the end stop that a joint moves at most."""
+"""Largest stroke of a joint as a share of its distance from the end stop."""
 _AWAY = 0.1
 """Distance from the end stops at which the motion starts, as a share of the distance between them."""
 _TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Durations [s] that are tried."""
 _RESERVE = 0.7
-"""Largest share of a motor's capacity that the motion takes."""
+"""Largest share of a motor's capacity that the motion may use."""
 _POINTS = 21
-_STRONG = f"It takes at most {100 * _RESERVE:g} % of the capacity of the motors."
+_STRONG = f"It uses at most {100 * _RESERVE:g} % of the capacity of the motors."
 _WEAK = "the motors are too weak to move or to hold the arm: see their torques"
 
 _TEXT = """\
 # A first motion of {robot}, written by vdfmu robot reach.
-# SI units, angles in rad. It keeps clear of end stops. {motors}
+# SI units, angles in rad. The motion stays away from end stops. {motors}
 
 name = {name}
 description = {description}
 robot = {written}
 stop = {stop!r}
-step = {step!r}  # the largest of {steps} with such gains
-tolerance = {tolerance!r}  # of the solver in the plant: gains are high, and errors in tables of three digits small
+step = {step!r}  # the largest of {steps} for which the rule finds gains
+tolerance = {tolerance!r}  # of the solver in the plant: high gains make the errors in the tables small
 
 [trajectory]
 q_start = {start}
@@ -182,15 +183,15 @@ q_end = {end}
 T = {T!r}
 
 [controller]
-# One rule for any arm: poles of each joint as far out as sampling, a sample of delay and friction that falls with
-# speed allow, with a delay margin of at least a sample. Modulus margins of the joints by themselves: {margins}.
+# One rule for any arm: the poles of each joint are as fast as sampling, one sample of delay and friction that falls
+# with speed allow, with a delay margin of at least a sample. Modulus margins of the single joints: {margins}.
 K_p = {K_p}  # N.m/rad or N/m, link-side
 K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 """
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
-    """Return the scenario that ``vdfmu robot reach`` writes, of a robot or its file, by default of the paper's arm."""
+    """Return the scenario that ``vdfmu robot reach`` writes for a robot or its file, by default for the paper's arm."""
     if isinstance(robot, Robot):
         name = robot.name
     else:
@@ -254,7 +255,7 @@ def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
 
 
 def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
-    """Whether the motors give the torques of the motion, with some reserve."""
+    """Whether the motors can deliver the torques of the motion, with some reserve."""
     if not robot.limits:
         return T > _TIMES[0]  # no fast motion if the speeds are unknown
     motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]

@@ -1,4 +1,4 @@
-"""The comparison of several runs: which is better, in what and by how much; what differs in settings and results."""
+"""The comparison of several runs: which is better, in which measure, by how much; settings and results that differ."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def comparison(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) 
 
 
 def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> str:
-    """Return which run is better, in what, by how much, and what differs in their settings."""
+    """Return which run is better, in which measure, by how much, and the settings that differ."""
     summaries = [run.summary for run in runs]
     wins: dict[str, list[str]] = {}
     for key, (words, sign) in _BETTER.items():

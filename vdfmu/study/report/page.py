@@ -34,7 +34,7 @@ from vdfmu.study.report.parts import checks, components_table, facts_table, mark
 from vdfmu.study.report.sheets import LATEX, sheets, write_tables
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.run.joint_components import cut_figures, wired_arm
-from vdfmu.system.package.drawing import system_diagram
+from vdfmu.system.package.drawing import Coupling, system_diagram
 
 _SKIP = '<a class="skip" href="#figures">Skip to the figures</a>\n'
 """First stop of the keyboard."""
@@ -139,7 +139,8 @@ def report_page(
         parts = [part | {"figures": [], "signals": [], "simulation": None} for part in parts]
     data = {"runs": parts} | ({"binaries": binaries} if binaries else {})
     data |= {"study": study.content} if study else {}
-    diagram = next(filter(None, (system_diagram(run.package, run.summary.get("held", ())) for run in runs)), "")
+    drawn = (system_diagram(run.package, run.summary.get("held", ()), _coupling(run.summary)) for run in runs)
+    diagram = next(filter(None, drawn), "")
     system = f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>'
     summaries = [run.summary for run in runs]
     joined = not any("scenario" in summary or "arm" in summary for summary in summaries)
@@ -193,6 +194,17 @@ def _simulation(run: ShownRun, binaries: dict[str, str] | None, command: str) ->
     from vdfmu.study.report.simulation import simulation_of  # takes long to import
 
     return simulation_of(run, binaries, command)
+
+
+def _coupling(summary: Mapping[str, Any]) -> Coupling:
+    """Return the coupling errors of the signals that components read."""
+    judgement: Mapping[str, Any] = summary.get("judgement") or {"signals": (), "wanted": 1.0}
+    errors: dict[str, float] = {}
+    for each in judgement["signals"]:
+        group = each["name"].partition("[")[0]
+        if each.get("read", True) and each["error"] >= errors.get(group, 0.0):
+            errors[group] = each["error"]
+    return Coupling(errors, judgement["wanted"])
 
 
 def _wired(run: ShownRun) -> dict[str, Any]:

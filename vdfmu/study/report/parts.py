@@ -75,7 +75,7 @@ _TILES = {
     "margin": ("Modulus margin", "{place} at {time}", "torque", "key margin"),
     "torque": ("Peak torque", "joint {joint} at {time}", "torque", "largest"),
 }
-"""Key figure to the name, the note, the figure and the measure of its tile; the first ones are shown."""
+"""For each key figure, the name, note, figure and measure of its tile; the first ones are shown."""
 _VALUES: Mapping[str, Callable[[float], str]] = {
     "tool_error": lambda value: quantity(value, "m"),
     "saturated": lambda value: f"{number(100.0 * value)} %",

@@ -15,8 +15,9 @@ from rich.text import Text
 
 from vdfmu.base.bars import plain_table
 from vdfmu.base.files import MARK, write_whole
-from vdfmu.base.measure import number, quantity
+from vdfmu.base.measure import number, per_cent, quantity
 from vdfmu.base.standards import FMI_2
+from vdfmu.base.text import amount
 from vdfmu.engine.results.verdict import (
     DOUBTFUL,
     FAILED,
@@ -57,6 +58,8 @@ _ESTIMATION = (
 """Heading, key of the summary, key of the units."""
 _LIMITS = {"Torque\nlimit": "torque", "Speed\nlimit": "speed", "End\nstop": "stop"}
 _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
+_SIGNALS = 12
+"""Most signals of the table of coupling errors, the worst first."""
 _COMPARED = ["paper", "%"]
 """Headings of the paper's numbers, and of ours in per cent of them."""
 _NONE = "-"
@@ -66,7 +69,7 @@ def sheets(summary: Summary, *, fit: bool = False) -> list[Sheet]:
     """Return the tables of a run whose numbers its summary has; `fit`: each number with a prefix that fits it."""
     makers = {
         "rms_position_error_deg": tracking_sheet, "limits": limits_sheet, "rms_spring_torque_nm": _estimation_sheet,
-        "reference": reference_sheet,
+        "reference": reference_sheet, "judgement": coupling_sheet,
     }  # fmt: skip
     made = [make(summary, fit) for key, make in makers.items() if summary.get(key)]
     return [sheet for sheet in made if sheet is not None]
@@ -162,6 +165,27 @@ def reference_sheet(summary: Summary, fit: bool = False) -> Sheet:
         for name, entry in zip(names, compared.values(), strict=True)
     ]
     return Sheet(title, ("Reference", *headings), rows, notes if rows else ["No reference was solved."])
+
+
+def coupling_sheet(summary: Summary, fit: bool = False) -> Sheet | None:
+    """Coupling errors at the step, its half and its quarter; None if the run's judgement has no estimate."""
+    judgement: Summary = summary["judgement"]
+    signals, order = judgement["signals"], judgement.get("order", 0)
+    if not signals or not order:
+        return None
+    heads = [quantity(judgement["step"] / divisor, "s") for divisor in (1, 2, 4)]
+    rows = [
+        (each["name"], *map(per_cent, (each["error"], half, half / 2**order)), f"{each['q']:.2g}")
+        for each in signals[:_SIGNALS]
+        for half in [each["error"] * each["q"]]
+    ]
+    notes = [
+        f"Estimated from the differences d1 and d2 of runs with these steps, as shares of each signal's range. "
+        f"d2 / d1 is near {0.5**order:g} where the steps show the order of {judgement['algorithm']}."
+    ]
+    if more := len(signals) - len(rows):
+        notes.append(f"{amount(more, 'more signal')} with smaller errors in summary.json.")
+    return Sheet("Coupling error", ("Signal", *(f"Step\n{head}" for head in heads), "d2 / d1"), rows, notes)
 
 
 _FACTS = {
@@ -334,7 +358,7 @@ def _widths(sheet: Sheet) -> list[float]:
 
 
 def _parts(sheet: Sheet) -> list[list[int]]:
-    """Return the columns of the parts of a table, the first in each. What a heading compares stays in its part."""
+    """Return the columns of the parts of a table, the first in each. Columns that a heading compares stay together."""
     widths = _widths(sheet)
     groups: list[list[int]] = []
     for k in range(1, len(sheet.columns)):

@@ -1,12 +1,13 @@
-"""Tracks of a page's sliders: what a verdict says of the sampled loops along the gains of a controller.
+"""Tracks of a page's sliders: the verdict on the sampled loops as a function of the gains of a controller.
 
-Each slider is moved alone, for all joints. The gains of a controller act on the feedback of the loops alone, and in
-proportion: the loops of the run, with more or less of a gain, are those of another run but for its states. A run that
-is judged without dry friction is taken without it. Other parameters have no track, since they change the motion of the
-run. Gains of one joint have none either: to look for the least margin of each at all rows would take seconds.
+One slider is moved at a time, for all joints. The gains of a controller only scale the feedback of the loops, so the
+loops with another gain are calculated from the loops of the recorded run; only the states of that run would differ. If
+a run is judged without dry friction, so are its tracks. Other parameters have no track, because they change the motion
+of the run. Gains of single joints have none either, because the search for the least margin of each at all rows would
+take seconds.
 
-A track is green where margins keep the limits of :mod:`vdfmu.study.limits`, amber below them, and red where there are
-none.
+A track is green where the margins are within the limits of :mod:`vdfmu.study.limits`, amber where they are not, and
+red where the loops are unstable.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
 def judge_results(results: Results, scenario: Scenario, package: Path, **options: Unpack[ScenarioRunOptions]) -> None:
     """Add the verdict of :func:`vdfmu.run` to the summary of a run of the package of a scenario.
 
-    The package is run once more for what is read along a run.
+    The package is run once more for the values that are read along a run.
     """
     case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
     case = case._replace(parameters=options["parameters"] or {})

@@ -40,14 +40,14 @@ class RunLoops:
         self._place = None if package is None else _place_of(case, package)
         self._stored = load(self._place, _loops_from) if self._place else None
         self.poses = None if self._stored is not None else self._poses()
-        """What reads the loops along the run; None if the cache has them."""
+        """Functions that read the loops along the run; None if the cache has them."""
 
     def _poses(self) -> Poses:
         return poses_of(self._case.system, again=bool(self._case.options["simulate"]))
 
     @property
     def taps(self) -> list[Tap]:
-        """What reads along the run."""
+        """Functions that read along the run."""
         return [] if self.poses is None else [self.poses]
 
     def entries(self, results: Results) -> dict[str, Any]:

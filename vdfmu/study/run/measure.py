@@ -45,11 +45,11 @@ def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]
 
 
 def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterator[str]:
-    """Yield a note on the torque that the inverse of an arm with coupled rotors leaves out over a step.
+    """Yield a note on the torque that the inverse of an arm with coupled rotors omits over a step.
 
     The rotors after a joint react with at most ``sum I_m (kappa_ddot - q_ddot)`` more than the inverse includes in the
-    motion of the joint's own rotor. That lacks D' times it, and the torque I_m times its second derivative. Rows near
-    rest are left out: there the third derivative of q_d may jump.
+    motion of the joint's own rotor. D' times it is missing there, and the torque I_m times its second derivative. Rows
+    near rest are omitted, because the third derivative of q_d may jump there.
     """
     if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
         return
@@ -71,7 +71,7 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
     i = int(share.argmax())
     if share[i] > _SHOWN:
         yield (
-            f"{name}: mode inverse leaves out {lacking[i]:.2g} of {largest[i]:.3g} N.m of motor {i + 1} in a step, for "
+            f"{name}: mode inverse omits {lacking[i]:.2g} of {largest[i]:.3g} N.m of motor {i + 1} in a step, for "
             "its rotors are coupled and the motion is fast. See docs/model.md, 'Where the inverse is not exact'."
         )
 
@@ -145,7 +145,7 @@ class PowerBond(Tap):
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
 
     def summary(self) -> dict[str, Any]:
-        """Return the entry ``power_bond`` of a summary; nothing if the run lacks one of the signals.
+        """Return the entry ``power_bond`` of a summary; nothing if one of the signals is not in the run.
 
         For each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum of the absolute
         values; ``exchanged_energy_j``, the same for the energy that the plant took up.
@@ -165,7 +165,7 @@ class Measures:
 
     @property
     def taps(self) -> list[Tap]:
-        """What reads along the run."""
+        """Functions that read along the run."""
         return [] if self._bond is None else [self._bond]
 
     def add(self, results: Results) -> None:

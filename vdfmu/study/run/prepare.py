@@ -14,9 +14,9 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
 from vdfmu.engine.package.system import ends_of
+from vdfmu.engine.plan.check import check_coupling
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.engine.run import check_coupling
 from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -91,7 +91,8 @@ def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
     """Raise UsageError for unconnected inputs, unless they are among the `names` that are set.
 
-    Those of a plant may keep their start values, such as a wrench at its tool, unless a unit left out what fed them.
+    Those of a plant may keep their start values, such as a wrench at its tool, unless a replaced unit no longer has the
+    output that fed them.
     """
     lost = {link.partition(" -> ")[2] for link in scenario.system.dropped}
     lines: list[str] = []

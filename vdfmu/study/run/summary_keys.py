@@ -24,7 +24,7 @@ Summary = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class List:
-    """A list, with an entry a joint if `joints`, or with `size` entries."""
+    """A list, with an entry for each joint if `joints`, or with `size` entries."""
 
     of: Any
     joints: bool = False
@@ -53,7 +53,7 @@ _TURN = List(_PLACE, size=3)
 SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
 TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 TOGETHER = (TRACKING, SPRINGS)
-"""Groups of keys; a summary has all of a group or none."""
+"""Groups of keys; a summary has all keys of a group or none."""
 _ENERGIES = Record(dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR))
 _STEPS = Record(
     {"steps": WHOLE, "rejected": WHOLE, "unit_steps": WHOLE, "shortest_step": NUMBER, "longest_step": NUMBER},
@@ -73,7 +73,7 @@ _REFERENCE = {
 
 
 def _arm(joints: bool, **more: Any) -> Record:
-    """Return the type of a drawn arm; `joints`: its lists are as long as the summary's other lists over joints."""
+    """Return the type of a drawn arm; with `joints` its lists are as long as the summary's other lists over joints."""
     facts = {
         "types": List((*JOINT_TYPES,), joints), "ell": List(NUMBER, joints), "rotation": List(_TURN, joints),
         "offset": List(_PLACE, joints), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
@@ -116,7 +116,7 @@ _JUDGEMENT = Record(
     {"verdict": TEXT, "text": TEXT, "wanted": NUMBER, "error": NUMBER, "signal": TEXT, "step": NUMBER,
      "algorithm": TEXT,
      "signals": List(Record({"name": TEXT, "error": NUMBER, "q": NUMBER, "time": NUMBER}, {"read": FLAG}))},
-    {"kind": TEXT},
+    {"kind": TEXT, "order": WHOLE},
 )  # fmt: skip
 _EXPECTED = Record(
     {"file": TEXT, "within": NUMBER, "signals": WHOLE, "problems": _LINES, "beyond": WHOLE,
@@ -130,7 +130,7 @@ KEYS: Mapping[str, Any] = {
     "scenario_file": TEXT,  # file of a scenario that is not a shipped one
     "description": TEXT,  # what the scenario is for
     "robot": TEXT,  # name of the robot
-    "robot_file": TEXT,  # robot instead of the scenario's: its file, or its name unless shipped
+    "robot_file": TEXT,  # robot that replaces the scenario's: its file, or its name if it is shipped
     "friction": TEXT,  # place of the joints' friction
     "joints": WHOLE,  # number of joints
     "joint_names": _UNITS,  # names of the joints in the robot's file
@@ -138,7 +138,7 @@ KEYS: Mapping[str, Any] = {
     "date": TEXT,  # date of the run, UTC
     "format": WHOLE,  # version of the layout of this file
     "versions": Keyed(TEXT),  # versions of Python and of the packages on which the numbers depend
-    "adaptive": NUMBER,  # largest relative error of a coupled signal in a step, if the steps are adapted
+    "adaptive": NUMBER,  # allowed relative error of a coupled signal in a step, if the steps are adapted
     "start": NUMBER,  # begin of the run [s]
     "stop": NUMBER,  # end of the run [s]
     "step": NUMBER,  # communication step [s]
@@ -170,7 +170,7 @@ KEYS: Mapping[str, Any] = {
     "real_time_factor": NUMBER,  # time of the run over wall time
     "pace": _PACE,  # speed limit of the run, and delays of its rows [s], by machine
     "communication": _STEPS,  # steps of an algorithm that repeats or adapts them, and their lengths [s]
-    "held": _LINES,  # inputs that take in each step the value of their source at its beginning
+    "held": _LINES,  # inputs that have, during a step, the value of their source at the beginning of the step
     "files": _LINES,  # files of the run, replaced by a later run
     "position_units": List(("deg", "mm"), True),  # units of measurement of the position errors
     "torque_units": _UNITS,  # units of measurement of the torques
@@ -182,12 +182,12 @@ KEYS: Mapping[str, Any] = {
     "rms_tau_f_hat_error_nm": _JOINTS,  # RMS of the errors of the estimated friction torques, link-side
     "own_limits": Keyed(Record({"value": NUMBER, "by": TEXT})),  # limits of the verdict that a user set
     "power_bond": _ENERGIES,  # energy that the coupling adds or takes, and exchanged energy, link-side [J]
-    "limits": Keyed(_SHARES),  # shares of the time at limits, by plant
+    "limits": Keyed(_SHARES),  # shares of the time at limits, for each plant
     "paper": _PAPER,  # values of the paper
-    "reference": Keyed(_REFERENCE),  # largest differences to each reference
+    "reference": Keyed(_REFERENCE),  # largest differences from each reference
     "reference_stop": NUMBER,  # end of the comparison with the references, if it is before that of the run [s]
     "no_reference": TEXT,  # reason of a missing reference
-    "separation": _SEPARATION,  # distance of the run from itself with an invisible change
+    "separation": _SEPARATION,  # distance between the run and a second run with a negligible change
     # largest errors of tool [m] and joints, largest torque, smallest modulus margin, lowest mode [Hz], largest share of
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
@@ -198,7 +198,7 @@ KEYS: Mapping[str, Any] = {
     "unfed": _LINES,  # unconnected inputs, though the component acts on a plant
     "implausible": _LINES,  # likely mistakes of units or signs
     "stability": Record({"reason": TEXT, "expected": FLAG}),  # why the stability of the loops was not judged
-    "verdict": _VERDICT,  # checks of the run, the worst state, its headline, and what the run came to
+    "verdict": _VERDICT,  # checks of the run, the worst state, its headline, and the results
     "error": TEXT,  # why the run did not reach its end
 }
 """Types of all keys that a run may write: a tuple for some texts, a mapping for a table of optional keys."""
@@ -231,9 +231,9 @@ def read_summary(file: Path) -> dict[str, Any]:
 
 
 def typed(content: Any, of: Any, lengths: dict[str, int] | None = None) -> tuple[dict[str, Any], list[str]]:
-    """Return a table of a type, see `KEYS`, without null keys, and its faults; note `lengths` of lists over joints."""
+    """Return a table of a type, see `KEYS`, without null keys, and its faults; add the lengths of lists over joints."""
     if not isinstance(content, dict):
-        return {}, [f"expected a table of facts, got {_short(content)}"]
+        return {}, [f"expected a table, got {_short(content)}"]
     problems: list[str] = []
     return _read(content, of, "", problems, {} if lengths is None else lengths), problems
 
@@ -242,7 +242,7 @@ def _contradictions(summary: Mapping[str, Any], lengths: Mapping[str, int]) -> I
     """Yield lists of unequal lengths, and missing keys that other keys need."""
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{key} has {count}" for key, count in lengths.items())
-        yield f"expected an entry for each joint, got other numbers: {counts}"
+        yield f"expected lists with an entry for each joint, got different lengths: {counts}"
     for keys in TOGETHER:
         if any(key in summary for key in keys):
             yield from (f"{key}: is missing" for key in keys if key not in summary)

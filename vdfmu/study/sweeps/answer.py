@@ -44,7 +44,7 @@ class Answer(NamedTuple):
 
     @property
     def headline(self) -> str:
-        """The state and what decided it, in at most 90 characters."""
+        """The state and its reason, in at most 90 characters."""
         return self.verdict["headline"]
 
 
@@ -240,7 +240,7 @@ def _chosen(study: StudyTable, search: SearchPoints) -> tuple[list[str], list[st
         more = [] if same else [f"Chosen: {place}, less than {100.0 * _TIE:.0f} % below the start."]
         return [f"no better values found than the start, {start}"], more
     if len(pairs) > 1:
-        phrase = f"chosen point {point}, its {len(pairs)} costs {number(ratio)} times those at the start"
+        phrase = f"chosen point {point}: its {len(pairs)} costs are {number(ratio)} times those at the start"
         return [phrase], [f"Chosen: {place}."]
     ((before, after),) = pairs
     less = f"{_less(after, before, unit)} the cost at the start, {quantity(before, unit)}"
@@ -314,7 +314,7 @@ def _influence(study: StudyTable) -> str:
 def _chance(shown: View) -> float:
     """Return in which share of shuffles of the points' ranks the means over any axis differ as much as over the first.
 
-    Ranks, since a few large values would hide the order of the rest.
+    Ranks, because a few large values would hide the order of the rest.
     """
     good, rng = np.isfinite(shown.value.values), np.random.default_rng(0)
     over = [parts_of(side.values[good], bool(side.words)) for side in shown.sides]

@@ -184,7 +184,7 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
         if axes and Path(sample).suffix:
             raise UsageError(f"sample: {sample} has its own axes. Leave out --vary.")
         if n is not None and Path(sample).is_file():
-            raise UsageError(f"points: {sample} has the points; leave it out.")
+            raise UsageError(f"points: {sample} has the points; omit it.")
         return _read(sample)
     if not axes:
         raise UsageError("vary: expected at least one axis, such as controller.K_p=lin(500, 5000, 10).")
@@ -201,7 +201,7 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
 
 def _grid(axes: Sequence[Axis], n: int | None) -> Points:
     if n is not None:
-        raise UsageError("points: a grid has as many points as its axes define. Leave it out, or choose lhs or sobol.")
+        raise UsageError("points: a grid has as many points as its axes define. Omit it, or choose lhs or sobol.")
     words = "expected values, or their number, lin(FROM, TO, N), in a grid; lhs and sobol need none."
     if without := [f"{axis}: {words}" for axis in axes if not axis.values]:
         raise UsageError("\n".join(without))

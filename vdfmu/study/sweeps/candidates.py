@@ -15,9 +15,9 @@ from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.table import StudyTable
 
 MOST = 8
-"""Best points that run again to find the best good one, before ranks are left out; and most neighbours of a point."""
+"""Best points that run again to find the best good one, before ranks are skipped; and most neighbours of a point."""
 _FARTHER, _BACK = 2, 3
-"""Then the next rank over the last, and most halvings of the ranks left out before a good point."""
+"""Then the next rank over the last, and most halvings of the skipped ranks before a good point."""
 
 
 class JudgedPoint(NamedTuple):
@@ -37,7 +37,7 @@ class JudgedPoint(NamedTuple):
 def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
     """Judge points in the order of their values (n,) until one is good, or not judged.
 
-    After the `MOST` best, ranks are left out, ever more of them. Half of those before the first good point are then
+    After the `MOST` best, more and more ranks are skipped. Half of those before the first good point are then
     looked back for, so that at most 25 points run of a hundred thousand.
     """
     points, finite = study["point"], int(np.isfinite(values).sum())

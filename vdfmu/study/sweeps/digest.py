@@ -26,12 +26,12 @@ from vdfmu.base.files import PACKAGE
 
 _INSTALLED = (*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")), str(PACKAGE))
 _MOST = 1000
-"""Elements of a container that are looked at one by one; of a larger one the pickle counts."""
+"""Most elements of a container for which each is digested; for a larger container its pickle is digested."""
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
 
 def value_digest(value: Any) -> str:
-    """Digest of a function, an object that is called, or data. Other objects that cannot be pickled do not count."""
+    """Digest of a function, an object that is called, or data. Other objects that cannot be pickled are ignored."""
     return hashlib.sha256(b"\0".join(_facts(value, {}))).hexdigest()[:16]
 
 

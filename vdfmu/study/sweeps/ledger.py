@@ -109,7 +109,7 @@ class Ledger:
                 file.write(content)
         except OSError as error:
             raise VdfmuError(
-                f"{place}: cannot be written: {error.strerror or error}. What was done before is kept: free space, "
+                f"{place}: cannot be written: {error.strerror or error}. Completed points are kept: free space, "
                 "and repeat the command."
             ) from None
 

@@ -118,7 +118,7 @@ class Measure:
     ``loops``, the :class:`~vdfmu.engine.linear.growth.Poses`."""
 
     def of(self, results: Results) -> dict[str, float]:
-        """Return its value, or values, by column; UsageError if the results lack a signal, or it is not a number."""
+        """Return its value, or values, by column; UsageError if a signal is missing, or it is not a number."""
         try:
             if self.function is not None:
                 array = np.asarray(self.function(results), dtype=float)

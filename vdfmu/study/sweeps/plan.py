@@ -74,7 +74,7 @@ def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], di
 
 
 def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
-    """Raise UsageError for axes without effect, since others after them set the same."""
+    """Raise UsageError for axes without effect, because others after them set the same."""
     problems: list[str] = []
     later: dict[str, str] = {}
     for target in reversed([axis.target for axis in axes if axis.target in system.bindings]):

@@ -20,13 +20,13 @@ from vdfmu.base.text import elided, shown
 from vdfmu.study.sweeps.job import Row, Task
 
 TIME_LIMIT = 600.0
-"""Time [s] that a point has."""
+"""Time limit [s] of a point."""
 _START = 120.0
-"""Time [s] that the process has to start."""
+"""Time limit [s] for the start of the process."""
 _TRIES = 3
-"""Processes that may be killed from outside at one point."""
+"""Number of processes that may be killed from outside at the same point."""
 KILLED = "the process was killed (SIGKILL)"
-"""Begin of the reason of a point that ran out of memory or was ended by somebody: not a fault of the model."""
+"""Start of the reason for a point that ran out of memory or was killed, which is not a fault of the model."""
 _WRITTEN = "a component wrote into the pipe of the worker"
 _HEAD = {
     "point": int,
@@ -129,8 +129,8 @@ class Worker:
                     continue
                 why = elided(shown(str(rows.get("disk"))))
                 raise VdfmuError(
-                    f"point {left[0][0]}: the disk fails: {why}. What was done is kept: free space, or choose another "
-                    "folder with TMPDIR, and repeat the command."
+                    f"point {left[0][0]}: the disk fails: {why}. Finished points are kept: free space, or choose "
+                    "another folder with TMPDIR, and repeat the command."
                 )
             if not isinstance(rows, str):
                 rows = _rows(rows, [point for point, *_ in group])

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import base64
+import math
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 from html import escape
 from os.path import commonprefix
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vdfmu.base.errors import SspError
+from vdfmu.base.measure import per_cent
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import NAMESPACES, parse_xml
 from vdfmu.engine.package.read import load_ssp
@@ -35,6 +37,7 @@ svg.system { font: 13px system-ui, "DejaVu Sans", Arial, sans-serif; color: #242
 .system .w0 { color: var(--w0); } .system .w1 { color: var(--w1); } .system .w2 { color: var(--w2); }
 .system .w3 { color: var(--w3); } .system .wire path { fill: none; stroke: currentColor; stroke-width: 1.5; }
 .system .wire path { stroke-linejoin: round; } .system .wire path.tip { fill: currentColor; stroke: none; }
+.system .wire path.line { stroke-width: var(--width, 1.5px); }
 .system .wire circle { fill: currentColor; } .system .wire .held { fill: var(--back); stroke: currentColor; }
 """
 _GREEK = dict(
@@ -67,15 +70,35 @@ _CUTS = ("V_A", "V_B", "V_C", "V_D")
 """Connectors by which the pieces of an arm pass on their velocities."""
 _FEWEST = 4
 """Pieces that are drawn as one box."""
+_WIDTHS = (1.5, 1.3, 5.4)
+"""Width [px] of a wire whose error is at most a hundredth of the wanted one, by how much a factor of ten widens it, and
+the largest."""
 Kinds = Mapping[str, Mapping[str, Sequence[str]]]
 """Component to kind of connector to names."""
 
 
-def system_diagram(package: Path, held: Container[str] = ()) -> str:
+class Coupling(NamedTuple):
+    """Coupling errors of a judged run, and the largest that was wanted, as shares of the signals' ranges."""
+
+    errors: Mapping[str, float]
+    """By ``component.signal``, of an array the largest of its elements."""
+    wanted: float
+
+    def width(self, error: float) -> float:
+        """Return the width of a wire whose signal has an error [px]."""
+        least, more, most = _WIDTHS
+        share = 100.0 * error / self.wanted
+        return min(least + more * math.log10(share), most) if share > 1.0 else least
+
+
+_UNJUDGED = Coupling({}, 1.0)
+
+
+def system_diagram(package: Path, held: Container[str] = (), coupling: Coupling = _UNJUDGED) -> str:
     """Return HTML with the picture of the system in a package, or an empty text.
 
-    `held` inputs read the last step's value. Pieces of an arm are one box, and all of them in a picture that opens. A
-    key has the colours.
+    `held` inputs read the last step's value. Errors of `coupling` widen wires. Pieces of an arm are one box, and all of
+    them in a picture that opens. A key has the colours and the widths.
     """
     if not package.is_file():
         return ""
@@ -99,16 +122,17 @@ def system_diagram(package: Path, held: Container[str] = ()) -> str:
         for name, port in c.connectors.items()
         if port.dimensions
     }
-    picture = _draw(kinds, words, links, sizes, places, icons, held)
+    picture = _draw(kinds, words, links, sizes, places, icons, held, coupling)
     boxes = _boxes(links)
     if not boxes:
-        return picture + _key(_in_order(kinds, places), links)
-    inside, joined, late = _folded(kinds, links, boxes, held)
+        return picture + _key(_in_order(kinds, places), links, coupling)
+    inside, joined, late, errors = _folded(kinds, links, boxes, held, coupling.errors)
+    outer = coupling._replace(errors=errors)
     words |= {box: f"{len(pieces)} pieces" for box, pieces in boxes.items()}
-    folded = _draw(inside, words, joined, {}, {}, icons, late)
+    folded = _draw(inside, words, joined, {}, {}, icons, late, outer)
     count = sum(map(len, boxes.values()))
     whole = f"<details><summary>All {count} pieces of {escape(' and '.join(boxes))}</summary>{picture}</details>"
-    return folded + _key([*inside], joined) + whole
+    return folded + _key([*inside], joined, coupling) + whole
 
 
 def _boxes(links: Iterable[tuple[Port, Port]]) -> dict[str, list[str]]:
@@ -124,10 +148,17 @@ def _boxes(links: Iterable[tuple[Port, Port]]) -> dict[str, list[str]]:
 
 
 def _folded(
-    kinds: Kinds, links: Iterable[tuple[Port, Port]], boxes: Mapping[str, Sequence[str]], held: Container[str]
-) -> tuple[Kinds, list[tuple[Port, Port]], set[str]]:
-    """Return components and links with boxes for their pieces, whose equal connectors are a vector; and held inputs."""
-    late, numbers = set[str](), dict[tuple[str, str, str], dict[str, int]]()
+    kinds: Kinds,
+    links: Iterable[tuple[Port, Port]],
+    boxes: Mapping[str, Sequence[str]],
+    held: Container[str],
+    errors: Mapping[str, float],
+) -> tuple[Kinds, list[tuple[Port, Port]], set[str], dict[str, float]]:
+    """Return components and links with boxes for their pieces, whose equal connectors are a vector.
+
+    Also return the held inputs and the errors of signals, the largest of each vector.
+    """
+    late, worst, numbers = set[str](), dict(errors), dict[tuple[str, str, str], dict[str, int]]()
     box_of = {piece: box for box, pieces in boxes.items() for piece in pieces}
 
     def outside(end: Port, kind: str) -> Port:
@@ -136,6 +167,8 @@ def _folded(
         box = box_of.get(part, part)
         if f"{part}.{group}" in held:
             late.add(f"{box}.{group}")
+        if (error := errors.get(f"{part}.{group}")) is not None:
+            worst[f"{box}.{group}"] = max(error, worst.get(f"{box}.{group}", 0.0))
         if part not in box_of:
             return end
         places = numbers.setdefault((box, kind, group), {})
@@ -150,19 +183,30 @@ def _folded(
         box: {kind: [link[k][1] for link in joined if link[k][0] == box] for k, kind in enumerate(("output", "input"))}
         for box in boxes
     }
-    return {name: each for name, each in kinds.items() if name not in box_of} | ports, joined, late
+    return {name: each for name, each in kinds.items() if name not in box_of} | ports, joined, late, worst
 
 
-def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]]) -> str:
-    """Return the key of the colours of wires: the components from which they lead."""
+def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]], coupling: Coupling) -> str:
+    """Return the key of the colours of wires, the components from which they lead, and of their widths."""
     sources = {start[0] for start, _ in links}
     named = [[name for name in order[k::_COLOURS] if name in sources] for k in range(_COLOURS)]
     line = (
-        '<svg class="system" aria-label="Colour" width="20" height="10">'
-        '<path class="w{}" d="M0 5h20" stroke="currentColor"/></svg>'
+        '<svg class="system" aria-label="{}" width="20" height="10">'
+        '<path class="{}" d="M0 5h20" stroke="currentColor" stroke-width="{:g}"/></svg>'
     )
-    keys = (f"<span>{line.format(k)} {escape(', '.join(names))}</span>" for k, names in enumerate(named) if names)
-    return f'<p class="note keys">Wires from: {" ".join(keys)}</p>'
+    keys = (
+        f"<span>{line.format('Colour', f'w{k}', 1.5)} {escape(', '.join(names))}</span>"
+        for k, names in enumerate(named)
+        if names
+    )
+    key = f'<p class="note keys">Wires from: {" ".join(keys)}</p>'
+    if not coupling.errors:
+        return key
+    shares = [coupling.wanted * factor for factor in (0.01, 0.1, 1.0, 10.0)]
+    widths = (f"<span>{line.format('Width', '', coupling.width(each))} {per_cent(each)}</span>" for each in shares)
+    return (
+        f'{key}<p class="note keys">Width: coupling error, {per_cent(coupling.wanted)} wanted: {" ".join(widths)}</p>'
+    )
 
 
 def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
@@ -213,6 +257,7 @@ def _draw(
     places: Mapping[str, tuple[float, float, str]],
     icons: Mapping[str, bytes | None],
     held: Container[str] = (),
+    coupling: Coupling = _UNJUDGED,
 ) -> str:
     """Draw components with connectors by kind, and their links. Places of all give the order from left to right."""
     if not kinds:
@@ -252,7 +297,7 @@ def _draw(
             f'style="width: 100%; min-width: {0.6 * layout.width:.0f}px; max-width: {layout.width:.0f}px" '
             'role="img" aria-label="Diagram of the system">',
             f"<style>{_STYLE}</style>",
-            *(_wire(wire, colours[wire.source], late) for wire in layout.wires),
+            *(_wire(wire, colours[wire.source], late, coupling) for wire in layout.wires),
             *map(_card, cards.values()),
             *([note.format(height - 8.0)] if late else []),
             "</svg>",
@@ -267,26 +312,34 @@ def _shape(names: Iterable[str]) -> str:
     return " × ".join(str(max(index)) for index in zip(*indices, strict=False)) if indices else ""
 
 
-def _wire(wire: Wire, colour: int, late: Container[tuple[Port, Port]]) -> str:
+def _wire(wire: Wire, colour: int, late: Container[tuple[Port, Port]], coupling: Coupling) -> str:
     net = wire.net
     signal = ".".join(net.start)
     ends = ", ".join(".".join(end) for end in net.ends)
     title = f"{signal}{f', {net.width} elements' if net.width else ''}, to {ends}"
-    path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) for line in wire.lines)
+    error, judged, wide = coupling.errors.get(signal), "", 0.0
+    if error is not None:
+        words, width = f"coupling error {per_cent(error)} of its range", coupling.width(error)
+        title += f"; {words}"
+        judged = f' data-error="{escape(signal)}: {words}." style="--width: {width:.2g}px"'
+        wide = 0.5 * (width - _WIDTHS[0])
+    lines = ([*line[:-1], (line[-1][0] - 4.0 * wide, line[-1][1])] for line in wire.lines)  # a tip stays pointed
+    path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) for line in lines)
     marks = [f'<circle cx="{x:g}" cy="{y:g}" r="3"/>' for x, y in wire.dots]
     for end, line in zip(net.ends, wire.lines, strict=True):
         x, y = line[-1]
-        marks.append(f'<path class="tip" d="M{x:g} {y:g}l-8 -4v8z"/>')
+        tip = 4.0 + wide
+        marks.append(f'<path class="tip" d="M{x:g} {y:g}l{-2.0 * tip:g} {-tip:g}v{2.0 * tip:g}z"/>')
         if (net.start, end) in late:
-            marks.append(f'<circle class="held" cx="{x - 12:g}" cy="{y:g}" r="3"/>')
+            marks.append(f'<circle class="held" cx="{x - 12 - 2.0 * wide:g}" cy="{y:g}" r="{3 + wide:g}"/>')
     x, y = wire.lines[0][0]
     if net.width:
         marks.append(f'<path d="M{x + 6:g} {y + 4:g}l5 -8"/>')
         marks.append(f'<text class="width" x="{x + 13:g}" y="{y - 4:g}">{net.width}</text>')
     at = x + 13 + (LETTER * 11.0 * len(net.width) + 8 if net.width else 0)
-    marks.append(f'<text class="value" x="{at:g}" y="{y - 4:g}"></text>')
+    marks.append(f'<text class="value" x="{at:g}" y="{y - 4 - wide:g}"></text>')
     return (
-        f'<g class="wire w{colour}" data-signal="{escape(signal)}" '
+        f'<g class="wire w{colour}"{judged} data-signal="{escape(signal)}" '
         f'data-ends="{escape(" ".join(".".join(end) for end in net.ends))}"><title>{escape(title)}</title>'
         f'<path class="line" d="{path}"/>{"".join(marks)}</g>'
     )

@@ -90,7 +90,7 @@ def write_ssp(
     scenario : Scenario
     fmus : mapping of component to path
         FMUs from :func:`vdfmu.arm.fmus.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
-        Those that the scenario's system does not have are left out.
+        Those that the scenario's system does not have are ignored.
     path : path
         File to write, ``name.ssp``.
     values : mapping of component to mapping of variable to value, optional
@@ -124,7 +124,7 @@ def write_ssp(
     if lacking := [component for component in description.tables if component not in fmus]:
         raise UsageError(
             f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them "
-            "with vdfmu.arm.fmus.build_fmus, or run vdfmu ssp, since it builds all of them."
+            "with vdfmu.arm.fmus.build_fmus, or run vdfmu ssp, because it builds all of them."
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}

@@ -70,7 +70,7 @@ def compiles(rate: object) -> bool:
 
 
 class CountedSteps(Protocol):
-    """What moves the states of a unit: the steps of its last interval, and whether it does so in compiled code."""
+    """The solver of the states of a unit: the steps of its last interval, and whether it is compiled code."""
 
     steps: int
     is_compiled: bool

@@ -41,7 +41,7 @@ from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.dop853 import source_key
 from vdfmu.system.reference.solution import SHORT, ContinuousReference, Repeated, SampledReference
-from vdfmu.system.reference.wired import Action, AtNewTime, Carry, Node, Run, TimeSetter, WiredUnits
+from vdfmu.system.reference.wired import Action, Carry, Node, Run, TimeSetter, WiredUnits
 from vdfmu.system.scenario.scenario import Variables
 
 REPEATED = 100
@@ -169,7 +169,7 @@ def _key(description: SystemDescription) -> str:
 def _solved(
     name: str, description: SystemDescription, step: float, n: int, every: int, shown: Mapping[str, Sequence[Node]]
 ) -> tuple[Iterator[Floats], SampledReference | ContinuousReference]:
-    """Return the shown outputs at each `every`-th of n + 1 times, and what solves them."""
+    """Return the shown outputs at each `every`-th of n + 1 times, and the solver."""
     system = WiredUnits(description)
     solution = (
         ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
@@ -202,7 +202,7 @@ def runs(
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
-    """Return file name to C text of lists of actions. None if a unit lacks C."""
+    """Return file name to C text of lists of actions. None if a unit has no C code."""
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
@@ -242,11 +242,6 @@ class Code:
         elif isinstance(action, TimeSetter):
             for place in action.places.tolist():
                 yield f"m[{place}] = t;"
-        elif isinstance(action, AtNewTime):
-            yield f"if (m[{action.place}] != t) {{"
-            yield from (line for each in action.actions for line in self._lines(each))
-            yield f"m[{action.place}] = t;"
-            yield "}"
         else:
             unit = self.system.units[action.unit]
             if not isinstance(unit, Traced):

@@ -46,14 +46,7 @@ class Evaluate(NamedTuple):
     method: str
 
 
-class AtNewTime(NamedTuple):
-    """Actions that depend on the time alone, run if the time differs from the last time, stored at a place."""
-
-    place: int
-    actions: list[Carry | Evaluate]
-
-
-Action = Carry | TimeSetter | Evaluate | AtNewTime
+Action = Carry | TimeSetter | Evaluate
 
 
 class WiredUnits:
@@ -62,7 +55,7 @@ class WiredUnits:
     Attributes
     ----------
     memory : (m,) array
-        The memories of the units, then `solver_x` and `solver_x_dot`, and the last time of `AtNewTime`.
+        The memories of the units, then `solver_x` and `solver_x_dot`.
     units : dict of str to Evaluation
     x, x_dot : (n_x,) places of the continuous states of all units, and of their derivatives
     solver_x, solver_x_dot : (n_x,) places of a solver's states and derivatives
@@ -82,7 +75,7 @@ class WiredUnits:
             )
         begins = np.cumsum([0, *(interface.size for interface in interfaces.values())]).tolist()
         n_x = sum(interface.states.stop - interface.states.start for interface in interfaces.values())
-        self.memory = np.zeros(begins[-1] + 2 * n_x + 1)
+        self.memory = np.zeros(begins[-1] + 2 * n_x)
         self.solver_x, self.solver_x_dot = (begins[-1] + np.arange(2 * n_x)).reshape(2, n_x)
         self._first = dict(zip(interfaces, begins, strict=False))
         self.units: dict[str, Evaluation] = {}
@@ -114,34 +107,13 @@ class WiredUnits:
         self.x, self.x_dot = (
             np.concatenate([self._range(name, part) for name in interfaces]) for part in ("states", "derivatives")
         )
-        of_time = self._of_time(fed)
-        early, late = (
-            [
-                action
-                for name, carry in moving
-                if (name in of_time) == first
-                for action in (Evaluate(name, "outputs"), carry)
-            ]
-            for first in (True, False)
-        )
         self.evaluate: list[Action] = [
             Carry(self.solver_x, self.x),
             TimeSetter(self.clocks),
             self._links(lambda source, _: self._is_state(*source)),
-            AtNewTime(self.memory.size - 1, early),
-            *late,
+            *(action for name, carry in moving for action in (Evaluate(name, "outputs"), carry)),
         ]
         """Calculate all inputs at a time, from the states of the solver."""
-
-    def _of_time(self, fed: set[Node]) -> set[str]:
-        """Return the units that depend on the time alone: without states and `fed` inputs, also in their sources."""
-        moving = {name for name, _ in fed}
-        moving |= {n for n, unit in self.units.items() if unit.x.size or unit.interface.is_sampled or unit.at_events}
-        read = {(name, i) for name, unit in self.units.items() for i in _read(unit)}
-        links = [(source[0], end[0]) for end, source in self._source.items() if end in read]
-        while more := {end for source, end in links if source in moving} - moving:
-            moving |= more
-        return set(self.units) - moving
 
     def _feed_from(self, table: InputTable) -> set[Node]:
         """Connect the columns of a table to the inputs of their names. Return these inputs."""
@@ -258,7 +230,7 @@ class WiredUnits:
 
     def start(self) -> None:
         """Set the states and outputs of the start time."""
-        self.memory[self.clocks], self.memory[-1] = 0.0, np.nan
+        self.memory[self.clocks] = 0.0
         self.feed(0.0, held=True)
         for name, (starts, ends) in self.starting:
             unit = self.units[name]
@@ -279,8 +251,6 @@ class WiredUnits:
                 case Evaluate(unit, method):
                     call = getattr(self.units[unit], method)
                     return lambda _: call()
-                case AtNewTime(_, actions):  # always: parameters may change at the same time
-                    return self.python(actions)
 
         runs = [bound(action) for action in actions]
 

@@ -41,7 +41,7 @@ def unfolded(scenario: Scenario) -> Scenario:
 
 
 def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
-    """Return the robot with named parameters that it lacks: an empty payload, zeros that are folded.
+    """Return the robot with named parameters that it does not have: an empty payload, zeros that are folded.
 
     Names are ``plant.payload_mass``, ``robot.gravity[1]``, or of a unit alone, ``gravity[1]``.
     """
@@ -60,7 +60,7 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connections = ()) -> Scenario:
-    """Return the scenario with other units for some components, without connections and values that these lack.
+    """Return the scenario with other units for some components, without connections and values that these cannot have.
 
     A new input is connected to the output of the same name, shape and unit of measurement, if of the components that
     were connected with its own a single one has it. Last come the `connections`, output to input or inputs; these

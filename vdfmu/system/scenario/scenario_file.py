@@ -51,7 +51,7 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
         See `load_robot`. A relative path of a robot in the file starts at the file's folder.
     robot : Robot, str or None
         Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
-        The paper's numbers are left out where it has other numbers than the file's.
+        The paper's numbers are omitted where the scenario has other numbers than the file.
 
     Returns
     -------
@@ -148,7 +148,7 @@ KEYS = {
     "limits": "Limits of the verdict, such as margin = 0.3",
     "paper": "",
 }
-"""Keys of a scenario file and their meaning, if the name does not say it."""
+"""Keys of a scenario file, with the meaning of those whose name is not enough."""
 ROBOT_KEYS = ("friction", "payload", "joints", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
 PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")

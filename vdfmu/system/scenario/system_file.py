@@ -67,7 +67,7 @@ class SystemFile:
     shared: Mapping[str, Mapping[str, str]]
     """Shared values: name of the parameter set to component to its group."""
     dropped: tuple[str, ...] = ()
-    """Connections, ``output -> input``, that replaced units lack."""
+    """Connections, ``output -> input``, whose signals replaced units do not have."""
     joined: tuple[str, ...] = ()
     """Connections, ``output -> input``, that replaced units add."""
     unfed: Mapping[str, list[str]] = field(default_factory=dict[str, list[str]])

@@ -172,7 +172,7 @@ def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]
         groups = [
             f"{component}.{group}"
             for component, group in members.items()
-            if any(v.group == group for v in resolved.tables[component])  # a replaced unit may lack it
+            if any(v.group == group for v in resolved.tables[component])  # a replaced unit may not have it
         ]
         value = next((written[group] for group in groups if group in written), None)
         if value is not None:

@@ -154,7 +154,7 @@ class VirtualDecompositionControl(Law):
     adaptation = Choice("projection", "natural", text="Law of the bodies; 0: gradient with projection, 1: natural")
     gamma = Parameter("1/J", text="Gain of the adaptation of bodies; 0: none", start=1.0, minimum=0.0, tunable=True)
     gamma_j = Parameter("1/J", text="Gain of the adaptation of joints; 0: none", start=1.0, minimum=0.0, tunable=True)
-    span = Parameter("1", text="Half of the range of an estimate, by its scale", start=0.5, minimum=0.0)
+    span = Parameter("1", text="Half of the range of an estimate, relative to its scale", start=0.5, minimum=0.0)
     scale = Parameter("1", (JOINTS, 10), "scale of the parameters", start=parameter_scales, minimum=0.0)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     phi_0 = Parameter("1", (JOINTS, 10), "start of the parameters of the body, in SI units", start=start_parameters)

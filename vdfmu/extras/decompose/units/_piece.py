@@ -58,7 +58,10 @@ _FORCES = rates(WRENCH, "Desired force", "Desired moment", 2)
 DESIRED_FORCE = (
     (*_FORCES[0], *WRENCH[0]),
     (4, 6),
-    [*_FORCES[2], *six("Desired force, rotors as their springs move them", "Desired moment, the same")],
+    [
+        *_FORCES[2],
+        *six("Desired force, rotors moving on their springs", "Desired moment, rotors moving on their springs"),
+    ],
 )
 """The desired force with two derivatives, while rotors turn as their links do; then that with their own motion."""
 
@@ -75,7 +78,7 @@ def desired_ports(at: str, kind: type[D], back: type[E]) -> dict[str, D | E]:
         f"g_{at}_d": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, along the desired motion, axis"),
         f"V_{at}": six_vector(kind, VELOCITY, "Velocity", "Angular velocity", at),
         f"V_{at}_r": six_vector(kind, VELOCITY, "Required velocity", "Required angular velocity", at),
-        f"V_{at}_r_dot": six_vector(kind, ACCELERATION, "Rate of the required velocity", "Angular", at),
+        f"V_{at}_r_dot": six_vector(kind, ACCELERATION, "Required acceleration", "Required angular acceleration", at),
         f"g_{at}": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, axis"),
         **desired_forces(at, back),
     }
@@ -85,7 +88,7 @@ def desired_forces(at: str, back: type[E]) -> dict[str, E]:
     """Return the forces of the feedforward at a cutting point."""
     return {
         f"F_{at}_d": back(*DESIRED_FORCE),
-        f"F_{at}_r": six_vector(back, WRENCH, "Required force on what is beyond", "Required moment", at),
+        f"F_{at}_r": six_vector(back, WRENCH, "Required force on the arm beyond the cut", "Required moment on it", at),
     }
 
 
@@ -106,7 +109,7 @@ def apparent(at: str, back: type[E], hanging: Any = 0.0) -> dict[str, E]:
     """Return apparent mass and bias force at a cutting point."""
     start = {"start": hanging} if back is Input else {}
     return {
-        f"M_{at}": back(*MASS, f"Apparent mass matrix of what is beyond {{{at}}}", **start),
+        f"M_{at}": back(*MASS, f"Apparent mass matrix of the arm beyond {{{at}}}", **start),
         f"p_{at}": six_vector(back, WRENCH, "Bias force", "Bias moment", at),
     }
 
@@ -124,7 +127,9 @@ def of_joint(kind: type[D], signal: tuple[str, Any, str], joint_type: str, **res
 
 def coupling() -> Switch:
     """Return the switch of the rotor's coupling to its carrier."""
-    return Switch(True, "Whether the rotor turns with what carries it, Eq. (4), (7), (11); else about its axis, (56)")
+    return Switch(
+        True, "Whether the rotor also moves with its carrier, Eq. (4), (7), (11); else only about its axis, (56)"
+    )
 
 
 def friction_choice() -> Choice:

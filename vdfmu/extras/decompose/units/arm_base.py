@@ -9,7 +9,7 @@ from vdfmu.extras.decompose.units._piece import Piece, numbers, plant_ports
 
 
 class ArmBase(Piece):
-    """Base at rest in {I}, of an arm that is wired from its links and joints.
+    """Base at rest in {I}, for an arm that is connected from links and joints.
 
     A body on it, or any number of joints, takes its velocity of 0 and its gravity vector.
     """

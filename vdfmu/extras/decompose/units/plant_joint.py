@@ -50,7 +50,7 @@ def plant_variables(kind: str) -> dict[str, Any]:
 
 
 class PlantJoint(Piece):
-    """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), in an arm that is wired from its links and joints.
+    """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), for an arm that is connected from links and joints.
 
     Towards the tip it passes on velocity and acceleration, and towards the base the apparent mass and the bias force of
     the bodies on it: they need the force ``M V_dot + p`` at a cutting point. ``c`` is the part of V_B_dot that is
@@ -69,14 +69,14 @@ class PlantJoint(Piece):
     tau = Input("N.m", text="Motor torque, motor-side")
     vars().update(plant_ports("A", Input, Output) | plant_ports("B", Output, Input, np.eye(6)))
     F_A = six_vector(Output, WRENCH, "Force on the joint", "Moment on the joint", "A")
-    F_B = six_vector(Output, WRENCH, "Force on what hangs on the joint", "Moment on what hangs on the joint", "B")
+    F_B = six_vector(Output, WRENCH, "Force on the arm beyond the joint", "Moment on the arm beyond the joint", "B")
     P_A = Output("W", text="Virtual power flow V' F at the cutting point {A}, towards the tip")
     P_B = Output("W", text="Virtual power flow V' F at the cutting point {B}, towards the tip")
     vars().update(plant_variables("revolute"))
     friction = friction_choice()
     rotor_coupling = coupling()
     equilibrium = Switch(
-        True, "Start the spring with the torque that holds what hangs on the joint, the rotor with the link's velocity"
+        True, "Start with the spring torque that holds the arm beyond the joint, and the rotor at the link's velocity"
     )
     terminals = (
         Terminal("base_side", "left", tuple(plant_ports("A", Input, Output)), "Cutting point {A}"),

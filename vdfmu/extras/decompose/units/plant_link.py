@@ -8,7 +8,7 @@ from vdfmu.extras.decompose.units._piece import Piece, apparent, numbers, plant_
 
 
 class PlantLink(Piece):
-    """A link, Eq. (47), (59)-(62), in an arm that is wired from its links and joints; see the unit PlantJoint.
+    """A link, Eq. (47), (59)-(62), for an arm that is connected from links and joints; see the unit PlantJoint.
 
     ::
 

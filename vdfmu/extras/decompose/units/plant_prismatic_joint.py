@@ -8,7 +8,7 @@ from vdfmu.extras.decompose.units.plant_joint import PlantJoint, plant_variables
 
 
 class PlantPrismaticJoint(PlantJoint):
-    """A prismatic joint with its drive, in an arm that is wired from its links and joints: see the unit PlantJoint.
+    """A prismatic joint with its drive, for an arm that is connected from links and joints: see the unit PlantJoint.
 
     It moves along z of {B}: q is in m, torques of link and spring are forces, ell is in rad/m.
     """

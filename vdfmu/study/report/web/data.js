@@ -1,4 +1,4 @@
-// The numbers of the page, its elements, and what its parts share.
+// The numbers of the page, its elements, and functions that its parts share.
 
 import { unzip } from "./packed.js";
 
@@ -35,7 +35,7 @@ export const inkOf = (name) =>
 
 export const COLOURS = Number(inkOf("joints")); // of vdfmu/base/page.py
 
-/** Colour of a joint, from 1; ink for 0, of what is no joint. */
+/** Colour of a joint, from 1; ink for 0, for everything that is not a joint. */
 export const colourOf = (number) => inkOf(number ? `joint-${((number - 1) % COLOURS) + 1}` : "ink");
 
 const packed = document.getElementById("numbers");
@@ -184,11 +184,11 @@ export function tableParts(heads, rows) {
   ];
 }
 
-/** A button by its words and what a click does. */
+/** A button with a text and the function of a click. */
 export const button = (words, click, attributes = {}) =>
   make("button", { type: "button", click, ...attributes }, words);
 
-/** A row of controls; what is false is left out. */
+/** A row of controls; false entries are skipped. */
 export const bar = (...children) => make("div", { class: "bar" }, ...children.filter(Boolean));
 
 /** Style of a bar from the middle of its box, to the right for positive shares. */

@@ -48,7 +48,7 @@ export function showFigures(section, more) {
       { class: "note" },
       "Drag across a figure to zoom; double-click to see all. Point to read values" +
         (runs.some((run) => run.arm) ? ", click to move the arm there. " : ". ") +
-        "Values are those of recorded rows; no peak is left out.",
+        "Values are those of recorded rows; all peaks are shown.",
     ),
   );
   return charts;

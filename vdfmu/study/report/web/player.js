@@ -1,4 +1,4 @@
-// The section of the arm: picture, values of the joints, and what plays it.
+// The section of the arm: picture, values of the joints, and the controls that replay the run.
 
 import {
   bar,

@@ -1,4 +1,4 @@
-// The arms of a run in a scene, each as it is and as it is desired, its path, and what it touches.
+// The arms of a run in a scene, each in its actual and its desired position, its path, and the objects it touches.
 
 import { darkScheme, inkOf } from "./data.js";
 import { Chain, Motion, NEGATIVE, NEUTRAL, POSITIVE, armsOf, dress, ghost, solid } from "./arm.js";
@@ -94,7 +94,7 @@ class Path extends vendor.Group {
     this.radius = radius;
   }
 
-  /** Lead straight from point to point, which are reached at `times`; those that are hardly elsewhere are left out. */
+  /** Lead straight from point to point, which are reached at `times`; points that are almost at the same place are skipped. */
   along(points, times) {
     const kept = [...points.keys()].filter(
       ((last) => (k) => {
@@ -127,7 +127,7 @@ class Path extends vendor.Group {
   }
 }
 
-/** The arms of a run, and what they touch. */
+/** The arms of a run, and the objects that they touch. */
 export class Puppet {
   constructor(run, tint = null) {
     this.root = new vendor.Group();

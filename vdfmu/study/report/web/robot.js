@@ -1,4 +1,4 @@
-// The page of a robot: sliders of its joints, what is shown of it, and its modes, which move it.
+// The page of a robot: sliders of its joints, the layers that are shown, and its modes, which move it.
 
 import {
   bar,

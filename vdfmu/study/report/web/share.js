@@ -1,4 +1,4 @@
-// What is passed on: a link to what is shown, the command that makes it, a picture of the arm.
+// Ways to share a view: a link to it, the command that makes it, a picture of the arm.
 
 import { button, copied, make, recorded, reducedMotion, simulated, view } from "./data.js";
 import { address } from "./state.js";

@@ -1,4 +1,4 @@
-// The panel that simulates: sliders, the page's own run, and what it found beside what was recorded.
+// The panel that simulates: sliders, the page's own run, and its results next to the recorded ones.
 
 import {
   bar,
@@ -24,7 +24,7 @@ import { quantity, text } from "./numbers.js";
 
 const PATIENCE = 1000; // ms; a run that takes longer is stopped for a newer one
 
-const TOGETHER = 700; // ms in which changes of one slider count as one for Undo
+const TOGETHER = 700; // ms in which changes of one slider are a single step of Undo
 
 class Simulation {
   /** `section` has the sliders and the message, `found` the tables below the figures. */

@@ -14,7 +14,8 @@ export function showSystem(section) {
     .map((element) => new Wire(element, signals))
     .filter(({ key }) => key);
   if (!diagrams.childElementCount) section.querySelector("h2").textContent = "Recorded signals";
-  const place = make("div", { class: "grid single", "aria-live": "polite" });
+  const place = make("div", { class: "grid single", "aria-live": "polite" }),
+    error = make("small", { class: "note" });
   const list = choice(
     "Signal",
     [...signals.keys()].map((key) => [key, key]),
@@ -24,6 +25,7 @@ export function showSystem(section) {
     list.querySelector("select").value = key;
     for (const wire of wires) wire.choose(wire.key === key);
     const { title, unit } = signals.get(key);
+    error.textContent = wires.find((wire) => wire.key === key)?.element.dataset.error ?? "";
     place.replaceChildren(new Chart(title, unit, () => curvesOf("signals", key)).element);
   };
   for (const wire of wires) wire.listen(() => show(wire.key));
@@ -36,6 +38,7 @@ export function showSystem(section) {
           { class: "note" },
           "On the wires: the largest element at the time shown. A click on a wire shows what it carries.",
         ),
+      error,
     ),
     place,
   );

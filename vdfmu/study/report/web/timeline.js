@@ -1,4 +1,4 @@
-// The line of time below the arm: the error of the tool over it, and marks of what happened when.
+// The timeline below the arm: the error of the tool over time, and marks of events.
 
 import { button, largest, make, simulated, view } from "./data.js";
 import { toolErrors } from "./arm.js";

@@ -1,4 +1,4 @@
-// The verdict on a simulated run by the table of limits of vdfmu/study/limits.py, which the page has from Python:
+// The verdict on a simulated run by the table of limits of vdfmu/study/limits.py, which Python writes into the page:
 // the counterparts of `Limit.check` and `verdict_of`, and of the checks of vdfmu/study/verdict.py.
 
 import { quantity, text } from "./numbers.js";
@@ -6,7 +6,7 @@ import { quantity, text } from "./numbers.js";
 export const STATES = ["good", "doubtful", "failed"];
 export const UNJUDGED = "not judged";
 const [GOOD, DOUBTFUL, FAILED] = STATES;
-/** Comes last, so that the headline tells what is known to be doubtful. */
+/** Comes last, so that the headline is a check that is known to be doubtful. */
 const NOT_HERE = "stability not judged here";
 
 /** A number of a row as text, with some more digits. */
@@ -107,9 +107,15 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
 function* loopChecks({ rows, figures: { excited, open }, split }, loops, why) {
   const name = "Stability";
   if (excited)
-    yield plain("friction", "Friction", DOUBTFUL, "friction excites itself in the recorded run");
+    yield plain(
+      "friction",
+      "Friction",
+      DOUBTFUL,
+      `friction-induced oscillation, growing fastest at ${excited.place}`,
+      "the loops are judged without dry friction",
+    );
   if (!loops || (loops.unstable && split && !excited)) {
-    const unknown = why || "dry friction may be what grows";
+    const unknown = why || "dry friction may cause the growth";
     yield plain("stability", name, DOUBTFUL, NOT_HERE, unknown);
     return;
   }
@@ -165,7 +171,7 @@ function* energyChecks({ rows, floor }, { energy }) {
   yield check(rows.energy, residual > floor ? residual / exchanged : 0, places);
 }
 
-/** Phrases for what a run came to, without what a doubtful or failed check says of it. */
+/** Phrases for the results of a run, except those that a doubtful or failed check reports. */
 function* resultsOf(simulation, figures, loops, checks) {
   const stateAt = (key) => checks.find((one) => one.key === key)?.state,
     { contact, path, tool_error: tool, joint_error: worst } = figures;

@@ -1,4 +1,4 @@
-// The page's own run: master.js in a worker, and how far what it finds is from what was recorded.
+// The page's own run: master.js in a worker, and the difference of its results from the recorded ones.
 
 import { unpack } from "./data.js";
 

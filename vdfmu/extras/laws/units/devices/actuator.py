@@ -26,13 +26,13 @@ class Actuator(Unit):
     tau_dot_max. All limits are off by default.
     """
 
-    tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")
+    tau_c = Input("N.m", JOINTS, "requested torque, motor-side")
     k_t = Parameter("N.m/A", JOINTS, "torque constant", start=1.0, minimum=1e-9)
     tau_max = torque_limit()
     tau_dot_max = Parameter("N.m/s", JOINTS, "limit of the rate of the torque", start=NO_LIMIT, minimum=0.0)
     i_max = Parameter("A", JOINTS, "limit of the current", start=NO_LIMIT, minimum=0.0)
-    i_rms = Parameter("A", JOINTS, "limit of the current in the root mean square", start=NO_LIMIT, minimum=0.0)
-    T_i = Parameter("s", JOINTS, "thermal time constant of that mean", start=10.0, minimum=1e-6)
+    i_rms = Parameter("A", JOINTS, "limit of the RMS current", start=NO_LIMIT, minimum=0.0)
+    T_i = Parameter("s", JOINTS, "thermal time constant over which the RMS current is taken", start=10.0, minimum=1e-6)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     h = Sampled("A2", JOINTS, "mean of the square of the current")
     i = Sampled("A", JOINTS, "current")

@@ -33,7 +33,7 @@ class Communication(Unit):
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     random = Sampled("1", 6, "state of the random numbers")
     sent = Sampled("N.m", (JOINTS, PAST), "torque sent at the samples, the newest first, motor-side")
-    way = Sampled("1", PAST, "periods that what was sent at the samples takes, the newest first; 1e6 if it is lost")
+    way = Sampled("1", PAST, "transmission times of the samples in periods, the newest first; 1e6 for a lost sample")
     age = Sampled("s", text="time since the output was sent")
     tau = Sampled("N.m", JOINTS, "torque that has arrived, motor-side")
 

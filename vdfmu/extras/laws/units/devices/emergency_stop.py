@@ -24,7 +24,7 @@ class EmergencyStop(Unit):
     torques under the arm's weight, or the arm falls.
     """
 
-    tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")
+    tau_c = Input("N.m", JOINTS, "requested torque, motor-side")
     kappa = Input(*MEASURED["kappa"])
     kappa_dot = Input(*MEASURED["kappa_dot"])
     stop = Input("1", text="above 0.5: stop")
@@ -34,7 +34,7 @@ class EmergencyStop(Unit):
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     t_b = Sampled("s", text="time at which the brakes engage")
     phase = Sampled("1", text="0: motors, 1: no torque, 2: brakes")
-    kappa_b = Sampled("position", JOINTS, "where the bristle of the brake is without torque")
+    kappa_b = Sampled("position", JOINTS, "rotor position at which the bristle of the brake has no torque")
     tau = Sampled("N.m", JOINTS, "torque on the rotor, motor-side")
     robot = RobotParameters("I_m")
 

@@ -25,7 +25,7 @@ class Encoder(Unit):
     """
 
     q = Input("position", JOINTS, "position")
-    span = Parameter("position", JOINTS, "length or angle that the encoder divides", start=2.0 * np.pi, minimum=1e-9)
+    span = Parameter("position", JOINTS, "range of the encoder, a length or an angle", start=2.0 * np.pi, minimum=1e-9)
     bits = Parameter("1", JOINTS, "bits of the encoder", start=17.0, minimum=1.0, maximum=48.0)
     T_d = Parameter("s", text="delay", minimum=0.0)
     T_v = Parameter("s", JOINTS, "time constant of the velocity's filter; 0: none", minimum=0.0)

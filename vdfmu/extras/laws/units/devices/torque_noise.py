@@ -18,7 +18,7 @@ class TorqueNoise(Unit):
     w_k is the white noise of :class:`~vdfmu.extras.laws.units.devices.torque_sensor.TorqueSensor`.
     """
 
-    tau_c = Input("N.m", JOINTS, "torque that is asked for, motor-side")
+    tau_c = Input("N.m", JOINTS, "requested torque, motor-side")
     sigma = Parameter("N.m", JOINTS, "standard deviation of the noise, motor-side", start=0.001, minimum=0.0)
     seed = seed(3)
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)

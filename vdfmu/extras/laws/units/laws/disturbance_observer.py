@@ -28,7 +28,7 @@ class DisturbanceObserverPD(SampledPD):
 
     T_Q = Parameter("s", JOINTS, "time constant of the estimate", start=0.05, minimum=1e-6, tunable=True)
     d_hat = Sampled("N.m", JOINTS, "estimated disturbance, motor-side")
-    added = Sampled("N.m", JOINTS, "motor torque less the feedforward's since the last sample, motor-side")
+    added = Sampled("N.m", JOINTS, "motor torque minus feedforward torque from the last sample on, motor-side")
     e_before = Sampled("velocity", JOINTS, "error of the rotor's velocity at the last sample")
     robot = RobotParameters("ell", "I_m")
 

@@ -32,7 +32,13 @@ class JointTorque(PDGravity):
 
     tau_s = Input(*MEASURED["tau_s"])
     share = Parameter(
-        "1", JOINTS, "share of the rotor inertia that is left", start=0.9, minimum=1e-3, maximum=1.0, tunable=True
+        "1",
+        JOINTS,
+        "rotor inertia after the torque feedback, as a share of the real inertia",
+        start=0.9,
+        minimum=1e-3,
+        maximum=1.0,
+        tunable=True,
     )
 
     def outputs(self) -> None:

@@ -18,9 +18,9 @@ class PDGravity(GravityLaw):
         kappa_d = q_d + D(g) + theta_err(kappa_d)        their rotor positions
         tau     = [g + K_p (kappa_d - kappa) + K_v (q_d_dot - kappa_dot)] / ell     limited to -tau_max .. tau_max
 
-    It measures the motors alone. At rest at q_d the error is 0, since kappa_d has the springs' deflection. The rest is
-    globally stable if K_p and the springs are stiffer than the slope of gravity. Along a motion the error is about the
-    torque of accelerations and friction, divided by K_p.
+    It only measures the motors. At rest at q_d the error is 0, because kappa_d contains the deflection of the springs.
+    The rest position is globally stable if K_p and the springs are stiffer than the slope of gravity. During a motion
+    the error is about the torque of accelerations and friction, divided by K_p.
 
     Source: P. Tomei, "A simple PD controller for robots with elastic joints", IEEE Transactions on Automatic Control
     36(10), 1991; here with springs that stiffen, and with the desired velocity in the derivative term.

@@ -66,7 +66,12 @@ class KalmanFilter(Unit):
     period = Parameter("s", text="time between samples", start=1e-3, minimum=1e-6)
     design_period = Parameter("s", text="period for which joint and L are designed", start=_designed("design_period"))
     rest = Parameter("1", (JOINTS, 3), "q, kappa and tau of the pose at rest, in SI units", start=_designed("rest"))
-    joint = Parameter("1", (JOINTS, 4, 5), "state and motor torque over a period", start=_designed("joint"))
+    joint = Parameter(
+        "1",
+        (JOINTS, 4, 5),
+        "matrix [A, B] of each joint over a period, for its state and motor torque",
+        start=_designed("joint"),
+    )
     L = Parameter("1", (JOINTS, 4), "gain, in SI units", start=_designed("L"))
     q_hat = Sampled("position", JOINTS, "estimated position of the link", delayed=True)
     q_dot_hat = Sampled("velocity", JOINTS, "estimated velocity of the link", delayed=True)
