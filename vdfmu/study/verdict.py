@@ -245,7 +245,7 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")
     excused = [check for check in checks if _excused(check)]
-    yield from (check.sentence for check in excused)
+    yield from (f"only by {check.by}, {check.sentence.replace(f' by {check.by}', '')}" for check in excused)
     if states.get("margin") == GOOD and all(check.key != "margin" for check in excused):
         yield f"modulus margin {number(figures['margin']['value'], 2)}"
     if "contact" in figures:

@@ -188,7 +188,8 @@ function* resultsOf(simulation, figures, loops, checks) {
   const stateAt = (key) => checks.find((one) => one.key === key)?.state,
     { contact, path, tool_error: tool, joint_error: worst } = figures;
   const excused = checks.filter((one) => one.excused);
-  for (const { sentence } of excused) yield sentence;
+  for (const { by, sentence } of excused)
+    yield `only by ${by}, ${sentence.replace(` by ${by}`, "")}`;
   if (stateAt("margin") === GOOD && excused.every(({ key }) => key !== "margin"))
     yield `modulus margin ${text(loops.margin.value, 2)}`;
   if (contact) yield `in contact ${since(contact.at_s)}, ${quantity(contact.value, "N")} at most`;
