@@ -127,7 +127,9 @@ def test_by_hand_runs_and_other_values_take_turns(package):
         with pytest.raises(UsageError, match="reset\\(\\) begins a run by hand"):
             simulator.step()
         seen = []
-        simulator.run(**OPTIONS, record=[], observer=SimpleNamespace(row=lambda *row: seen.append(row), wanted=["plant.q"]))
+        simulator.run(
+            **OPTIONS, record=[], observer=SimpleNamespace(row=lambda *row: seen.append(row), wanted=["plant.q"])
+        )
         count = len(seen)
         simulator.reset(**OPTIONS)
         simulator.step(50)
