@@ -17,7 +17,9 @@ from tests.warm import command
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.option import read_settings
 from vdfmu.compiler.unit.load import load_units
+from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.run import simulate
+from vdfmu.study.report.shown_run import read_run
 from vdfmu.system.scenario.scenario_file import load_scenario
 from vdfmu.system.scenario.values import start_values, system_values
 
@@ -145,6 +147,97 @@ def test_a_name_of_a_choice_is_written_and_run(place, tmp_path):
     assert '<ssv:Real value="3.0"/>' in text
     assert "FixedStepAlgorithm" in text  # without it libcosim refuses the package
     assert system.run(parameters={"a.mode": "off"})["a.y"][-1] == 3.0
+
+
+CLOCK = '''
+from vdfmu.unit import Choice, Output, Unit
+
+
+class Clock(Unit):
+    """A clock that can be fast."""
+
+    mode = Choice("right", "fast", "stopped")
+    y = Output("s")
+
+    def outputs(self) -> None:
+        if self.mode == "right":
+            self.y = self.t
+        elif self.mode == "fast":
+            self.y = 2.0 * self.t
+        else:
+            self.y = 0.0 * self.t
+'''
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("version", "backend"), [("2.0", "native"), ("3.0", "native"), ("2.0", "python")])
+def test_a_choice_is_set_by_its_name_in_every_fmu(tmp_path, version, backend):
+    (tmp_path / "clock.py").write_text(CLOCK)
+    fmu = vdfmu.build(tmp_path / "clock.py", tmp_path / "clock.fmu", fmi=version, backend=backend)
+    system = vdfmu.connect({"a": fmu}, stop=1.0, step=0.5)
+    ends = {name: system.run(parameters={"a.mode": name})["a.y"][-1] for name in ("right", "fast", "stopped")}
+    assert ends == {"right": 1.0, "fast": 2.0, "stopped": 0.0}
+    fixed = vdfmu.build(tmp_path / "clock.py", tmp_path / "fixed.fmu", fmi=version, backend=backend, mode="fast")
+    assert vdfmu.load(fixed).run(stop=1.0, step=0.5)["fixed.y"][-1] == 2.0
+    done = command("run", f"a={fmu}", "--set", "a.mode=fast", "--stop", "1", "--step", "0.5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert read_run(tmp_path / "results" / "system").results["a.y"][-1] == 2.0
+    refused = command("run", f"a={fmu}", "--set", "a.mode=slow", "--stop", "1", "--step", "0.5", cwd=tmp_path)
+    assert refused.returncode == 2 and "expected right or fast or stopped" in refused.stderr, refused.stderr
+
+
+ROOM = '''
+from vdfmu.unit import Derivative, Event, Mode, State, Unit, where
+
+
+class Room(Unit):
+    """Room with a heater that switches by its temperature."""
+
+    T = State("K", text="temperature above the surroundings")
+    T_dot = Derivative(T)
+    heater = Mode("on", "off", text="heater")
+    hot = Event("K", text="temperature above the upper limit")
+    cold = Event("K", text="temperature below the lower limit")
+
+    def derivatives(self) -> None:
+        self.T_dot = (where(self.heater < 0.5, 40.0, 0.0) - self.T) / 100.0
+
+    def events(self) -> None:
+        self.hot, self.cold = self.T - 21.0, 19.0 - self.T
+
+    def at_hot(self) -> None:
+        self.heater = "off"
+
+    def at_cold(self) -> None:
+        self.heater = "on"
+'''
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("version", "backend"), [("2.0", "native"), ("3.0", "native"), ("2.0", "python")])
+def test_a_mode_is_an_output_with_names_in_every_fmu(tmp_path, version, backend):
+    (tmp_path / "room.py").write_text(ROOM)
+    fmu = vdfmu.build(tmp_path / "room.py", tmp_path / "room.fmu", fmi=version, backend=backend)
+    assert inspect_file(fmu).problems == []
+    fmpy.read_model_description(str(fmu), validate=True)
+    system = vdfmu.connect({"a": fmu}, stop=200.0, step=1.0)
+    results = system.run()
+    # from 0 to 21 of 40 K, and from there between 19 and 21 K, where heating and cooling take as long
+    first, period = 100.0 * math.log(40.0 / 19.0), 100.0 * math.log(21.0 / 19.0)
+    switched = np.arange(first, 200.0, period)
+    count = np.searchsorted(switched, results.time)  # no switch is within 0.05 s of a row
+    assert results.texts("a.heater").tolist() == np.where(count % 2, "off", "on").tolist()
+    assert ["a.heater", "on", "off"] in [[row[0], *row[3:]] for row in results.contents().rows]
+    cold = system.run(parameters={"a.heater_0": "off", "a.T_0": 20.0})
+    assert cold.texts("a.heater")[:6].tolist() == ["off"] * 6 and "on" in cold.texts("a.heater")
+    with pytest.raises(VdfmuError, match=r"texts: a\.T must be an enumeration or a mode"):
+        results.texts("a.T")
+    if backend == "native":
+        events = fmpy.simulate_fmu(str(fmu), fmi_type="ModelExchange", stop_time=200.0, output=["T", "heater"])
+        assert abs(np.count_nonzero(np.diff(events["heater"])) - len(switched)) <= 1  # of the last one
+    (tmp_path / "wrong.py").write_text(ROOM.replace('self.heater = "off"', 'self.heater = "of"'))
+    with pytest.raises(VdfmuError, match=r"Room\.heater: expected on or off, got 'of'"):
+        vdfmu.build(tmp_path / "wrong.py", tmp_path / "wrong.fmu", fmi=version, backend=backend)
 
 
 def test_an_input_that_is_given_a_value_has_no_note_on_its_start_value(tmp_path):

@@ -152,7 +152,7 @@ class System:
 
     def _simulate(self, options: dict[str, Any]) -> Results:
         """Run the package; FMUs that were built here stay loaded for runs that differ in values and rows alone."""
-        rows: Any = pick(RowOptions, options)
+        rows: Any = {name: options.get(name) for name in RowOptions.__annotations__}
         loading: Any = {name: value for name, value in options.items() if name not in rows and name != "parameters"}
         plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
         # the end of a pool kills its workers, which then remove no folder
@@ -164,7 +164,7 @@ class System:
             parameters = options.get("parameters")
             if parameters and not simulator.sizes.isdisjoint(parameters):
                 return simulate(self.path, **options)
-            results = simulator.run(parameters=parameters, **rows)
+            results = simulator.run_with(rows, parameters)
             if not simulator.rest():
                 self._unload()
             return results

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.engine.reference import models
+from tests.study.page.browser import show
 from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.base.errors import UsageError
@@ -26,14 +27,14 @@ from vdfmu.system.package.drawing import Coupling
 
 @pytest.fixture(scope="module", name="place")
 def _place(tmp_path_factory):
-    """Run two FMUs and judge the run; return the folder and the file of the FMU."""
+    """Run three FMUs and judge the run; return the folder and the file of the FMU."""
     place = tmp_path_factory.mktemp("joined")
     lag = models.build(models.LAG, "2.0", place)
     words = (
         f"a={lag.name}",
         f"b={lag.name}",
-        "--connect",
-        "a.x=b.u",
+        f"c={lag.name}",
+        *("--connect", "a.x=b.u", "--connect", "b.x=c.u"),
         "--set",
         "a.u=1",
         "--stop",
@@ -41,7 +42,7 @@ def _place(tmp_path_factory):
         "--step",
         "0.04",
     )
-    done = command("run", *words, "--judge", "5", cwd=place)
+    done = command("run", *words, "--judge", "20", cwd=place)
     assert done.returncode == 0, done.stderr
     assert "Open results/system/report.html" in done.stdout
     return place, lag
@@ -53,7 +54,7 @@ def test_a_page_of_joined_fmus_has_diagram_figures_components_and_verdict(place)
     run = read_run(folder)
     assert escape(run.summary["verdict"]["headline"]) in text
     assert text.index('class="system"') < text.index('id="figures"')  # the diagram comes first
-    for name in ("a", "b"):
+    for name in "abc":
         assert f"<td>{name}</td><td>FMI 2.0, co-simulation</td>" in text.replace(' class="name"', "")
     assert run.package == folder / "system.ssp" and run.package.is_file()
 
@@ -62,9 +63,10 @@ def test_the_diagram_and_a_table_have_the_coupling_errors_of_a_judged_run(place)
     folder = place[0] / "results" / "system"
     text, summary = (folder / "report.html").read_text(encoding="utf-8"), read_run(folder).summary
     errors = {each["name"]: each for each in summary["judgement"]["signals"]}
-    share = errors["a.x"]["error"]
-    assert f'data-error="a.x: coupling error {per_cent(share)} of its range." style="--width: ' in text
-    assert "Width: coupling error, 5 % wanted:" in text
+    share = errors["b.x"]["error"]
+    assert share > 0.01
+    assert f'data-error="b.x: coupling error {per_cent(share)} of its range." style="--width: ' in text
+    assert "Width: coupling error, 20 % wanted:" in text
     # with errors C h of first order, runs with h and with h / 2 differ from that with h / 4 by 3 / 4 and 1 / 4 of C h;
     # C h^2 is smaller by the step over the time constant, 4 %
     row = errors["b.x"]
@@ -75,6 +77,21 @@ def test_the_diagram_and_a_table_have_the_coupling_errors_of_a_judged_run(place)
         assert off == pytest.approx(estimated - table[2], rel=0.04)
     cells = "".join(f"<td>{per_cent(each)}</td>" for each in table)
     assert f'<td class="name">b.x</td>{cells}' in text and "Step<br>10 ms" in text
+
+
+@pytest.mark.heavy
+def test_a_wire_is_as_wide_as_its_error_and_a_click_says_it(place, browser):
+    folder = place[0] / "results" / "system"
+    show(browser, folder / "report.html")
+    wire = "document.querySelector('[data-signal=\"b.x\"]')"
+    browser.run(f"{wire}.dispatchEvent(new MouseEvent('click'))")
+    signals = read_run(folder).summary["judgement"]["signals"]
+    error = next(each["error"] for each in signals if each["name"] == "b.x")
+    said = f"b.x: coupling error {per_cent(error)} of its range."
+    assert said in browser.run("document.querySelector('#system .bar').textContent")
+    width = browser.run(f"getComputedStyle({wire}.querySelector('.line')).strokeWidth")
+    # a wire that is chosen is 1.5 px wider; the style has two digits
+    assert float(width.removesuffix("px")) == pytest.approx(Coupling({}, 0.2).width(error) + 1.5, abs=0.06)
 
 
 def test_wires_widen_with_the_logarithm_of_their_error():

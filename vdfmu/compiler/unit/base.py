@@ -21,6 +21,7 @@ from vdfmu.compiler.unit.declaration import (
     Event,
     Input,
     Machine,
+    Mode,
     Parameter,
     RobotParameters,
     State,
@@ -232,10 +233,10 @@ class BaseUnit:
     def fitting(self, declared: Declared, value: Any) -> Any:
         """Return a value in the shape of a variable; UsageError if it does not fit."""
         where = f"{type(self).__name__}.{declared.name}"
-        if declared.choices:
+        if declared.choices and (isinstance(declared, Choice) or isinstance(value, str)):
             if value not in declared.choices:
                 raise UsageError(f"{where}: expected {' or '.join(declared.choices)}, got {value!r}.")
-            return value
+            return value if isinstance(declared, Choice) else np.float64(declared.choices.index(value))
         if isinstance(declared, Switch) and (np.ndim(value) or value not in (True, False)):
             raise UsageError(f"{where}: expected True or False, got {value!r}.")
         sizes = declared.sizes(self.n)
@@ -285,7 +286,9 @@ _TOLERANCE = (
 )
 
 
-def _start_parameter(state: State) -> Parameter:
+def _start_parameter(state: State) -> Declared:
+    if isinstance(state, Mode):
+        return Choice(*state.choices, text=f"start of {state.text or state.name}")
     text = state.text if isinstance(state.text, str) else list(state.text)
     text = f"start of {text or state.name}" if isinstance(text, str) else [f"start of {each}" for each in text]
     return Parameter(state.unit, state.shape, text, start=state.start, when=state.when, **state.attributes())

@@ -218,15 +218,27 @@ class Parameter(Declared):
         self._set("variability", "tunable" if self.tunable else "fixed")
 
 
-class Choice(Declared):
-    """A fixed parameter with named values; on an instance it is the name. The first is the default."""
+class _Named(Declared):
+    """An integer with names for its values 0, 1, .."""
 
-    variability = "fixed"
     type = "Integer"
 
     def __init__(self, *choices: str, text: str = "") -> None:
         super().__init__(text=text, start=0, minimum=0, maximum=len(choices) - 1)
         self._set("choices", choices)
+
+
+class Choice(_Named):
+    """A fixed parameter with named values; on an instance it is the name. The first is the default."""
+
+    variability = "fixed"
+
+
+class Mode(_Named, Held):
+    """A held state with named values, an output: methods set it by name or number, and read the number.
+
+    It starts at the parameter ``<name>_0``, a `Choice`.
+    """
 
 
 class Switch(Declared):

@@ -23,6 +23,7 @@ from vdfmu.compiler.unit.declaration import (
     Event,
     Held,
     Machine,
+    Mode,
     Parameter,
     RobotParameters,
     Sampled,
@@ -136,11 +137,11 @@ def _of_variable(declared: Declared, robot: Machine | None) -> Iterator[str]:
         yield f"a variable cannot be called {name}: {_LETTERS}, not 'time'"
     if isinstance(declared, Switch) and not isinstance(declared.start, bool):
         yield f"{name}: expected True or False, got {declared.start!r}"
-    if isinstance(declared, Choice) and not _texts(declared.choices):
+    if isinstance(declared, (Choice, Mode)) and not _texts(declared.choices):
         yield f"{name}: expected choices that are texts, got {declared.choices}"
-    if isinstance(declared, Choice) and len(set(declared.choices)) != max(2, len(declared.choices)):
+    if isinstance(declared, (Choice, Mode)) and len(set(declared.choices)) != max(2, len(declared.choices)):
         yield f"{name}: expected two or more different choices, got {declared.choices}"
-    if isinstance(declared, (Choice, Switch)):
+    if isinstance(declared, (Choice, Mode, Switch)):
         return
     axes: tuple[object, ...] = declared.shape
     if not all(axis is JOINTS or (isinstance(axis, int) and axis > 0) for axis in axes):

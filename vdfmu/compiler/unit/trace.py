@@ -248,6 +248,7 @@ def _kind(declared: Declared) -> str:
         "State": "a continuous state",
         "Sampled": "a sampled state",
         "Held": "a held state",
+        "Mode": "a mode",
         "Event": "the number of an event",
     }
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")

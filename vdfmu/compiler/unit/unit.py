@@ -145,7 +145,7 @@ class Unit(BaseUnit):
         for name, value in self.store.items():
             if name in interface.groups:
                 choices = self.declared[name].choices
-                run.group(name)[:] = choices.index(value) if choices else np.ravel(value)
+                run.group(name)[:] = choices.index(value) if isinstance(value, str) else np.ravel(value)
         values = zip(interface, run.memory.tolist(), strict=False)
         wrong = [f"{v.name}: {problem}." for v, x in values if v.causality != "output" and (problem := v.problem(x))]
         if wrong := wrong or unmet(interface, run.memory):

@@ -26,6 +26,7 @@ from vdfmu.compiler.unit.declaration import (
     Held,
     Input,
     Machine,
+    Mode,
     Output,
     Sampled,
     State,
@@ -80,7 +81,7 @@ class Variable(Attributes):
         return None
 
 
-_ORDER = (Input, State, Sampled, Held, Output, Event)
+_ORDER = (Input, State, Sampled, Held, Mode, Output, Event)
 
 
 def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:

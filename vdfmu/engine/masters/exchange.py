@@ -148,6 +148,8 @@ class Exchange:
         for kind in KINDS:
             self.banks.append(Bank(kind, checked, words[taken:]))
             taken += self.banks[-1].words
+        self._groups = _arrays(checked.schedule.initial.links)
+        """Connections in the order of the initialization."""
         self.watched = np.zeros(0, np.intp)
         """Real outputs that must be finite."""
         self._reads: list[tuple[Instance, list[Call]]] = []
@@ -179,7 +181,7 @@ class Exchange:
         self.feed(time)
         initial = self.checked.schedule.initial
         if not initial.torn:
-            self._pass(initial.links)
+            self._pass(self._groups)
             return
         texts = [link for link in initial.torn if link.sink.type in TEXTS]
         torn = [link for link in initial.torn if link.sink.type not in TEXTS]
@@ -190,7 +192,7 @@ class Exchange:
             new = iter(guess.tolist())
             for links in _arrays(torn):
                 self._carry(links, [next(new) if link.sink.kind == "Real" else round(next(new)) for link in links])
-            self._pass(initial.links, texts)
+            self._pass([*_arrays(texts), *self._groups])
             values[:] = self._values(torn)
             return values
 
@@ -211,21 +213,24 @@ class Exchange:
                 kind=FailureKind.COUPLING,
             )
 
-    def _pass(self, links: Sequence[Link], torn: Sequence[Link] = ()) -> None:
-        """Carry values over connections, first over `torn` ones, whole arrays at once."""
-        for array in (*_arrays(torn), *_arrays(links)):
-            self._carry(array, self._values(array))
+    def _pass(self, groups: Sequence[Sequence[Link]]) -> None:
+        """Carry values over connections, of each group at once."""
+        for links in groups:
+            self._carry(links, self._brought(links))
 
     def _values(self, links: Sequence[Link]) -> list[Any]:
         """Return the values that connections bring to their inputs."""
-        values: list[Any] = []
-        for array in _arrays(links):
-            start, sources = array[0].start[0], [link.source for link in array]
-            if start == SOURCE:
-                bank = self._bank(sources[0].kind)
-                values += (bank.memory[bank.position[link.start]].item() for link in array)
-            else:
-                values += self.instances[start].get_all(sources)
+        return [value for group in _arrays(links) for value in self._brought(group)]
+
+    def _brought(self, links: Sequence[Link]) -> list[Any]:
+        """Return the values that connections from one unit bring to their inputs."""
+        start, values = links[0].start[0], list[Any]()
+        if start == SOURCE:
+            for link in links:
+                bank = self._bank(link.source.kind)
+                values.append(bank.memory[bank.position[link.start]].item())
+        else:
+            values = self.instances[start].get_all([link.source for link in links])
         return [_converted(link, value) for link, value in zip(links, values, strict=True)]
 
     def _carry(self, links: Sequence[Link], values: Sequence[Value]) -> None:
@@ -335,10 +340,14 @@ class Exchange:
 
 
 def _arrays(links: Iterable[Link]) -> list[list[Link]]:
-    """Return connections in groups: neighbours from one array of FMI 3.0 to another."""
+    """Return connections in groups: neighbours from one unit to another, or from array to array of one unit.
 
-    def ends(link: Link) -> tuple[str, int, str, int]:
-        return link.start[0], link.source.reference, link.end[0], link.sink.reference
+    A group sets no input of the unit that it reads, so that its values are there before the first is carried.
+    """
+
+    def ends(link: Link) -> tuple[Any, ...]:
+        units = link.start[0], link.end[0]
+        return units if units[0] != units[1] else (*units, link.source.reference, link.sink.reference)
 
     return [list(group) for _, group in groupby(links, ends)]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import amount
@@ -115,12 +116,30 @@ class Results(Recorded):
         for group, elements in self.groups.items():
             columns = [self[name] for name in elements.values()]
             ends = (float(min(map(np.min, columns))), float(max(map(np.max, columns)))) if len(self) else ("", "")
+            if len(self) and (named := self._named(group)):
+                ends = tuple(named.get(int(end), str(end)) for end in ends)
             rows.append((group, _shape(self.shape_of(group)), _unit(self, group), *ends))
         about = self.summary.get("scenario") or self.summary.get("system")
         of = f" of {about}" if about else ""
         span = f" from {self.time[0]:g} to {self.time[-1]:g} s" if len(self) else ""
         title = f"Results{of}: {amount(len(self.names), 'signal')}, {amount(len(self), 'row')}{span}"
         return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows)
+
+    def _named(self, name: str) -> dict[int, str]:
+        """Return the names of the values of an enumeration or a mode by value; empty for other signals."""
+        return {value: text for text, value in self.summary.get("names", {}).get(name, {}).items()}
+
+    def texts(self, name: str) -> NDArray[np.str_]:
+        """Return the names of the values of an enumeration or a mode, (m,).
+
+        UsageError for a signal whose values have no names.
+        """
+        named = self._named(name)
+        if not named:
+            raise UsageError(
+                f"texts: {name} must be an enumeration or a mode, got a signal without names of its values."
+            )
+        return np.array([named.get(value, str(value)) for value in self[name].tolist()])
 
     def to_pandas(self) -> Any:
         """Return a DataFrame with a column for each signal and the time as index; ``attrs["units"]`` has the units.

@@ -115,6 +115,12 @@ class Simulator:
             for v in each.named("structuralParameter")
         }
         """Parameters that are sizes of arrays."""
+        self._names = {
+            f"{name}.{v.name}": dict(v.items)
+            for name, each in self._checked.descriptions.items()
+            for v in (*each.named("output"), *each.named("input"))
+            if v.items
+        }
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
@@ -141,6 +147,12 @@ class Simulator:
         UsageError, CosimError, Interrupted, VdfmuError
             See :func:`vdfmu.engine.run.simulate`; UsageError outside the block, too.
         """
+        return self.run_with(options, parameters, taps)
+
+    def run_with(
+        self, options: RowOptions, parameters: Mapping[str, Value] | None = None, taps: Sequence[Tap] = ()
+    ) -> Results:
+        """Run the system as :meth:`run`, with options whose types were checked."""
         grid, stream = self.grid(options["start"], options["stop"], options["step"]), options["stream"]
         files = [stream] if isinstance(stream, Path) else list(stream or ())
         for path in files:
@@ -162,6 +174,7 @@ class Simulator:
                 "isolated": isinstance(components, Isolated),
                 "held": checked.held,
                 "notes": [*checked.notes, *reach],
+                **({"names": self._names} if self._names else {}),
             }
             with shown_steps(options["progress"], "co-simulation") as progress:
                 run = self._planned(components, grid, options["record"], files, taps, options["pace"] is not None)

@@ -171,6 +171,7 @@ KEYS: Mapping[str, Any] = {
     "pace": _PACE,  # speed limit of the run, and delays of its rows [s], by machine
     "communication": _STEPS,  # steps of an algorithm that repeats or adapts them, and their lengths [s]
     "held": _LINES,  # inputs that have, during a step, the value of their source at the beginning of the step
+    "names": Keyed(Keyed(WHOLE)),  # names of the values of enumerations and modes, by signal
     "files": _LINES,  # files of the run, replaced by a later run
     "position_units": List(("deg", "mm"), True),  # units of measurement of the position errors
     "torque_units": _UNITS,  # units of measurement of the torques

@@ -15,7 +15,7 @@ export function showSystem(section) {
     .filter(({ key }) => key);
   if (!diagrams.childElementCount) section.querySelector("h2").textContent = "Recorded signals";
   const place = make("div", { class: "grid single", "aria-live": "polite" }),
-    error = make("small", { class: "note" });
+    error = make("b");
   const list = choice(
     "Signal",
     [...signals.keys()].map((key) => [key, key]),
@@ -36,9 +36,9 @@ export function showSystem(section) {
         make(
           "small",
           { class: "note" },
-          "On the wires: the largest element at the time shown. A click on a wire shows what it carries.",
+          "On the wires: the largest element at the time shown. A click on a wire shows what it carries. ",
+          error,
         ),
-      error,
     ),
     place,
   );
