@@ -73,7 +73,8 @@ def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
 
 def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
     monkeypatch.setattr(archive, "PACKAGE_LIMIT", 3)
-    assert "x.ssp: has more than 3 FMUs with parameter sets; that is the limit" in problems(nested(tmp_path / "x.ssp", 4))
+    faults = problems(nested(tmp_path / "x.ssp", 4))
+    assert "x.ssp: has more than 3 FMUs with parameter sets; that is the limit" in faults
 
 
 @pytest.mark.heavy
