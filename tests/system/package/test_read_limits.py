@@ -33,11 +33,13 @@ def test_the_number_of_elements_has_a_limit(tmp_path, monkeypatch):
 
 
 def test_the_depth_of_systems_has_a_limit(tmp_path):
-    text = ""
-    for _ in range(archive.DEPTH_LIMIT + 1):
-        text = f'<ssd:System name="s"><ssd:Elements>{text}</ssd:Elements></ssd:System>'
+    begin, end = '<ssd:System name="s"><ssd:Elements>', "</ssd:Elements></ssd:System>"
     path = tmp_path / "x.ssp"
-    path.write_bytes(pack({"SystemStructure.ssd": ssd(text.replace("<ssd:Elements></ssd:Elements>", ""))}))
+    for depth in (31, 32):
+        text = begin * depth + '<ssd:System name="s"/>' + end * depth
+        path.write_bytes(pack({"SystemStructure.ssd": ssd(text)}))
+        if depth == 31:
+            load_ssp(path)
     assert "more than 32 systems inside each other" in problems(path)[0]
 
 
