@@ -160,7 +160,7 @@ def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e:
 
 @checks_types
 def _at_position(robot: Robot, name: str, q: Any, shape: tuple[int, ...]) -> Floats:
-    """Call a traced function of `q` alone, which `rows` checks, with a result of `shape`."""
+    """Call a traced function of only `q`, which `rows` checks, with a result of `shape`."""
     kernel = _kernel(robot)
     flat = kernel.rows(name, (q,), (kernel.robot.n,))
     return flat.reshape(*flat.shape[:-1], *shape)

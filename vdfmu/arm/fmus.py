@@ -151,7 +151,7 @@ def build(
     backend : "python" or "native", optional
         Default native if its compiler is installed.
     parameters : mapping of variable to value, optional
-        Start values whose names are no words of Python.
+        Start values whose names are not Python identifiers.
     folded : bool, optional
         Whether zeros of gravity, centres of mass and tool, and the payload of a robot without one, are constants. That
         is the fastest form. By default they are parameters.

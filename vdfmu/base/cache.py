@@ -108,7 +108,7 @@ def _fault(status: os.stat_result) -> str:
 
 @lru_cache
 def _private() -> tempfile.TemporaryDirectory[str]:
-    """Return a cache for this process alone, removed at its end."""
+    """Return a cache for only this process, removed at its end."""
     with InterruptGuard():
         return tempfile.TemporaryDirectory(prefix="vdfmu_cache_", ignore_cleanup_errors=True)
 

@@ -1,4 +1,4 @@
-"""CSV files of any tool: separator, decimal comma, names and units are found, and rows are read in blocks."""
+"""CSV files of any tool: separator, decimal comma, names and units are recognised, and rows are read in blocks."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def repeated(names: Iterable[str]) -> list[str]:
 class CsvFile:
     """Rows of a CSV text, below its names and its units; they can be read once, by iteration or by `blocks`.
 
-    The first of tab, semicolon and comma that the heading has separates the cells, else blanks. Beside another
-    separator than the comma, numbers may have decimal commas. Units are in brackets behind the names, or in a second
+    The separator is the first of tab, semicolon and comma that is in the heading, else a blank. If it is not a comma,
+    numbers may have decimal commas. Units are in brackets behind the names, or in a second
     row. That row begins with a unit of time above a number; or it begins with a text, has no number but 1, the unit of
     ratios, and a text above a number. Rows of empty cells are skipped.
 

@@ -32,7 +32,7 @@ _HEAD = 8192
 
 
 def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
-    """Write a zip file whose bytes depend on its members alone: sorted names, fixed time stamp and mode."""
+    """Write a zip file whose bytes depend only on its members: sorted names, fixed time stamp and mode."""
     with storing(path), replacing(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, _EPOCH)
@@ -125,7 +125,7 @@ def storing(path: Path) -> Generator[None]:
 
 
 def exists(path: Path) -> bool:
-    """Whether there is a file, a folder or a link, be it broken. OSError if that cannot be told."""
+    """Whether there is a file, a folder or a link, even if broken. OSError if this cannot be determined."""
     try:
         path.lstat()
     except (FileNotFoundError, NotADirectoryError):

@@ -40,7 +40,7 @@ TITLES = {
 }
 """Suffixes of the formats, and the names of their files in messages."""
 ARROW = "table.arrow"
-"""Name of the file of a table that is handed back as a whole."""
+"""Name of the file of a table that is returned as a whole."""
 
 
 class NamedArray(NamedTuple):

@@ -42,7 +42,7 @@ _MATLAB_NUMBERS = (
     "uint64",
 )
 _CLASSES = {"function_handle": "a function handle", "cell": "a cell array", "struct": "an array of structs"}
-"""Classes of MATLAB without numbers, in words; others are objects."""
+"""Names of the classes of MATLAB without numbers; others are objects."""
 
 
 class Handover:

@@ -38,7 +38,7 @@ class Option:
     text: str
     """Meaning, in sentences for ``--help`` and ``help()``."""
     kind: str = ""
-    """Type in words, with its unit of measurement. Default: the type in Python."""
+    """Type as text, with its unit of measurement. Default: the type in Python."""
     more: str = ""
     """Text that ``help()`` adds to `text`."""
     default: Any = None
@@ -254,7 +254,7 @@ def _is_one(name: str, value: Any) -> bool:
 
 
 NUMBERS = "a number, or a list or rows of them"
-"""An array in words."""
+"""The text for an array."""
 _PLAIN = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
 """Types by their annotation."""
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
@@ -276,7 +276,7 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "None": ("None", lambda value: value is None),
     **{name: (f"a {name}", partial(_is_one, name)) for name in ("Robot", "Scenario", "System", "FlatSystem", "Motion")},
 }
-"""Annotation, or its part before a bracket, to type in words and its check. Types without a row are not checked."""
+"""Annotation, or its part before a bracket, to the text of the type and its check; others are not checked."""
 
 
 _LOADERS = {
@@ -285,7 +285,7 @@ _LOADERS = {
     "a System": "load",
     "a Motion": "load_motion",
 }
-"""Type in words to the function that loads one."""
+"""Text of a type to the function that loads one."""
 
 
 @cache

@@ -18,13 +18,20 @@ from typing import NamedTuple
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.standards import FMI_VERSIONS
 
+THIRD_PARTY = """
+The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
+LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
+WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
+"""
+"""Licences of the code of the compiler in the libraries of FMUs."""
+
 
 @dataclass(frozen=True)
 class Platform:
     """A platform, with the flags of its compiler and its linker."""
 
     name: str
-    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly has a processor alone: it calls no system."""
+    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly only has a processor; it calls no system."""
     target: str
     """Target of zig: the oldest system on which the library loads."""
     folder_2: str
@@ -200,7 +207,7 @@ class Compiler(NamedTuple):
 
 
 def _environment(program: str) -> dict[str, str]:
-    """Return the environment of the processes of a compiler, which depends on the path of its program alone.
+    """Return the environment of the processes of a compiler, which depends only on the path of its program.
 
     Compilers obey many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
     CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so no

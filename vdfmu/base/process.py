@@ -241,7 +241,7 @@ class Child:
                 return
 
     def _has_ended(self) -> bool:
-        """Whether the process has ended, without collecting its exit code. False if the system does not know."""
+        """Whether the process has ended, without collecting its exit code. False if this is unknown."""
         if not hasattr(os, "waitid"):  # Windows, and macOS before Python 3.13
             return not hasattr(os, "wait4") and self._process.poll() is not None
         with suppress(ChildProcessError):  # its exit code has just been collected

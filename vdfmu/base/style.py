@@ -237,7 +237,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def _png(figure: Figure, stream: io.BytesIO) -> None:
-    # savefig would draw everything twice; RGB, because figures are opaque
+    # savefig would draw everything twice; RGB, since figures are opaque
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba()))

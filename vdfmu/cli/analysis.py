@@ -104,7 +104,7 @@ def linear(
         "--step": options["step"],
     }
     if _is_robot(system):
-        refuse(of_run | {"--robot": robot, "--modes": along}, f"is for a scenario, and {system} is a robot")
+        refuse(of_run | {"--robot": robot, "--modes": along}, f"is only for a scenario, but {system} is a robot")
         if bode is None:
             refuse({"--out": out}, "is the picture of --modes or --bode")
         _modes(system, pose, bode, dry, out, overwrite, as_json)
@@ -114,7 +114,7 @@ def linear(
         _modes_along(system, robot, dry, out, overwrite, as_json)
     else:
         refuse(of_robot, "is for a robot at a pose")
-        refuse(of_picture, "goes with --modes, or with a robot")
+        refuse(of_picture, "needs --modes or a robot")
         _margins(system, robot, at or (), opened or (), as_json, options)
 
 
@@ -156,7 +156,7 @@ def _modes(
 
 
 def read_numbers(option: str, text: str) -> list[float]:
-    """Return the numbers of an option; UsageError for other words."""
+    """Return the numbers of an option; UsageError for any other text."""
     from vdfmu.base.errors import UsageError
 
     try:
@@ -249,7 +249,7 @@ def _margins(
 
     package = system.lower().endswith(".ssp")
     if package:
-        refuse({"--robot": robot}, f"is for a scenario; {system} has its own")
+        refuse({"--robot": robot}, f"is only for a scenario; {system} has its own")
     scenario = None if package else load(system, robot, options["parameters"])
     limits = read_limits({} if scenario is None else scenario.limits, OF_SCENARIO)
     loops = margins_along(system if scenario is None else scenario, opened, at, **options)

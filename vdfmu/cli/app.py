@@ -31,7 +31,7 @@ _words: list[str] = []
 """Words of the command line."""
 _F = TypeVar("_F", bound=Callable[..., Any])
 COMPLETE = "_VDFMU_COMPLETE"
-"""Variable of the shell that asks for completions."""
+"""Environment variable with which the shell requests completions."""
 
 
 COMPILER = Option(
@@ -161,7 +161,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
             self.add_command(made)
 
     def main(self, args: Any = None, *_: Any, **extra: Any) -> NoReturn:
-        """Run the command that the words name; wrong usage is an error as any other."""
+        """Run the command of the arguments; wrong usage is reported like any other error."""
         reset_verbosity()
         _words[:] = words = list(sys.argv[1:] if args is None else args)
         if os.name == "nt":

@@ -124,7 +124,7 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
 
 
 def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[str, str]]]:
-    """Return words and text of each parameter, grouped by task."""
+    """Return names and text of each parameter, grouped by task."""
     listed = [(task, name) for task, names in TASKS.items() for name in names.split()]
     places = {f"--{name}": (task, i) for i, (task, name) in enumerate(listed)}
     rows: dict[str, list[tuple[int, str, str]]] = {}

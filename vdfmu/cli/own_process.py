@@ -85,7 +85,7 @@ def finished(code: int) -> None:
 
 
 def code_named(words: Iterable[str], folder: Path = Path(), seen: Collection[Path] = ()) -> str:
-    """Return a file of code that words name, or that TOML files which they name name in turn; empty without one.
+    """Return a file of code that arguments name, directly or through TOML files; empty if there is none.
 
     Texts are searched for names, nothing is run. Names that are only known later, such as those of a study, are checked
     by `require`.
@@ -153,7 +153,7 @@ def run_again(words: Sequence[str], code: str) -> int:
 
 
 def foreign_exit(end: SystemExit) -> str:
-    """Return the place in code of the user that called ``sys.exit`` without words; empty if the command itself did."""
+    """Return the place in code of the user that called ``sys.exit`` without a message; empty if the command did."""
     trace, place = end.__traceback__, ""
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename

@@ -71,9 +71,9 @@ def run(
     parts = system or []
     fmus = any(map(FMUS.fullmatch, parts))
     if fmus:
-        _refuse_others(FmusForm, f"is for a scenario, got {' '.join(parts)}")
+        _refuse_others(FmusForm, f"is only for a scenario, got {' '.join(parts)}")
     else:
-        _refuse_others(ScenarioForm, f"is for FMUs, got the scenario {' '.join(parts) or 'tracking'}")
+        _refuse_others(ScenarioForm, f"is only for FMUs, got the scenario {' '.join(parts) or 'tracking'}")
     try:
         with unit_messages() as options["log"]:
             results, outputs = (_run_fmus if fmus else _run_scenario)(parts, options)
@@ -254,7 +254,7 @@ def report(
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
-    """Print the verdict on a run; with ``--quiet`` its headline alone."""
+    """Print the verdict on a run; with ``--quiet`` only its headline."""
     from vdfmu.engine.results.verdict import headline_of, state_of
     from vdfmu.study.report.sheets import state_text, verdict_text
 

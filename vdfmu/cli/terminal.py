@@ -1,4 +1,4 @@
-"""Output of commands, and the way they end."""
+"""Output of commands, and their exit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class _StandardOutput(EscapedTerminal):
-    """The standard output: bars of a command leave the terminal while it prints."""
+    """The standard output: progress bars are removed from the terminal while it prints."""
 
     bars: Bars | None = None
 
@@ -38,7 +38,7 @@ class _StandardOutput(EscapedTerminal):
         super().print(*objects, **options)
 
     def rest(self) -> None:
-        """Let the bars leave the terminal."""
+        """Remove the progress bars from the terminal."""
         if self.bars is not None and self.is_terminal:
             self.bars.rest()
 
@@ -66,11 +66,11 @@ def say_page(page: Path, opened: bool) -> None:
     if not errors.quiet and page.exists():
         console.print(Text.assemble("Open ", (str(page), f"link {address}")), soft_wrap=True)
     if opened and not webbrowser.open(address):
-        say_notes([f"{page}: expected a browser to open it in, found none."])
+        say_notes([f"{page}: expected a browser to open the page, found none."])
 
 
 def say_json(content: Mapping[str, Any]) -> None:
-    """Print JSON, and nothing in addition to it; an output that takes none is an error."""
+    """Print JSON and nothing else; it is an error if it cannot be written."""
     from vdfmu.base.text import to_json
 
     if sys.stdout is None:
@@ -140,7 +140,7 @@ def say_error(error: object) -> None:
 
 @contextmanager
 def unit_messages() -> Generator[Callable[[LogMessage], None]]:
-    """Show the messages of units; notes of the same words come once, at the end."""
+    """Show the messages of units; notes with the same text are shown once, at the end."""
     notes: dict[str, list[str]] = {}
 
     def show(message: LogMessage) -> None:

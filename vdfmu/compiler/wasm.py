@@ -34,7 +34,7 @@ _REPEAT_BELOW = b"\x49\x0d\0\x0b"
 """Repeat the loop while an integer is below another, then end it."""
 _PAGE = 65536
 BASE_PAGES, BASE_SLOTS = 2, 1
-"""Pages of memory and slots of the table that the shipped module has by itself."""
+"""Pages of memory and slots of the table that the shipped module has without units."""
 
 
 def unsigned(n: int) -> bytes:

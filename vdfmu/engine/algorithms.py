@@ -73,6 +73,6 @@ def named(**facts: Any) -> list[str]:
 
 
 def choice(**facts: Any) -> str:
-    """Return the names of all algorithms whose rows have these `facts`, in words."""
+    """Return the names of all algorithms whose rows have these `facts`, as text."""
     *names, last = named(**facts)
     return f"{', '.join(names)} or {last}" if names else last

@@ -77,10 +77,10 @@ def test_plant_factors_reach_a_plant_of_any_name_or_are_noted(mine):
     own_robot = SYSTEM.replace('arm = "plant"', 'arm = { unit = "plant", robot = "planar_2dof" }')
     scenario = mine("[plant_factors]\nmass = 2.0\n", own_robot)
     (note,) = model_notes(scenario)
-    assert re.match(r"plant_factors: no component takes it: .* Write numbers of the plant in its own section", note)
+    assert re.match(r"plant_factors: not used, because .* Write parameters of the plant in its own section", note)
     two_plants = own_robot.replace("pd = ", 'other = "plant"\npd = ')
     (note,) = model_notes(mine("[plant_factors]\nmass = 2.0\n", two_plants))
-    assert note == "plant_factors: arm has its own robot, so this does not reach it."
+    assert note == "plant_factors: arm has its own robot, so this does not apply to it."
 
 
 def test_plants_start_where_their_motion_begins_unless_a_file_says_otherwise(mine):

@@ -134,7 +134,7 @@ def test_a_robot_that_nothing_takes_is_noted(inside):
         _ = scenario.arm
     (inside / "named.toml").write_text(f'robot = "planar_2dof"\n{SCENARIO}')
     (note,) = model_notes(load_scenario("named.toml"))
-    assert note.startswith("robot: no component takes it.")
+    assert note.startswith("robot: no component uses it.")
     assert "robot" not in scenario_schema()["required"]
 
 

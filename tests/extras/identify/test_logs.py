@@ -119,8 +119,8 @@ def test_joints_without_an_encoder_behind_the_gear_have_nan(robot, data, tmp_pat
     """By a column that is not there, one without numbers, and one that stands still while the rotor moves."""
     columns = table(data)
     for name, logged in (
-        ("not there", {k: v for k, v in columns.items() if k != "q[2]"}),
-        ("not there", {**columns, "q[2]": np.full(M, np.nan)}),
+        ("missing or without", {k: v for k, v in columns.items() if k != "q[2]"}),
+        ("missing or without", {**columns, "q[2]": np.full(M, np.nan)}),
         ("q[2]: the same in all rows", {**columns, "q[2]": np.full(M, 0.25)}),
     ):
         log = read_log(write(tmp_path / "log.csv", logged), robot)

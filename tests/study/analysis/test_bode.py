@@ -44,7 +44,7 @@ def test_the_command_draws_a_joint(tmp_path, monkeypatch):
     assert all(f"{f:.2f}" in said.output for f in (*curves.resonance, *curves.antiresonance[0]))
     for options, message in (
         (["--bode", "3"], "--bode 3: expected a joint, 1 to 2"),
-        (["--bode", "1", "--modes"], "--modes is for a scenario, and planar_2dof is a robot"),
+        (["--bode", "1", "--modes"], "--modes is only for a scenario, but planar_2dof is a robot"),
     ):
         failed = invoked("linear", "planar_2dof", *options, "--overwrite")
         assert isinstance(failed.exception, UsageError) and message in str(failed.exception), options

@@ -170,7 +170,7 @@ def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
         (["planar_tracking", "--modes", "--pose", "0 0"], "--pose is for a robot at a pose"),
         (["planar_tracking", "--modes", "--set", "a.b=1"], "--set is for margins"),
         (["planar_2dof", "--out", "here.png"], "--out is the picture of --modes or --bode"),
-        (["planar_2dof", "--at", "1"], "--at is for a scenario, and planar_2dof is a robot"),
+        (["planar_2dof", "--at", "1"], "--at is only for a scenario, but planar_2dof is a robot"),
         (["planar_2do"], "no robot or scenario 'planar_2do'. Did you mean \"planar_2dof\"?"),
         (["planar_2dof", "--pose", "0 left"], "expected numbers, such as '0.3 -0.5'"),
     ):

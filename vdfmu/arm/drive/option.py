@@ -84,7 +84,7 @@ class Friction(NamedTuple):
 
 
 class LinkTorque(NamedTuple):
-    """On the links alone, each (n,): torque [N m or N], link-side, and energy [J]."""
+    """On the links only, each (n,): torque [N m or N], link-side, and energy [J]."""
 
     torque: Any = 0.0
     energy: Any = 0.0

@@ -1,4 +1,4 @@
-"""The options of drives, one file each: a new one is a file like `hysteresis`, and its three words here."""
+"""The options of drives, one file each: a new one is a file like `hysteresis`, and three entries here."""
 
 from __future__ import annotations
 

@@ -34,10 +34,10 @@ def desired_drive_motion(
     from q_d up to its fourth derivative. The derivatives of the wrench `F_e_d`, and of the acceleration of a moving
     base, are assumed to be zero.
 
-    With `rotor_coupling` ID holds the rotors' reaction (11), with each rotor turning as its link does. The acceleration
+    With `rotor_coupling` ID contains the rotors' reaction (11), as if each rotor moved like its link. The acceleration
     of the deformation would take two more derivatives of q_d for each joint of the chain. Its part of kappa,
-    ``D' I_m D_ddot``, is omitted here; the torques of :func:`feedforward_inverse` have it. No inverse has all of it:
-    D'' of (3) jumps as a torque passes 0, and the rotors of the joints before would have to jump with it.
+    ``D' I_m D_ddot``, is omitted here; the torques of :func:`feedforward_inverse` have it. No exact
+    inverse exists: D'' of (3) jumps as a torque passes 0, and the rotors of earlier joints would have to jump with it.
     """
     q, q_dot, q_ddot = desired_jets(desired)
     seen, base_jets = seen_from_base(robot, base)

@@ -144,7 +144,7 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     """Acceleration kappa_ddot (n,) [rad/s2 or m/s2] of the rotors from the torque about their axes, Eq. (7) and (10).
 
     ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k`` [N m], with {A} on the link that carries the rotor.
-    Without the `motion` of the links the rotors turn about their axes alone, Eq. (56).
+    Without the `motion` of the links the rotors only turn about their axes, Eq. (56).
     """
     kappa_ddot = tau_k / robot.I_m
     if motion is None or not robot.rotor_coupling:
@@ -177,7 +177,7 @@ def spring(robot: Any, tau_s: Any) -> Spring:
 def spring_rate(robot: Any, state: PlantState) -> Any:
     """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
 
-    With the torque as state, the implicit equations (2)-(3) and the pole of the tangent are gone: (n,) [N m/s or N/s].
+    With the torque as state, the implicit equations (2)-(3) and the pole of the tangent vanish: (n,) [N m/s or N/s].
     """
     return stretch_rate(robot, state) / spring(robot, state.tau_s).compliance
 
@@ -221,7 +221,7 @@ def drive_torque(robot: Any, state: PlantState) -> Any:
 
 
 def link_torques(robot: Any, q: Any, q_dot: Any = None) -> Any:
-    """Torque of options on the links alone: (n,) [N m or N], link-side. Without `q_dot` no end stop acts."""
+    """Torque of options that act only on the links: (n,) [N m or N], link-side. Without `q_dot` no end stop acts."""
     return sum(option.link(robot, q, q_dot).torque for option, _ in options_of(robot) if option.link)
 
 

@@ -141,7 +141,7 @@ def forward_dynamics(
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     F_Dk : n times (6,) [N, N m], optional
         Force from the base to every rotor whose reaction on the links counts, Eq. (11). It holds no acceleration,
-        because the torque about the rotor's axis is known: the recursion covers the links alone.
+        because the torque about the rotor's axis is known: the recursion is only over the links.
     load : Hanging, optional
         A body that hangs on the last link, in {B_n}.
     """

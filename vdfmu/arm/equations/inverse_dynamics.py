@@ -160,7 +160,7 @@ def inverse_dynamics(
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     rotors : (kappa_dot, kappa_ddot), each (n,), optional
-        Motion of rotors whose reaction on the links counts, Eq. (11); without it the links are alone.
+        Motion of rotors whose reaction on the links is included, Eq. (11); without it the result is that of the links.
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)

@@ -111,7 +111,7 @@ _ORIGIN = np.zeros(3)
 
 
 def plant_outputs(robot: Any, x: np.ndarray, p_S: Any = _ORIGIN, base: Base = AT_REST) -> Outputs:
-    """Return the outputs of the plant. They depend on its state, and on the motion of its base, alone.
+    """Return the outputs of the plant. They depend only on its state, and on the motion of its base.
 
     The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
     component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all

@@ -1,4 +1,4 @@
-"""Units that play a motion, for :meth:`vdfmu.arm.motion.Motion.unit`."""
+"""Units that output a motion, for :meth:`vdfmu.arm.motion.Motion.unit`."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ class Motion:
         return self if np.array_equal(seconds, 0.0) else joined([self, rest(self.end, seconds)])
 
     def unit(self) -> type[Played]:
-        """Return the unit that plays it, ``units={"trajectory": motion.unit()}``. UsageError for too many pieces."""
+        """Return the unit that outputs it, ``units={"trajectory": motion.unit()}``. UsageError for too many pieces."""
         if self.coefficients.size > MOST_NUMBERS:
             raise UsageError(
                 f"motion: expected at most {MOST_NUMBERS} coefficients, got {self.coefficients.size}, "

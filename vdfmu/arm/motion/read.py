@@ -35,7 +35,7 @@ _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
 class Argument(NamedTuple):
-    """Whether a parameter takes text, whole numbers alone, a single number, and is required, by its annotation."""
+    """Whether a parameter is a text, a whole number, a single number, and whether it is required, by its annotation."""
 
     text: bool
     whole: bool
@@ -77,13 +77,12 @@ def kinds() -> dict[str, MotionKind]:
 
 @checks_types
 def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
-    """Work out the motion of a file for a robot.
+    """Calculate the motion of a file for a robot.
 
     Parameters
     ----------
     path : path
-        A TOML file with a table ``[motion]``, such as a scenario, or with its keys by themselves; or a CSV file of
-        samples.
+        A TOML file with a table ``[motion]``, such as a scenario, or only with its keys; or a CSV file of samples.
     robot : Robot
 
     Returns
@@ -93,7 +92,7 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
     Raises
     ------
     ModelError
-        For what is wrong with the file or with the motion; it lists every problem.
+        If the file or the motion has problems; the error lists all of them.
     """
     robot_argument(robot)
     path = Path(path)
@@ -169,7 +168,7 @@ def _plausible(motion: Motion, robot: Robot) -> list[str]:
 
 
 def check_motion(motion: Motion, robot: Robot) -> None:
-    """Raise UsageError for a motion of other joints, beyond end stops, or beyond the motors of a rigid arm."""
+    """Raise UsageError if a motion has another number of joints, exceeds end stops, or the motors of a rigid arm."""
     if motion.n != robot.n:
         raise UsageError(f"expected positions of the {robot.n} joints of {robot.name}, got {motion.n}.")
     if not robot.limits:

@@ -31,7 +31,7 @@ _LARGE = 5.0
 _ON_AXIS = 1e-3
 """Distance of a tool from an axis on which it lies, as a share of the arm's length: pi with a few digits gives 1e-3."""
 _SOFT, _STIFF = 2.0, 150.0
-"""Frequency of a rotor on its drive's spring, and on the flexspline alone [Hz]. Shipped arms and the catalogue have 10
+"""Frequency of a rotor on its drive's spring, and on only the flexspline [Hz]. Shipped arms and the catalogue have 10
 to 84 and 10 to 104, series elastic actuators 3 and more. Newton millimetres make it 32 times as high, a missing ell
 5 to 16 times, a stiffness per arc minute 58 times as low."""
 _WEAK_MOTOR, _STRONG_MOTOR = 1e3, 2e6
@@ -94,7 +94,7 @@ CHECKS = (
 
 
 def robot_notes(robot: Robot) -> list[str]:
-    """Return how plain words were converted, and probable mistakes: number, likely cause, fix."""
+    """Return how `stiffness` and `rotor_inertia` were converted, and likely mistakes: number, cause, fix."""
     return [*plain_notes(robot.sources), *doubts(robot)]
 
 

@@ -197,7 +197,7 @@ class Robot(Parameters):
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
     def joint(self, i: int) -> Self:
-        """Return the arm of joint `i` alone, counted from 0, without numbers that no equation reads."""
+        """Return an arm with only joint `i`, counted from 0, without parameters that no equation uses."""
         arrays = {name: read_only(getattr(self, name)[[i]]) for name, row in self.rows.items() if row.per_joint}
         if self.friction == "lumped":
             arrays["f_ck"] = read_only(np.zeros(1))

@@ -284,7 +284,7 @@ def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
 
 
 def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") -> tuple[Any, dict[str, str]]:
-    """Return a joint's table with the paper's keys for plain words, and sources. Both together are a problem."""
+    """Return a joint's table with the paper's keys instead of plain keys, and sources. Both together are a problem."""
     drive = joint.get("drive") if isinstance(joint, dict) else None
     if not isinstance(drive, dict) or PLAIN.keys().isdisjoint(drive):
         return joint, {}

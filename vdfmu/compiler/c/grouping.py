@@ -28,7 +28,7 @@ class Operation(NamedTuple):
 
 
 def grouped(operations: list[Operation]) -> list[Operation]:
-    """Return operations with calls of the same function side by side, or the same list if each call is alone."""
+    """Return operations with calls of the same function side by side, or the same list if no calls are alike."""
     single = _written_once(operations)
     makers = {i: k for k, operation in enumerate(single) for i in operation.writes}
     calls = [_CALL.fullmatch(operation.text) for operation in single]

@@ -46,7 +46,7 @@ class BuildTarget:
 
 
 FMI = "fmi"
-"""The target of all units: an FMU alone."""
+"""The target of all units: only an FMU."""
 
 
 def targets() -> dict[str, BuildTarget | None]:

@@ -1,7 +1,7 @@
 """Chains of parts, such as the joints of an arm: the passes along a chain, from the traces of its kinds of parts.
 
-The trace of a part has symbols for the values that the parts pass on (:mod:`vdfmu.compiler.scalar.passes`). Numbers
-that are handed on twice, and constants, drop out. Passes in the same direction become one pass as far as they can.
+The trace of a part has symbols for the values that the parts pass on (:mod:`vdfmu.compiler.scalar.passes`). Values
+that are passed on twice, and constants, are removed. Passes in the same direction are merged where possible.
 :mod:`.chain_calls` writes the calls.
 """
 
@@ -18,7 +18,7 @@ from vdfmu.compiler.scalar.passes import HandedOn
 LOCAL = "chain_"
 """Prefix of the names of functions that the function of a chain calls; in C its own name replaces it."""
 _MOST_TURNS = 12
-"""Most passes of a function. A pass that waits for itself has no number of passes."""
+"""Largest number of passes of a function; a pass that depends on itself would need infinitely many."""
 
 
 class Place(NamedTuple):
@@ -74,14 +74,14 @@ class PartChain:
 
 
 class _Leaf(NamedTuple):
-    """A number that is handed on: pass and element."""
+    """A value that is passed on: its pass and element."""
 
     number: int
     element: int
 
 
 class ChainError(Exception):
-    """The trace of a part does not say how the chain calculates."""
+    """The traces of the parts do not determine how the chain is calculated."""
 
 
 def chain_of(
@@ -154,7 +154,7 @@ def elements_of(columns: Iterable[Any]) -> set[int]:
 
 
 class _Merged:
-    """Which numbers that are handed on are the same, or constant."""
+    """The values that are passed on and are equal or constant."""
 
     def __init__(self, traces: Sequence[PartTrace], kinds: Sequence[int]) -> None:
         self._traces = traces
@@ -210,7 +210,7 @@ class _Merged:
         return ca.substitute(expressions, old, new) if old else expressions
 
     def turns(self) -> dict[_Leaf, int]:
-        """Return the turn of the pass of each number that is handed on: the first with all it depends on."""
+        """Return the turn of the pass of each value that is passed on: the first at which its inputs exist."""
         leaves = [leaf for leaf in self._leaves if self._representative[leaf] == leaf]
         if not leaves:
             return {}
@@ -227,7 +227,7 @@ class _Merged:
             if later == turns:
                 return turns
             turns = later
-        raise ChainError("a pass waits for itself")
+        raise ChainError("a pass depends on itself")
 
 
 def _needs(merged: _Merged, trace: PartTrace, leaves: Sequence[_Leaf]) -> dict[_Leaf, list[tuple[_Leaf, int]]]:

@@ -44,7 +44,7 @@ class _Split:
         self._set_turns()
 
     def _set_turns(self) -> None:
-        """Choose the turn of each operation: the first with its operands; without what is handed on, the first user."""
+        """Choose the turn of each operation: the first with its operands, or else the turn of its first user."""
         listed, results = self.operations.listed, self.operations.results
         groups = len(self.part.inputs)
         self.at = [self._turns[0]] * len(listed)

@@ -64,7 +64,7 @@ class Values:
 
 
 class BaseUnit:
-    """A unit that cannot run by itself yet; see :class:`vdfmu.unit.Unit`."""
+    """A unit that cannot run in Python yet; see :class:`vdfmu.unit.Unit`."""
 
     backend: ClassVar[Literal["native", "python"]] = "native"
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""

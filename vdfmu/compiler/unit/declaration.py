@@ -370,7 +370,7 @@ class Machine(Protocol):
         ...
 
     def joint(self, i: int) -> Self:
-        """Return the machine of joint `i` alone, counted from 0."""
+        """Return the machine with only joint `i`, counted from 0."""
         ...
 
     def requirements(self) -> list[Requirement]:

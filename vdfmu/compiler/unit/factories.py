@@ -217,7 +217,7 @@ def _matrices(*arrays: npt.ArrayLike) -> list[npt.NDArray[np.float64]]:
 
 
 def _scalar(function: ca.Function) -> ca.Function:
-    """Return a function of scalar operations alone."""
+    """Return a function of scalar operations only."""
     name = function.name()
     arguments = {key: function.sparsity_in(key) for key in function.name_in()}
     results = {key: function.sparsity_out(key) for key in function.name_out()}

@@ -63,7 +63,7 @@ class Solver:
         self.unit.memory[-1] = end
 
     def _advance_by_events(self, t: float, end: float) -> None:
-        """Move from `t` to `end` [s] with events. Without continuous states they are looked at at the end alone."""
+        """Move from `t` to `end` [s] with events. Without continuous states they are only checked at the end."""
         x = self.unit.x
         if x.size:
             *_, x[:] = self.events.move(steps_of(self.advance, x), t, x.copy(), parts_of([t, end]))

@@ -1,4 +1,4 @@
-"""The base class of units as users see it: a :class:`BaseUnit` that runs by itself in Python."""
+"""The base class of units as users see it: a :class:`BaseUnit` that also runs in Python."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ class Along:
         self.rows = [self.pose(time, M) for time, M in rows]
 
     def part(self, M: Floats) -> LinearSystem:
-        """Return the loops alone of a system with this matrix."""
+        """Return only the loops of a system with this matrix."""
         acts = (M != 0.0).tobytes()
         if acts not in self._parts:  # most are alike
             system = self.system.with_whole(M)

@@ -95,7 +95,7 @@ class LinearSystem:
         return list(dict.fromkeys(i for each in places for i in each))
 
     def around(self, opened: Sequence[str]) -> LinearSystem:
-        """Return the part on paths from the opened inputs back to them; it alone decides the stability of these loops.
+        """Return the part on paths from the opened inputs back to them; only it decides the stability of these loops.
 
         UsageError for unknown inputs.
         """
@@ -171,7 +171,7 @@ class LinearSystem:
     def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system in continuous time; the connections of `opened` inputs are cut.
 
-        Opened inputs get d alone, and the signals at their connections are the last outputs. UsageError for unknown
+        Opened inputs only get d, and the signals at their connections are the last outputs. UsageError for unknown
         inputs, or for an algebraic loop without a solution.
         """
         A, B, C, D = (getattr(self.parts, name) for name in "ABCD")

@@ -75,7 +75,7 @@ class ContinuousStepper(Stepper):
         self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all units from `time` by `step` to `stop`, in as many steps as the error control wants."""
+        """Step all units from `time` by `step` to `stop`, in as many steps as the error control needs."""
         if self.error is None:
             self._step(time, step)
             self._done(step)

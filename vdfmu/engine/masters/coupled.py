@@ -42,7 +42,7 @@ class CoupledUnit:
 
 @dataclass
 class Block:
-    """Units that depend on each other, in the order of their steps; or a unit alone."""
+    """Units that depend on each other, in the order of their steps; or a single unit."""
 
     units: list[CoupledUnit]
     torn: Indices

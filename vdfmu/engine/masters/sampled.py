@@ -1,4 +1,4 @@
-"""Steps for sampled coupling: once each, each by its own multiple of the step, or integrated together."""
+"""Steps for sampled coupling: of all components once, by their own multiples of the step, or integrated together."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Stepper:
     """Steps all components of a run; the function of an `Algorithm` makes one from a `Coupling`."""
 
     pressed: Callable[[], bool] = staticmethod(lambda: False)
-    """Whether the user wants to stop. The master asks between the rows; a stepper that takes long for one asks, too."""
+    """Whether the user wants to stop. Called by the master between rows, and within rows by slow steppers."""
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all from a communication point by `step` to `stop` [s], their sum except for rounding."""
+        """Step all from a communication point by `step` [s] to `stop` [s], which is their sum except for rounding."""
         raise NotImplementedError
 
     def notes(self) -> list[str]:
@@ -105,8 +105,8 @@ class MultirateStepper(SampledStepper):
     """Steps units like `SampledStepper`, each by its own multiple of the communication step.
 
     A unit reads its inputs when its step begins, holds them, and steps at its end, so its outputs change then. An early
-    unit, see `Checked.early`, steps when its step begins, and its outputs hold for the step. The last step of a unit
-    may be shorter.
+    unit, see `Checked.early`, steps when its step begins, and its outputs are held during the step. The last step of a
+    unit may be shorter.
     """
 
     def __init__(self, exchange: Exchange, span: float) -> None:
@@ -153,9 +153,9 @@ _ROUNDS = 100
 class Together:
     """Components of model exchange that depend on each other within a step, for the integrator one component.
 
-    Values pass between them at every evaluation: outputs are read in the order of their declared dependencies, and each
-    input is set as soon as its source is known. Model exchange allows to read outputs of a component before all of its
-    inputs are set.
+    Values are exchanged between them at every evaluation: outputs are read in the order of their declared dependencies,
+    and each input is set as soon as its source is known. Model exchange allows to read outputs of a component before
+    all of its inputs are set.
     """
 
     derivatives_name = "derivatives"

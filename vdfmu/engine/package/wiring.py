@@ -208,7 +208,7 @@ def _misfits(
 
 
 def _expected(kinds: Sequence[str], flows: set[tuple[str, str]]) -> str:
-    """Return in words the sources of connectors of these kinds."""
+    """Return the sources of connectors of these kinds as text."""
     sources = {sink: sorted(source for source, end in flows if end == sink) for sink in dict.fromkeys(kinds)}
     return "".join(f"; {sink} can be fed by {' or '.join(fed)}" for sink, fed in sources.items() if fed)
 

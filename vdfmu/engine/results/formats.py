@@ -78,6 +78,6 @@ def result_files(folder: Path | None = None) -> tuple[str, ...]:
 
 
 def choice_of_formats(suffixes: Iterable[str] | None = None) -> str:
-    """Return the formats in words; by default all, and plugins are loaded."""
+    """Return the formats as text; by default all, and plugins are loaded."""
     names = [suffix[1:] for suffix in (FORMATS.names() if suffixes is None else suffixes)]
     return f"{', '.join(names)}, or {','.join(names)} for all"

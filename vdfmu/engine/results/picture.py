@@ -63,7 +63,7 @@ def write_figures(
 def write_signals(
     results: Recorded, folder: Path, suffixes: Sequence[str], width: float, serif: bool = False
 ) -> list[str]:
-    """Write ``signals.png`` and so on, unless nothing is recorded; return the titles of the omitted figures."""
+    """Write ``signals.png`` and so on, unless nothing is recorded; return the titles of the figures left out."""
     figures = list(signal_figures(results))
     shown = chosen(figures)
     if shown:

@@ -78,7 +78,7 @@ class Tap:
 
 
 class Blocks(RowsInMemory):
-    """Brings the rows of the signals that a tap wants to it, block by block."""
+    """Passes the rows of the requested signals to a tap, block by block."""
 
     def __init__(self, tap: Tap, grid: Grid, names: Sequence[str], memory: Floats, places: Sequence[int]) -> None:
         rows = np.empty((tap.size, len(names)))

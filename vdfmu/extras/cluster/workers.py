@@ -84,7 +84,7 @@ class _LostError(Exception):
 
 
 _LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
-"""Errors of a client whose connection ends, even while it reconnects by itself."""
+"""Errors of a client whose connection ends, even while it reconnects automatically."""
 
 
 def _rounds(

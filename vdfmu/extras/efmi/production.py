@@ -223,7 +223,7 @@ def _method(block: SampledBlock, name: str, lines: Iterable[str]) -> str:
 
 
 def _loop(size: int, lines: list[str]) -> list[str]:
-    """Return lines for each index i of an array, or alone."""
+    """Return lines for each index i of an array, or once for a scalar."""
     return indented(f"for (i = 0U; i < {size}U; i++) {{", lines) if size else lines
 
 

@@ -39,7 +39,7 @@ class MarginInterval(NamedTuple):
     """At least this for 95 % of the arms that fit the log: by the exact loop, at the springs where the linear margin is
     at its quantile of 5 %."""
     linear: float
-    """The same quantile by the slopes alone."""
+    """The same quantile, calculated only from the slopes."""
     corner: float
     """At the worst corner of the intervals of 95 %, by the exact loop."""
     factors: Floats

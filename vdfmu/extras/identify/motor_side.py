@@ -1,4 +1,4 @@
-"""The linear model of an arm as its motors feel it: torques of the motors over small motions of the rotors.
+"""The linear model of an arm from the motor side: torques of the motors as functions of small motions of the rotors.
 
 With springs S = K + j w d, rotors J = I_m ell, viscous friction F, links M and G, and rotors that are carried by links,
 link-side and at a frequency w [rad/s]::
@@ -45,16 +45,16 @@ class Drives(NamedTuple):
     rotor: Floats
     """J = I_m ell."""
     payload: float
-    """[kg], at its place in the robot file, without one at the tool."""
+    """[kg], at its place in the robot file, or at the tool if the file has none."""
 
 
 class MotorResponse(NamedTuple):
-    """What motions of rotors do at f frequencies, for r realisations; see the equations of the module."""
+    """Effects of motions of the rotors at f frequencies, for r realisations; see the equations of the module."""
 
     torque: Complex
     """(r, f, n): ell tau [N.m or N] without dry friction."""
     link: Complex
-    """(r, f, n): its part that passes the springs or acts on carried rotors."""
+    """(r, f, n): its part that is transmitted by the springs or acts on carried rotors."""
     q: Complex
     bent: Complex
     """(r, f, n): Positions of links, and deformations of springs [rad or m]."""
@@ -83,7 +83,7 @@ class MotorSide:
 
     @cached_property
     def carried(self) -> Floats:
-        """Rows A (n, n): what the speeds of the joints add to the speed of each motor."""
+        """Rows A (n, n): contributions of the joint speeds to the speed of each motor."""
         n, none = self.robot.n, np.zeros((self.robot.n, self.robot.n))
         pose = np.tile(self.pose, (n, 1))
         return (regressor(self.robot, pose, none, np.eye(n), none, none).carried * self.robot.ell).T
@@ -136,7 +136,7 @@ class MotorSide:
         return MotorResponse(rotor + link, link, q, kappa - q, P @ inverse)
 
     def impedance(self, w: Floats, drives: Drives) -> Complex:
-        """Return Z (f, n, n), the torques ell tau by the motion of each rotor."""
+        """Return Z (f, n, n), the torques ell tau per motion of each rotor."""
         n = self.robot.n
         columns = np.broadcast_to(np.eye(n, dtype=complex)[:, None, :], (n, len(w), n))
         return np.moveaxis(self.answer(w, drives, columns).torque, 0, 2)
@@ -144,8 +144,8 @@ class MotorSide:
     def antiresonances(self, drives: Drives) -> Floats:
         """Return for each joint (n,) the frequency [Hz] of the mode with held motors that bends its spring most.
 
-        There the motion of the rotors by their torques has a minimum. The most is of the energy of all springs. A
-        payload is set to 0 if its fitted mass is negative, because masses must be positive.
+        There the response of the rotors to their torques has a minimum. A spring bends most if it has most of the
+        energy. A payload is set to 0 if its fitted mass is negative, because masses must be positive.
         """
         M, G = self.masses(max(drives.payload, 0.0))
         carried = self.carried.T @ ((drives.rotor / self.robot.ell**2)[:, None] * self.carried)

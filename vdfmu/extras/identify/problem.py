@@ -91,7 +91,7 @@ def _body(a: Floats, w: Floats, dw: Floats) -> Floats:
 
 
 def _project(W: Floats, link: int, slides: list[bool], turns: list[Floats], arms: list[Floats], into: Floats) -> None:
-    """Carry wrenches (m, 6, k) on a link to the joints that bear it."""
+    """Return the torques of wrenches (m, 6, k) on a link at the joints that carry it."""
     for i in range(link, -1, -1):
         into[:, i] += W[:, 2 if slides[i] else 5]
         f, n = turns[i] @ W[:, :3], turns[i] @ W[:, 3:]

@@ -1,4 +1,4 @@
-"""Stiffness, damping and delay of the drives from torques and positions of the motors alone.
+"""Stiffness, damping and delay of the drives from motor torques and positions only.
 
 The linear model of the arm, :mod:`~vdfmu.extras.identify.motor_side`, is fitted to the spectra of periodic torques, all
 joints at once. Stiffness, damping, viscous friction and rotor of each joint, the payload and one delay are free. Dry

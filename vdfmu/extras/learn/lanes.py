@@ -27,7 +27,7 @@ class SteppedLanes:
     Attributes
     ----------
     good : (count,) bool array
-        Whether a run goes on: False if it failed, or its parameters were refused.
+        Whether a run continues: False if it failed, or its parameters were rejected.
     """
 
     def __init__(self, program: BatchProgram, count: int, inputs: Sequence[str], signals: Sequence[str]) -> None:

@@ -22,7 +22,7 @@ _BETTER = {
     "tool_error": ("tool error", -1), "joint_error": ("worst joint", -1), "margin": ("modulus margin", 1),
     "torque": ("peak torque", -1), "depth": ("penetration", 0), "contact": ("contact force", 0),
 }  # fmt: skip
-"""Key figure to its words, and 1 if more is better, -1 if less is, 0 if neither is."""
+"""Key figure to its text, and 1 if more is better, -1 if less is, 0 if neither is."""
 _SAME = 0.05
 """Share by which key figures that are the same differ at most."""
 _DO = "What they do"

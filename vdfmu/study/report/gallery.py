@@ -29,7 +29,7 @@ def write_gallery(folder: Path, path: Path) -> Path:
 
 
 def gallery_page(folder: Path, place: Path) -> bytes:
-    """Return the list of runs in a folder, newest first, by their summaries alone. Links are relative to `place`."""
+    """Return the list of runs in a folder, newest first, only by their summaries. Links are relative to `place`."""
     runs, states, problems = list[_ListedRun](), Counter[str](), list[str]()
     for run in run_folders(folder):
         name = run.relative_to(folder).as_posix()

@@ -139,7 +139,7 @@ def tiles(summary: Summary) -> Iterator[str]:
 
 
 def marks(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the marks of the time line, with their words."""
+    """Return the marks of the timeline, with their texts."""
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     words = {"tool_error": "largest tool error", "contact": "first contact", "unstable": "unstable from here"}
     return [

@@ -242,7 +242,7 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
     """Return the shares of a run's time that the joints were at their limits.
 
     A motor is at its torque limit if it, or its controller, gives its largest torque and more is asked for; at its
-    speed limit if the speed alone makes it give less. A joint is at an end stop if the stop pushes. A row represents
+    speed limit if only the speed reduces it. A joint is at an end stop if the stop pushes. A row represents
     the step that ends there.
 
     ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1 for each

@@ -53,7 +53,7 @@ class Axis:
     numbers: tuple[float, ...] = ()
     """Parameters of the distribution."""
     values: tuple[Any, ...] = ()
-    """Its values, numbers or words; for ``lin`` and ``log`` the values of a grid; empty without a number of values."""
+    """Its values, numbers or texts; for ``lin`` and ``log`` the values of a grid; empty without a number of values."""
     factor: bool = False
     """Whether a value multiplies the scenario's, element by element."""
 

@@ -23,7 +23,7 @@ _CAUSES: Mapping[str, str] = {
     FailureKind.COUPLING: "coupling of {} does not converge",
     FailureKind.TIME_LIMIT: "took longer than the time limit",
 }
-"""FailureKind of a failure to its cause in words; {} is the component. Those of other kinds are in their messages."""
+"""FailureKind of a failure to the text of its cause; {} is the component. Other kinds have it in their messages."""
 
 
 class FailedGroup(NamedTuple):
@@ -79,7 +79,7 @@ def axis_words(study: StudyTable) -> dict[str, str]:
 
 
 def place_of(study: StudyTable, row: Mapping[str, Any]) -> str:
-    """Return the values of the axes at a point in words."""
+    """Return the values of the axes at a point as text."""
     return ", ".join(f"{words} {_value(row[name])}" for name, words in axis_words(study).items())
 
 
@@ -88,7 +88,7 @@ def _value(value: Any) -> str:
 
 
 def _range(axis: str, values: NDArray[Any], chosen: NDArray[Any]) -> str:
-    """Return the range of an axis in words; empty if all points have the same range."""
+    """Return the range of an axis as text; empty if all points have the same range."""
     if values.dtype.kind not in "iuf":
         words = sorted(set(map(str, chosen)))
         return f"{axis} {', '.join(words)}" if len(words) < len(set(map(str, values))) else ""

@@ -32,7 +32,7 @@ class Indices:
     ``mu_star``, the mean absolute change of the measure over the range of an axis, ``mu``, the same with its sign, and
     ``sigma``, its deviation, (d,): 0 for an axis without curvature and interaction."""
     widths: dict[str, Floats]
-    """Half-widths, of the same shapes; of Morris' indices for ``mu_star`` alone."""
+    """Half-widths, of the same shapes; of Morris' indices only for ``mu_star``."""
     confidence: float = CONFIDENCE
 
     def rows(self) -> list[tuple[str, dict[str, str]]]:

@@ -277,7 +277,7 @@ def _bytes_of(column: np.ndarray[Any, Any]) -> bytes:
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:
-    """Return the unit of an axis' values; nothing for factors and words."""
+    """Return the unit of an axis' values; nothing for factors and texts."""
     if axis.target in system.bindings:
         name = system.bindings[axis.target].names[0]
         return "" if axis.factor else units.get(name, "")

@@ -86,7 +86,7 @@ class Repeated:
 
     @property
     def entries(self) -> dict[str, float]:
-        """Return the entries of a summary; empty for a solution by scipy alone."""
+        """Return the entries of a summary; empty for a solution only by scipy."""
         return {"solved_by_scipy": self.intervals, "max_solver_difference": self.difference} if self.intervals else {}
 
 

@@ -29,7 +29,7 @@ SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
 """Tolerances over the whole time, as errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 SCIPY_ALONE = 10.0
-"""Longest run [s] whose sampled reference is solved by scipy alone."""
+"""Longest run [s] whose sampled reference is solved only by scipy."""
 _CLOSE = 1e-9
 """Part of a period below which two times are equal."""
 _STRETCH = 1000

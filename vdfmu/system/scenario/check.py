@@ -34,7 +34,7 @@ def model_notes(scenario: Scenario, parameters: Mapping[str, Any] | None = None)
         and not issubclass(resolved.units.get(component, Unit), Played)  # it shares its start nevertheless
     ]
     if robot is not None and not resolved.takers:
-        notes.append("robot: no component takes it. Leave it out, unless tables and figures need it.")
+        notes.append("robot: no component uses it. Omit it, unless tables and figures need it.")
     notes += [f"motion: {note}" for unit in resolved.units.values() for note in getattr(unit, "notes", ())]
     robots = [scenario.robot] if scenario.robot is not None else []
     notes += [note for robot in robots for note in plain_notes(robot.sources)]
@@ -56,7 +56,7 @@ def remarks(
     values: Mapping[str, Mapping[str, Any]],
     asked: bool = False,
 ) -> dict[str, Any]:
-    """Return the entries of a summary that a verdict counts before any row: ``cut``, ``unfed``, ``implausible``.
+    """Return the entries of a summary that are known before the run: ``cut``, ``unfed``, ``implausible``.
 
     `values` are those of the units with the `parameters`. `asked`: whether the user chose the end of the run.
     """
@@ -134,17 +134,17 @@ def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) ->
 
 
 def _not_reached(scenario: Scenario) -> Iterator[str]:
-    """Yield keys for plants that no plant takes, or not every plant."""
+    """Yield keys for plants that no plant uses, or not every plant."""
     robot = scenario.robot
     unknown = robot is not None and robot.payload and not scenario.payload_known
     keys = " and ".join(["plant_factors"] * bool(scenario.plant_factors) + ["payload.known"] * bool(unknown))
     plants = {name: scenario.system.parts[name].robot for name in scenario.resolved.plants}
     if keys and None not in plants.values():
         yield (
-            f"{keys}: no component takes it: none is a plant with the robot of the scenario. Write numbers of the "
-            "plant in its own section."
+            f"{keys}: not used, because no component is a plant with the robot of the scenario. Write parameters of "
+            "the plant in its own section."
         )
     elif keys:
         yield from (
-            f"{keys}: {name} has its own robot, so this does not reach it." for name, arm in plants.items() if arm
+            f"{keys}: {name} has its own robot, so this does not apply to it." for name, arm in plants.items() if arm
         )

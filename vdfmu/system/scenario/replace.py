@@ -43,7 +43,7 @@ def unfolded(scenario: Scenario) -> Scenario:
 def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
     """Return the robot with named parameters that it does not have: an empty payload, zeros that are folded.
 
-    Names are ``plant.payload_mass``, ``robot.gravity[1]``, or of a unit alone, ``gravity[1]``.
+    Names are ``plant.payload_mass``, ``robot.gravity[1]``, or for a single unit, ``gravity[1]``.
     """
     named = {name.rpartition(".")[2] for name in names}
     fields = {name.partition("[")[0] for name in named}

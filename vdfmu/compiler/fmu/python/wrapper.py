@@ -1,4 +1,4 @@
-"""Behaviour that the native wrapper of pythonfmu 0.7 asks of a slave, read in its source (PySlaveInstance.cpp).
+"""Behaviour that the native wrapper of pythonfmu 0.7 requires of a slave, read in its source (PySlaveInstance.cpp).
 
 - Every exception becomes fmi2Fatal. Its ``repr`` is the message, and importers use it as a format of printf.
 - A message that waits in the queue while an exception is reported makes the wrapper lose the exception.
@@ -36,7 +36,7 @@ _SPARE = 8
 _held: list[tuple[Any, ...]] = []
 _for_ever: list[Any] = []
 _libraries: set[str] = set()
-"""Native libraries that made slaves, by the names under which the loader knows them."""
+"""Native libraries that made slaves, by the names in the loader."""
 
 
 class RefusalError(FmuError):

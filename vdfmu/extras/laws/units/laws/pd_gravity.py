@@ -1,4 +1,4 @@
-"""The unit PDGravity: feedback of the rotors alone, with gravity at the desired position."""
+"""The unit PDGravity: feedback of the rotors only, with gravity at the desired position."""
 
 from __future__ import annotations
 

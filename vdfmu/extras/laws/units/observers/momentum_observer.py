@@ -19,7 +19,7 @@ from vdfmu.compiler.unit import JOINTS, Input, Output, Parameter, RobotParameter
 def momentum(robot: Any, q: Any, q_dot: Any, kappa_dot: Any) -> tuple[Any, Any]:
     """Generalised momentum of the links, and its rate at zero accelerations: (n,) each.
 
-    The inverse dynamics without gravity, of accelerations that are these velocities, along the motion of q alone.
+    The inverse dynamics without gravity, with these velocities as accelerations, along a motion of q only.
     """
     zero, still = np.zeros(robot.n), replace(robot, gravity=np.zeros(3))
     along = jets(q, q_dot, zero)
