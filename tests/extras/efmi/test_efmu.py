@@ -164,6 +164,7 @@ class Matrix(Unit):
     y = Output("1", 64, "predictions")
 
     def outputs(self) -> None:
+        """Multiply."""
         self.y = np.cos(np.arange(64 * 48.0)).reshape(64, 48) @ self.u
 
 
