@@ -331,8 +331,9 @@ def facts_of(system: SystemDescription) -> dict[str, Any]:
 
 
 def row_of(row: Limit) -> dict[str, Any]:
-    """Return a limit for JSON; ``own``: a user set it, so that a sentence says who."""
-    facts = {**row._asdict(), "own": row.by != LIMITS[row.key].by}
+    """Return a limit for JSON; ``usual``: the limit of the table, if a user set another."""
+    usual = LIMITS[row.key]
+    facts = row._asdict() | ({"usual": usual.value} if row.by != usual.by else {})
     return facts if math.isfinite(row.failed) else {key: value for key, value in facts.items() if key != "failed"}
 
 
