@@ -9,11 +9,11 @@ from typing import Any
 
 import fmpy
 import fmpy.validation
+import numpy as np
 import pytest
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from tests.compiler.eventful import Relay
-from tests.compiler.unit.test_large_matrices import Net
 from tests.conftest import heavy
 from tests.extras.efmi.conftest import SHIPPED
 from tests.extras.efmi.efmu import Efmu
@@ -157,10 +157,21 @@ def test_words_of_refusal(planar, tmp_path):
             build_fmus(planar, tmp_path, **dict[str, Any](units=["controller"]) | options, folded=True)
 
 
+class Matrix(Unit):
+    """A product with a large matrix."""
+
+    u = Input("1", 48, "features")
+    y = Output("1", 64, "predictions")
+
+    def outputs(self) -> None:
+        """Multiply."""
+        self.y = np.cos(np.arange(64 * 48.0)).reshape(64, 48) @ self.u
+
+
 @pytest.mark.parametrize(
     ("unit", "words"),
     [(Relay, "has events; an eFMU is a sampled or memoryless unit"),
-     *heavy((Net, "net_outputs: a product with a large matrix has no text for this use"))],
+     (Matrix, "matrix_outputs: a product with a large matrix has no text for this use")],
 )  # fmt: skip
 def test_units_of_other_kinds_are_refused(unit, words, tmp_path):
     with pytest.raises((UsageError, KernelError), match=words):
