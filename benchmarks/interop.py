@@ -24,7 +24,7 @@ from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import VdfmuError
 from vdfmu.engine.container import write_container
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.run.simulator import simulate
+from vdfmu.engine.run.once import simulate
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference

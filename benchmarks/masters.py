@@ -23,7 +23,7 @@ from benchmarks import masters_worker
 from benchmarks.interop import Tracking
 from vdfmu.arm.units import shipped_units
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.run.simulator import simulate
+from vdfmu.engine.run.once import simulate
 
 ORDER = ("feedforward", "controller", "plant", "trajectory")
 """The order of this project's gauss-seidel."""

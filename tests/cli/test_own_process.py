@@ -8,6 +8,8 @@ import sys
 import pytest
 
 from tests.docs.pages import ROOT
+from vdfmu.cli import own_process
+from vdfmu.cli.commands import app
 from vdfmu.cli.own_process import code_named, foreign_exit
 from vdfmu.cli.terminal import fail
 
@@ -30,6 +32,18 @@ def command(folder, code, *words, **options):
         [sys.executable, "-m", "vdfmu.cli", *(words or SHOW)], cwd=folder, capture_output=True, text=True,
         env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=120, check=False, **options,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("words", [["-q", *SHOW], [*SHOW, "-q"]])
+def test_the_separate_process_has_all_words_of_the_command(tmp_path, monkeypatch, main_in_this_process, words):
+    again = []
+    (tmp_path / "my_unit.py").write_text(UNIT)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(own_process, "_wanted", True)
+    monkeypatch.setattr(own_process, "run_again", lambda words, code: again.append([*words]) or 0)
+    with pytest.raises(SystemExit) as ended:
+        app.main(words)
+    assert (ended.value.code, again) == (0, [words])
 
 
 @pytest.mark.heavy

@@ -109,3 +109,9 @@ def test_links_of_the_readme_follow_the_address_of_the_project():
         "A ![loop](https://host/x/raw/v1.0/docs/a.svg), [model](https://host/x/blob/v1.0/docs/model.md#errata) "
         "and [FMI](https://fmi-standard.org)."
     )
+
+
+def test_make_installs_nothing_without_a_hash():
+    lines = re.findall(r"\$\(PIP_INSTALL\) (.*)", (ROOT / "Makefile").read_text(encoding="utf-8"))
+    without = {line for line in lines if not line.startswith("--require-hashes -r ")}
+    assert len(lines) > 3 and without == {"--no-deps --no-build-isolation -e ."}

@@ -289,16 +289,17 @@ def test_a_component_that_ends_the_process_of_the_master_is_named_and_the_rows_a
 
 
 @pytest.mark.heavy
-def test_after_a_run_the_process_may_end_as_it_likes(package):
-    code = (
-        "import ctypes, sys\nfrom vdfmu.engine.run import simulate\n"
-        "for _ in range(3): simulate(sys.argv[1], step=0.25, isolate=False)\n"
-        "ctypes.CDLL(None).exit(5)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, package], capture_output=True, text=True, timeout=300, check=False
-    )
-    assert (done.returncode, done.stderr) == (5, "")
+def test_after_a_run_the_process_may_end_as_it_likes_and_after_steps_by_hand_that_is_reported(package):
+    for code, end in (
+        ("for _ in range(3): simulate(sys.argv[1], step=0.25, isolate=False)\n", (5, "")),
+        ("loaded = Simulator(sys.argv[1], isolate=False).__enter__()\nloaded.reset(step=0.25)\nloaded.step(4)\n",
+         (1, "error: a component ended the process at t = 0.75 s.\n")),
+    ):  # fmt: skip
+        code = f"import ctypes, sys\nfrom vdfmu.engine.run import Simulator, simulate\n{code}ctypes.CDLL(None).exit(5)"
+        done = subprocess.run(
+            [sys.executable, "-c", code, package], capture_output=True, text=True, timeout=300, check=False
+        )
+        assert (done.returncode, done.stderr) == end
 
 
 FLED = """

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.engine.reference import models
-from vdfmu.engine.run import ALGORITHMS, simulate
+from vdfmu.base.errors import UsageError
+from vdfmu.engine.run import ALGORITHMS, Simulator, simulate
 
 PUBLISHED = {
     # model: stop, step, {time: values of the outputs}
@@ -43,3 +44,9 @@ def test_published_solutions(system, name, version, algorithm):
         assert results.time[row] == pytest.approx(time)
         # the same operations, some in another order: 10,000 steps of a rounding each, 1e-16
         np.testing.assert_allclose([results[each][row] for each in results], values, rtol=1e-12, atol=0)
+
+
+def test_sizes_of_arrays_are_the_same_in_all_runs_of_a_simulator(system):
+    with Simulator(system({"m": (models.STATE_SPACE, "3.0")}), parameters={"m.n": 2}) as simulator:
+        with pytest.raises(UsageError, match=r"m\.n: sizes of arrays must be constant"):
+            simulator.run(parameters={"m.n": 3}, stop=0.2, step=0.1)

@@ -1,5 +1,7 @@
 """Runs of components that stay loaded: each is what it would be alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -124,8 +126,14 @@ def test_by_hand_runs_and_other_values_take_turns(package):
         assert same(simulator.run(**OPTIONS), plain)
         with pytest.raises(UsageError, match="reset\\(\\) begins a run by hand"):
             simulator.step()
+        seen = []
+        simulator.run(
+            **OPTIONS, record=[], observer=SimpleNamespace(row=lambda *row: seen.append(row), wanted=["plant.q"])
+        )
+        count = len(seen)
         simulator.reset(**OPTIONS)
         simulator.step(50)
+        assert len(seen) == count > 0
         np.testing.assert_array_equal(simulator.get("plant.q"), plain["plant.q"][-1])
     assert np.any(changed != plain["plant.q"][-1])
 

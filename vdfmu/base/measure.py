@@ -230,7 +230,7 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
 
 def per_cent(share: float) -> str:
     """Return a share in per cent, two digits: ``3.4 %``; ``infinite`` if it is not finite."""
-    return f"{100.0 * share:.2g} %" if math.isfinite(share) else "infinite"
+    return f"{number(100.0 * share, 2)} %" if math.isfinite(share) else "infinite"
 
 
 def number(value: float, digits: int = 3) -> str:

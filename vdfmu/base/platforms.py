@@ -18,6 +18,13 @@ from typing import NamedTuple
 from vdfmu.base.errors import FmuError, UsageError
 from vdfmu.base.standards import FMI_VERSIONS
 
+THIRD_PARTY = """
+The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
+LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
+WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
+"""
+"""Licences of the code of the compiler in the libraries of FMUs."""
+
 
 @dataclass(frozen=True)
 class Platform:

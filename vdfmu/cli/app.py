@@ -171,7 +171,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
 
             sys.exit(shell_complete(self, {}, "vdfmu", COMPLETE, os.environ[COMPLETE]))
         try:
-            with self.make_context("vdfmu", words) as context:
+            with self.make_context("vdfmu", [*words]) as context:  # click removes from the list what it has read
                 self.invoke(context)
         except own_process.OwnProcessNeeded as needed:
             sys.exit(own_process.run_again(words, needed.code))

@@ -152,7 +152,7 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
 
 
 def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
-    """Print the reason of a run's failure, or its verdict if it was stopped, and the page of its rows."""
+    """Print the verdict on a run that failed or was stopped, the reason of a failure, and the page of its rows."""
     from vdfmu.engine.results.folder import PAGE, PARTIAL
 
     summary = error.results.summary
@@ -160,9 +160,8 @@ def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
     if not len(error.results) or not page.exists():
         return
     stopped = isinstance(error, KeyboardInterrupt)
-    if stopped:
-        _say_verdict(summary)
-    else:
+    _say_verdict(summary)
+    if not stopped:
         say_error(error)
     say_page(page, options["opened"])
     if not stopped:

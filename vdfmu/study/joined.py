@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial as bound
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from vdfmu.base.errors import LOG, CosimError
+from vdfmu.base.errors import CosimError
 from vdfmu.base.option import pick
 from vdfmu.base.progress import doing
 from vdfmu.engine.options import RowOptions, SimulatorOptions, SystemOptions
@@ -38,8 +37,8 @@ def run_joined(
 
     It is judged by the largest error `wanted`, a share of each range, and by `expected` results, unless these are None.
 
-    The run needs only the engine; if CasADi is missing, it has no page. `source` is the name of a package that was
-    made for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
+    The run and its page need neither CasADi nor the equations of arms. `source` is the name of a package that was made
+    for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
     :func:`vdfmu.study.judgement.judge`.
     """
 
@@ -52,20 +51,16 @@ def run_joined(
         if expected is not None:
             results.summary["expected"] = expected.compare(results)
         _judge(results.summary)
-        try:
-            from vdfmu.study.report.page import write_report  # takes long to import
-            from vdfmu.study.report.shown_run import ShownRun
-        except ImportError as error:
-            LOG.warning("the page was not written: %s", error)
-            return
+        from vdfmu.study.report.page import write_report  # takes long to import
+        from vdfmu.study.report.shown_run import ShownRun
+
         with doing("page"):
             write_report([ShownRun(package.stem, results, results.summary, package)], partial / PAGE)
 
     def failed(partial: Path, error: CosimError | Interrupted) -> None:
-        with suppress(ImportError):
-            from vdfmu.study.report.page import write_failed  # takes long to import
+        from vdfmu.study.report.page import write_failed  # takes long to import
 
-            write_failed(package.stem, package, partial, error)
+        write_failed(package.stem, package, partial, error)
 
     judged: Callable[[], Judgement] | None = None
     if wanted is not None:

@@ -54,15 +54,20 @@ class Limit(NamedTuple):
             return GOOD
         return self.beyond if value <= max(self.failed, self.value) or math.isinf(self.failed) else FAILED
 
+    def excuses(self, value: float) -> bool:
+        """Whether a number is good only by the limit that a user set."""
+        usual = LIMITS[self.key]
+        return self.by != usual.by and self.state(value) == GOOD != usual.state(value)
+
     def check(self, value: float, more: str = "", **places: Any) -> Check:
-        """Judge a number; `places` are the other places of the sentence."""
+        """Judge a number; `places` are the other places of the sentence. The limit is named if it matters."""
         state, digits = self.state(value), 0
         limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
         while state != GOOD and digits < _DIGITS and self.shown(value, digits) == self.shown(limit, digits):
             digits += 1  # a number beyond its limit does not look like it
         text = self.shown(value, digits)
         sentence = self.sentence.format(value=text, samples="sample" if text == "1" else "samples", **places)
-        if state != GOOD:
+        if state != GOOD or self.excuses(value):
             bound = f"limit {self.shown(limit)}{'' if self.by == LIMITS[self.key].by else f' by {self.by}'})"
             sentence = f"{sentence.removesuffix(')')}, {bound}" if sentence.endswith(")") else f"{sentence} ({bound}"
         return Check(self.key, self.name, state, sentence, more, value, self.value, self.by)

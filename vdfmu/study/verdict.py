@@ -66,7 +66,7 @@ def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
     if not figures.keys() & {"margin", "growth", "open"}:
         return
     grown = [*_growth(figures, limits)]
-    if all(check.state == GOOD for check in grown):
+    if all(check.state == GOOD and not _excused(check) for check in grown):
         yield Check("stability", name, GOOD, "stable")
     if (silent := figures.get("open")) is not None:
         yield Check("feedback", "Feedback", DOUBTFUL, f"nothing is fed back to {silent['place']}")
@@ -82,7 +82,12 @@ def _growth(figures: Summary, limits: Limits) -> Iterator[Check]:
     """Yield the check of the largest growth of a disturbance along the run."""
     if (growth := figures.get("growth")) is not None:
         times = {"time": _at(growth["at_s"]), "until": _at(growth["until_s"])}
-        yield limits["growth"].check(growth["value"], place=growth["place"], **times)
+        row, place = limits["growth"], growth["place"]
+        check = row.check(growth["value"], place=place, **times)
+        if check.state == GOOD and not _excused(check):
+            little = f"disturbances at {place} grow by {row.shown(check.value)}, {times['time']} to {times['until']}"
+            check = check._replace(sentence=little)
+        yield check
 
 
 def explain(error: CosimError | Interrupted, poses: Poses | None) -> dict[str, Any]:
@@ -135,7 +140,7 @@ def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
         figure["value"] / figure["size"], f"maximum {figure['place']} error {error} over a motion of {size}",
         place=figure["place"], error=error, time=_at(figure["at_s"]),
     )  # fmt: skip
-    yield check if check.state != GOOD else check._replace(sentence=check.more, more="")
+    yield check if check.state != GOOD or _excused(check) else check._replace(sentence=check.more, more="")
 
 
 def remark_checks(summary: Summary) -> Iterator[Check]:
@@ -165,7 +170,9 @@ def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Che
         residual, exchanged = energies(bond)
         share = residual / exchanged if residual > ENERGY_FLOOR else 0.0
         places = {"error": quantity(residual, "J"), "place": quantity(exchanged, "J")}
-        yield limits["energy"].check(share, **places)
+        check = limits["energy"].check(share, **places)
+        small = f"coupling energy error {places['error']} of {places['place']} exchanged"
+        yield check if residual > ENERGY_FLOOR else check._replace(sentence=small)
 
 
 def _coupling(summary: Summary) -> Iterator[Check]:
@@ -215,10 +222,12 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
         )
     check = row.check(apart / largest, more, place=compared["name"])
     tolerance: float = summary.get("tolerance") or 0.0
-    if check.state == GOOD:
+    if check.state == GOOD and not _excused(check):
         sentence = f"matches the {compared['name']} scipy reference to {row.shown(check.value)} of the peak error"
         check = check._replace(sentence=sentence)
-    elif apart <= tolerance:  # of a position of 1 rad: the possible error of the solvers of the units
+    elif (
+        check.state != GOOD and apart <= tolerance
+    ):  # of a position of 1 rad: the possible error of the solvers of the units
         more += f"; that is within the tolerance of the solvers, {number(tolerance)}"
         smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
         share = row.shown(check.value)
@@ -235,7 +244,9 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
     figures: Summary = summary.get("key_figures") or {}
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")
-    if states.get("margin") == GOOD:
+    excused = [check for check in checks if _excused(check)]
+    yield from (f"only by {check.by}, {check.sentence.replace(f' by {check.by}', '')}" for check in excused)
+    if states.get("margin") == GOOD and all(check.key != "margin" for check in excused):
         yield f"modulus margin {number(figures['margin']['value'], 2)}"
     if "contact" in figures:
         contact = figures["contact"]
@@ -251,6 +262,12 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
     cut: Summary | None = summary.get("cut")
     if cut is not None and cut["asked"]:
         yield f"stopped at {cut['stop']:.3g} s of a motion of {cut['end']:.3g} s"
+
+
+def _excused(check: Check) -> bool:
+    """Return whether a check is good only by the limit that a user set."""
+    row = LIMITS.get(check.key)
+    return check.state == GOOD and row is not None and check.by != row.by and row.state(check.value) != GOOD
 
 
 def since(time: float) -> str:

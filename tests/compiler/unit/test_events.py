@@ -1,13 +1,10 @@
 """Units with events in numpy, against closed forms; what is refused, and how."""
 
-import re
-
 import numpy as np
 import pytest
 
 from tests.compiler.eventful import Ball, Clutch, Counter, Endless, Pulse, Relay, Thermostat, ball, counter
-from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.errors import KernelError, UnitError, UsageError
+from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.unit import Derivative, Event, Held, Input, Output, Parameter, Sampled, State, Unit
 
@@ -108,11 +105,6 @@ EVENTS = {"e": Event("1"), "events": sets("e")}
 def test_wrong_declarations_are_refused(members, words):
     with pytest.raises(UnitError, match=words):
         _ = Interface(declared(**members), None).program
-
-
-def test_efmi_refuses_events(tmp_path):
-    with pytest.raises(UsageError, match=re.escape("has events; an eFMU is a sampled or memoryless unit")):
-        build_fmus(None, tmp_path, units=[Relay], target="efmi")
 
 
 class Sentinel(Unit):

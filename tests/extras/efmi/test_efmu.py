@@ -12,11 +12,13 @@ import fmpy.validation
 import pytest
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
+from tests.compiler.eventful import Relay
+from tests.compiler.unit.test_large_matrices import Net
 from tests.conftest import heavy
 from tests.extras.efmi.conftest import SHIPPED
 from tests.extras.efmi.efmu import Efmu
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import KernelError, UsageError
 from vdfmu.unit import Input, Output, Unit
 
 
@@ -153,3 +155,13 @@ def test_words_of_refusal(planar, tmp_path):
     for options, words in cases:
         with pytest.raises(UsageError, match=words):
             build_fmus(planar, tmp_path, **dict[str, Any](units=["controller"]) | options, folded=True)
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [(Relay, "has events; an eFMU is a sampled or memoryless unit"),
+     *heavy((Net, "net_outputs: a product with a large matrix has no text for this use"))],
+)  # fmt: skip
+def test_units_of_other_kinds_are_refused(unit, words, tmp_path):
+    with pytest.raises((UsageError, KernelError), match=words):
+        build_fmus(None, tmp_path, units=[unit], target="efmi")

@@ -122,7 +122,7 @@ def test_what_cannot_be_linearised_is_said():
         (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected .* got nan s"),
         (lambda: margins_along("planar_tracking", at=[1e308]), r"at: expected .* got 1e\+308 s"),
         (lambda: margins_along("planar_tracking", at=[2.5, 1.0]), "at: expected 0 s to 2 s, got 2.5 s"),
-        (lambda: vdfmu.linearize("planar_tracking", "x"), "at: expected positions of the joints, or a time"),
+        (lambda: vdfmu.linearize("planar_tracking", "x"), "at: expected a number, or a list"),
         (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: applies to an arm only"),
     ):
         with pytest.raises(UsageError, match=message):

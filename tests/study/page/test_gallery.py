@@ -138,8 +138,12 @@ def test_a_failed_run_has_a_page_and_a_row(results, monkeypatch):
     *_, said, last = done.output.splitlines()
     assert last == "Open results/failed/partial/report.html", done.output
     assert said.startswith("error: plant failed at t =") and "Unstable from the start" in said
+    headline = headline_of(
+        read_run(page.parent).summary
+    )  # the same in the terminal, the list, the page and the summary
+    assert headline.startswith("Failed: unstable from the start") and f"✗ {headline}" in done.output
     row = rows(gallery_page(results, results))["failed/partial"]
-    assert 'failed">Failed: unstable from the start' in row and 'href="failed/partial/report.html"' in row
+    assert f'failed">{headline}' in row and 'href="failed/partial/report.html"' in row
     page.unlink()
     assert not is_gallery(results / "failed")
     ran("report", "results/failed", "--no-simulate")

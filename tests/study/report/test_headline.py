@@ -160,6 +160,32 @@ def test_a_joint_at_its_limit_before_the_loop_grows_is_named_first():
     assert keys == [["saturated", "stability", "reference"], ["stability", "saturated", "reference"]]
 
 
+def test_a_loop_whose_disturbances_grow_is_stable_only_if_they_hardly_grow_and_is_not_called_unstable_then():
+    said = {}
+    for share, limits in ((0.0156, {}), (0.12, {}), (0.12, {"growth": 0.2})):
+        growth = {"value": share, "place": "joint 1", "at_s": 0.282, "until_s": 2.0}
+        summary = {"key_figures": {"margin": MARGIN, "growth": growth}}
+        checks = verdict(summary, read_limits(limits, "--limit"))["checks"]
+        said[share, *limits] = [check["sentence"] for check in checks if check["key"] in ("stability", "growth")]
+    assert [*said.values()] == [
+        ["stable", "disturbances at joint 1 grow by 1.56 %, 0.282 s to 2 s"],
+        ["joint 1 is unstable from 0.282 s to 2 s (grows 12 %, limit 10 %)"],
+        ["joint 1 is unstable from 0.282 s to 2 s (grows 12 %, limit 20 % by --limit)"],
+    ]
+
+
+def test_an_energy_error_too_small_for_a_share_has_none():
+    sentences = {}
+    for residual in (0.66e-3, 1.5e-3):
+        bond = {"residual_energy_abs_j": [residual], "exchanged_energy_j": [0.151]}
+        checks = verdict({"key_figures": {}, "power_bond": bond})["checks"]
+        sentences[residual] = [check["sentence"] for check in checks if check["key"] == "energy"]
+    assert [*sentences.values()] == [
+        ["coupling energy error 660 µJ of 0.151 J exchanged"],
+        ["coupling energy error 1.5 mJ, 0.993 % of 0.151 J exchanged"],
+    ]
+
+
 def test_a_limit_of_the_user_replaces_that_of_the_table_and_says_whose_it_is():
     summary = {"key_figures": {"margin": MARGIN | {"value": 0.34}}}
     assert verdict(summary)["state"] == "doubtful"
@@ -167,6 +193,15 @@ def test_a_limit_of_the_user_replaces_that_of_the_table_and_says_whose_it_is():
     assert lower["state"] == "good"
     (margin,) = (check for check in lower["checks"] if check["key"] == "margin")
     assert (margin["limit"], margin["by"]) == (0.3, "--limit")
+    # what is good by this limit only is the first that is said, with the limit
+    assert lower["headline"] == "Good: only by --limit, modulus margin 0.34 at joint 5, 1.2 s (limit 0.3)"
+    assert verdict({"key_figures": {"margin": MARGIN}}, read_limits({"margin": 0.3}, "--limit"))["headline"] == (
+        "Good: modulus margin 0.54; not judged: scipy reference"
+    )
+    far = {"path": OFF | {"value": 0.34, "place": "tool"}, "tool_error": {"value": 0.34, "at_s": 2.0}}
+    assert verdict({"key_figures": far}, read_limits({"tool": "30 %"}, "--limit"))["headline"] == (
+        "Good: only by --limit, tool off its path by 0.34 m, 20.5 % of the motion, at 2 s …"
+    )
     higher = verdict(summary, read_limits({"margin": 0.4}, "[limits] of the scenario"))
     assert higher["headline"] == (
         "Doubtful: modulus margin 0.34 at joint 5, 1.2 s (limit 0.4 by [limits] of the scenario)"

@@ -39,7 +39,8 @@ def test_a_page_has_every_limit_and_says_whose_it_is():
     rows = rules_of({"own_limits": changed}, "vdfmu run tracking --stop 2 --limit margin=0.3")
     assert rows["asked"] and rows["rows"].keys() == LIMITS.keys()
     assert rows["rows"]["margin"] == row_of(read_limits({"margin": 0.3}, "--limit")["margin"])
-    assert [key for key, row in rows["rows"].items() if row["own"]] == ["margin"]
+    assert [key for key, row in rows["rows"].items() if "usual" in row] == ["margin"]
+    assert rows["rows"]["margin"]["usual"] == LIMITS["margin"].value
     assert "failed" not in rows["rows"]["margin"] and rows["rows"]["tool"]["failed"] == 0.5
 
 

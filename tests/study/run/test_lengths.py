@@ -21,7 +21,8 @@ from vdfmu.study.report import content
 from vdfmu.study.report.parts import tiles_of
 from vdfmu.study.run import measure
 from vdfmu.study.run import summary as numbers
-from vdfmu.study.run.key_figures import cut_figures, key_figures
+from vdfmu.study.run.joint_components import cut_figures
+from vdfmu.study.run.key_figures import key_figures
 from vdfmu.study.run.measure import accuracy_notes
 from vdfmu.study.run.summary import ArmLimits
 from vdfmu.study.sweeps.measures import REDUCTIONS, measured, read_measures

@@ -1,6 +1,7 @@
 """Runs of many rows: what is told of them comes from stretches, is the same, and takes memory that does not grow."""
 
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import vdfmu
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.run import Results, Signal
 from vdfmu.study.run import summary
+from vdfmu.study.run.references import _Progress
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference import reference as references
 from vdfmu.system.reference.reference import BLOCK, Reference, reference, reference_blocks
@@ -120,3 +122,14 @@ def test_a_comparison_with_references_may_end_before_the_run():
 def test_an_end_of_the_comparison_that_has_no_effect_is_refused(options, message):
     with pytest.raises(UsageError, match=f"reference_stop {message}"):
         vdfmu.run("planar_tracking", stop=0.2, out=False, **options)
+
+
+def test_a_reference_that_takes_much_longer_than_its_run_is_named_once(monkeypatch):
+    clock = SimpleNamespace(perf_counter=iter([0.0, 4.0, 8.0, 12.0]).__next__)
+    monkeypatch.setattr("vdfmu.study.run.references.time", clock)
+    notes = []
+    case = SimpleNamespace(options={"log": lambda message: notes.append(message.text)})
+    progress = _Progress(case, "sampled reference", 3.0)
+    for done in (50, 60, 90):  # of 100 it takes 8 s, which is short, 13.3 s, and 13.3 s
+        progress(done, 100)
+    assert [text.partition(":")[0] for text in notes] == ["the sampled reference takes some 13 s, 4.4 times the run"]

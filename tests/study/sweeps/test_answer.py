@@ -167,6 +167,11 @@ def test_the_best_point_is_the_best_good_one(tmp_path, monkeypatch, runs, headli
     assert answer.headline.startswith(headline)
     assert answer.best == best and answer.sentences[0].startswith(f"Point {best}: ")
     assert ("point 12 has 1 rad but is unstable from 1.31 s on" in text) == (best != 12)
+    # points 11 and 13 have 1.1 rad; the smaller value of a point that is not good is no value behind the best
+    assert ("The ranking is clear: the next, point 11, has 10 % more." in text) == (best == 12)
+    assert ("1 other point ties with it, within 1 %." in text) == (best in (11, 13))
+    if answer.state == GOOD:
+        assert answer.verdict["results"].endswith(f"; point {best} has modulus margin 0.7") == (best in (11, 13))
     # none of the eight best and the 15th is good, or the search ends at the first that is, with neighbours
     assert ("None of 9 points is good; the other 16 were not judged" in text) == (answer.state != GOOD)
     assert len(judged) == (9 if answer.state != GOOD else judged.index(best) + 1 + 4)

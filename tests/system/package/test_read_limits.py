@@ -33,11 +33,13 @@ def test_the_number_of_elements_has_a_limit(tmp_path, monkeypatch):
 
 
 def test_the_depth_of_systems_has_a_limit(tmp_path):
-    text = ""
-    for _ in range(archive.DEPTH_LIMIT + 1):
-        text = f'<ssd:System name="s"><ssd:Elements>{text}</ssd:Elements></ssd:System>'
+    begin, end = '<ssd:System name="s"><ssd:Elements>', "</ssd:Elements></ssd:System>"
     path = tmp_path / "x.ssp"
-    path.write_bytes(pack({"SystemStructure.ssd": ssd(text.replace("<ssd:Elements></ssd:Elements>", ""))}))
+    for depth in (31, 32):
+        text = begin * depth + '<ssd:System name="s"/>' + end * depth
+        path.write_bytes(pack({"SystemStructure.ssd": ssd(text)}))
+        if depth == 31:
+            load_ssp(path)
     assert "more than 32 systems inside each other" in problems(path)[0]
 
 
@@ -60,7 +62,7 @@ def test_what_packages_inside_unpack_to_counts(tmp_path, monkeypatch):
     """Each by itself is below the limit; the fourth is not read."""
     monkeypatch.setattr(archive, "TOTAL_LIMIT", 2_000_000)
     faults = problems(nested(tmp_path / "x.ssp", 4))
-    assert "x.ssp: has more than 2000000 bytes unpacked, including packages inside it" in faults[-1]
+    assert "x.ssp: has more than 2000000 bytes unpacked, including FMUs inside it" in faults[-1]
     assert "--unpack-limit, or package_limit of vdfmu.engine.package.archive" in faults[-1]
     with package_limit(4_000_000):
         assert not any("bytes unpacked" in text for text in problems(tmp_path / "x.ssp"))
@@ -73,7 +75,8 @@ def test_what_is_taken_into_memory_counts_each_time(tmp_path, monkeypatch):
 
 def test_packages_inside_have_a_limit_in_number(tmp_path, monkeypatch):
     monkeypatch.setattr(archive, "PACKAGE_LIMIT", 3)
-    assert "x.ssp: has more than 3 packages inside it; that is the limit" in problems(nested(tmp_path / "x.ssp", 4))
+    faults = problems(nested(tmp_path / "x.ssp", 4))
+    assert "x.ssp: has more than 3 FMUs with parameter sets; that is the limit" in faults
 
 
 @pytest.mark.heavy

@@ -14,7 +14,6 @@ from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 
 PACKAGE = 'type="application/x-ssp-package"'
-DEFINITION = 'type="application/x-ssp-definition"'
 IO = connector_list("u:input y:output")
 
 
@@ -64,7 +63,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
         component("a", ""),
         component("b", "b.ssp"),
         component("c", "c.ssp#B.ssd", "", PACKAGE),
-        component("d", "d.ssd", "", DEFINITION),
+        component("d", "d.ssd"),
         component("f", "#e", ""),
         component("g", "g.fmu", ""),
     ]
@@ -75,7 +74,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
         "x.ssp: component 'a': has no source to run; name an FMU",
         f"x.ssp: component 'b': 'b.ssp' of type 'application/x-fmu-sharedlibrary' {why}",
         f"x.ssp: component 'c': 'c.ssp#B.ssd' of type 'application/x-ssp-package' {why}",
-        f"x.ssp: component 'd': 'd.ssd' of type 'application/x-ssp-definition' {why}",
+        f"x.ssp: component 'd': 'd.ssd' of type 'application/x-fmu-sharedlibrary' {why}",
         f"x.ssp: component 'f': '#e' of type 'application/x-fmu-sharedlibrary' {why}",
         "x.ssp: component 'g': the package has no 'g.fmu'",
     ]

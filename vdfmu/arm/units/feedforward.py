@@ -18,9 +18,9 @@ class Feedforward(Unit):
 
     Mode 0, inverse: the exact inverse of the plant along the desired motion::
 
-        tau_s   = ID(q_d, q_d_dot, q_d_ddot, F_e_d) + xi_l(q_d_dot)      spring torques, derivatives of F_e_d assumed to
-        be 0 kappa_d = q_d + D(tau_s) + theta_err(kappa_d)                    motion of the rotors tau_m   = I_m
-        kappa_d_ddot + tau_s / ell + xi_m(kappa_d_dot)     motor torques, (27), (56)
+        tau_s   = ID(q_d, q_d_dot, q_d_ddot, F_e_d) + xi_l(q_d_dot)      spring torques, with derivatives of F_e_d of 0
+        kappa_d = q_d + D(tau_s) + theta_err(kappa_d)                    motion of the rotors
+        tau_m   = I_m kappa_d_ddot + tau_s / ell + xi_m(kappa_d_dot)     motor torques, (27), (56)
 
     Mode 1, vdc: virtual decomposition control, from the desired and the measured motion::
 

@@ -33,11 +33,6 @@ _ROBOT_FILES = {"native": "extra/vdfmu/robot", "python": "resources/robot"}
 """Backend to the folder of the files that a robot names."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
-THIRD_PARTY = """
-The libraries in binaries/ contain parts of the run-time support of the compiler zig: compiler-rt (Apache-2.0 WITH
-LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
-WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
-"""
 _DATA = {"python": ("*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", "icons/*")}
 """Data files of the FMUs of a backend, in addition to the modules."""
 

@@ -12,10 +12,10 @@ from vdfmu.base.cache import keep_built
 from vdfmu.base.compile import WRITTEN, Compilation, compile_libraries
 from vdfmu.base.errors import FmuError
 from vdfmu.base.files import PACKAGE, data_path, pack_zip, read_json, read_member, source_bytes, storing
-from vdfmu.base.platforms import binaries, chosen_platforms
+from vdfmu.base.platforms import THIRD_PARTY, binaries, chosen_platforms
 from vdfmu.base.standards import FMI_VERSIONS
 from vdfmu.compiler.c.generate import generated_sources
-from vdfmu.compiler.fmu.content import CONTENT_PLACES, THIRD_PARTY, Content, is_built, terms
+from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content, is_built, terms
 from vdfmu.compiler.fmu.description import build_description, document, model_description, model_description_3
 from vdfmu.compiler.fmu.documentation import documentation_files
 from vdfmu.compiler.fmu.reference_results import reference_files

@@ -124,7 +124,7 @@ class Library:
         reason = "asynchronous steps are not supported" if status == 5 else self._reason()
         kind = FailureKind.SOLVER if SHORTEST_STEP in reason else FailureKind.COMPONENT
         call = call[0].lower() + call[1:]
-        raise CosimError(self.name, call, self.box.time, f"{reason} (status {label})", kind=kind)
+        raise CosimError(self.name, call, self.box.time, f"{reason.removesuffix('.')} (status {label})", kind=kind)
 
     def _reason(self) -> str:
         error = taken_error() if self.python else None

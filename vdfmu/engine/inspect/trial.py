@@ -274,7 +274,7 @@ def master_of(system: FlatSystem) -> str:
 
 def _run_system(path: Path, deadline: float) -> Findings:
     """Make ten steps of a system; at `deadline`, of `monotonic`, a hanging call is ended."""
-    from vdfmu.engine.run.simulator import simulate  # only systems need a master
+    from vdfmu.engine.run.once import simulate  # only systems need a master
 
     system = load_ssp(path)
     experiment = system.experiment

@@ -118,7 +118,7 @@ class Loop:
     @property
     def delay(self) -> Floats:
         """The delay margin [s] of each loop, (n,)."""
-        return self._alone.crossings[2][0]
+        return self._alone.lags[1][0]
 
     def later(self) -> Loop:
         """Return the sampled loops with the feedback of all of them one sample later: the inputs are further states."""
@@ -128,8 +128,8 @@ class Loop:
 
     def margins(self) -> Margins:
         """Return all margins."""
-        gain, phase, delay = (each[0] for each in self._alone.crossings)
-        return Margins(self.modulus, gain, phase, delay, self.rate)
+        phase, delay = (each[0] for each in self._alone.lags)
+        return Margins(self.modulus, self._alone.gain[0], phase, delay, self.rate)
 
 
 class _Stack:
@@ -191,16 +191,22 @@ class _Stack:
         return np.where(self._lost, 0.0, np.minimum(size.min(axis=1), again.min(axis=1)))
 
     @cached_property
-    def crossings(self) -> tuple[Floats, Floats, Floats]:
-        """Gain, phase and delay margins, (m, n) each."""
-        gain, phase, delay = np.full((3, *self._lost.shape), np.inf)
+    def gain(self) -> Floats:
+        """Gain margins, (m, n)."""
+        gain = np.full(self._lost.shape, np.inf)
         place, _, of_loop = self._crossings(lag=True)
         np.minimum.at(gain, place, np.where(of_loop.real < 0.0, np.exp(np.maximum(-of_loop.real, 0.0)), np.inf))
+        return np.where(self._lost, 1.0, gain)
+
+    @cached_property
+    def lags(self) -> tuple[Floats, Floats]:
+        """Phase margins [rad] and delay margins [s], (m, n) each."""
+        phase, delay = np.full((2, *self._lost.shape), np.inf)
         place, w, of_loop = self._crossings(lag=False)
         left = np.mod(of_loop.imag, 2.0 * np.pi)
         np.minimum.at(phase, place, left)
         np.minimum.at(delay, place, left / w)
-        return np.where(self._lost, 1.0, gain), np.where(self._lost, 0.0, phase), np.where(self._lost, 0.0, delay)
+        return np.where(self._lost, 0.0, phase), np.where(self._lost, 0.0, delay)
 
     def _crossings(self, *, lag: bool) -> tuple[tuple[Any, Any], Floats, Any]:
         """Return loops, frequencies [rad/s] and ``log -L``, (c,) each, where a lag is 180 degrees, or a gain 1."""
@@ -268,7 +274,7 @@ def margins_of(loops: Sequence[Loop]) -> tuple[Floats, Floats, Floats]:
     for shape in {loop.K.shape for loop in loops}:
         alike = [k for k, loop in enumerate(loops) if loop.K.shape == shape]
         stack = _Stack([loops[k] for k in alike])
-        rates[alike], modulus[alike], delay[alike] = stack.rates, stack.modulus, stack.crossings[2]
+        rates[alike], modulus[alike], delay[alike] = stack.rates, stack.modulus, stack.lags[1]
     return rates, modulus, delay
 
 

@@ -24,7 +24,7 @@ XML_LIMIT = 64 * 2**20
 MEMBER_LIMIT = 512 * 2**20
 """Largest member of any kind [byte]."""
 TOTAL_LIMIT = 2 * 2**30
-"""Most unpacked bytes of a package, packages and FMUs inside it included; `package_limit` changes it."""
+"""Most unpacked bytes of a package, FMUs inside it included; `package_limit` changes it."""
 MEMORY_LIMIT = 256 * 2**20
 """Most of these bytes in memory."""
 COUNT_LIMIT = 65_535
@@ -80,7 +80,7 @@ class Budget:
         totals = (self.unpacked, TOTAL_LIMIT, "bytes unpacked"), (self.kept, MEMORY_LIMIT, "bytes of XML")
         for spent, limit, unit in totals:
             if spent > limit * self.scale:
-                text = f"{self.label}: has more than {limit * self.scale:.0f} {unit}, including packages inside it"
+                text = f"{self.label}: has more than {limit * self.scale:.0f} {unit}, including FMUs inside it"
                 raise breach("PKG004", f"{text} and repeated members; {_WAY}")
 
 
@@ -223,21 +223,21 @@ class Archive:
         return name in self._members
 
     def inside(self, name: str) -> Archive:
-        """Return a package inside the package; closed with it."""
+        """Return an FMU inside the package; closed with it."""
         if name not in self._inner:
             if self._budget.packages >= PACKAGE_LIMIT:
-                many = f"has more than {PACKAGE_LIMIT} packages inside it; that is the limit"
+                many = f"has more than {PACKAGE_LIMIT} FMUs with parameter sets; that is the limit"
                 raise breach("PKG004", f"{self._budget.label}: {many}")
             self._inner[name] = self._open(name)
             self._budget.packages += 1
         return self._inner[name]
 
     def opened(self, name: str, label: str) -> Archive:
-        """Open a package or FMU inside the package, for a ``with`` block."""
+        """Open an FMU inside the package, for a ``with`` block."""
         return self._open(name, label)
 
     def _open(self, name: str, label: str = "") -> Archive:
-        """Unpack a package into an anonymous temporary file."""
+        """Unpack an FMU into an anonymous temporary file."""
         with InterruptGuard():  # the first search for the temporary folder creates a file in it
             file = tempfile.TemporaryFile(prefix="vdfmu_")
         try:

@@ -27,9 +27,9 @@ DEFAULT = "SystemStructure.ssd"
 def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
-    Nested systems and system connectors are
-    resolved to connections from component to component. Parameter bindings of all levels are resolved to a value for
-    each variable: a higher level overrides a lower level, a later binding an earlier one of its level.
+    Nested systems and system connectors are resolved to connections from component to component. Parameter bindings of
+    all levels are resolved to a value for each variable: a higher level overrides a lower level, a later binding an
+    earlier one of its level.
 
     Parameters
     ----------

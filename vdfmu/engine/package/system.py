@@ -171,9 +171,9 @@ class BoundParameter:
 class Component:
     """A component; a nested component is named ``system.component``, or ``system.component#2`` if that name is taken.
 
-    `source` is the member of the package, ``inner.ssp!/member`` in an inner package, empty if the FMU is missing; a
-    problem of the system says so. `overruled` are values that `parameters` override. `step` [s], None by default, is
-    its own step, a multiple of the communication step.
+    `source` is the member of the package, empty if the FMU is missing; a problem of the system says so. `overruled` are
+    values that `parameters` override. `step` [s], None by default, is its own step, a multiple of the communication
+    step.
     """
 
     name: str

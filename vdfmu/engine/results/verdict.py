@@ -45,7 +45,7 @@ class Check(NamedTuple):
         first = self.sentence.partition(" ")[0]
         sentence = (
             f"{first.capitalize()}{self.sentence[len(first) :]}"
-            if first.islower() and first.isalpha()
+            if first.islower() and first.replace("-", "").isalpha()
             else self.sentence
         )
         return "; ".join(filter(None, (sentence, self.more)))

@@ -5,8 +5,9 @@ from vdfmu.engine.fmu.messages import LogMessage
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.results import Results, Signal
 from vdfmu.engine.run.isolated import LostProcessError
+from vdfmu.engine.run.once import simulate
 from vdfmu.engine.run.run import Interrupted
-from vdfmu.engine.run.simulator import Simulator, simulate
+from vdfmu.engine.run.simulator import Simulator
 
 __all__ = [
     "ALGORITHMS",

@@ -24,7 +24,7 @@ class ByHand:
 
     def __init__(self, components: Components | Isolated, run: Run) -> None:
         self._components, self._exchange, self._run = components, components.exchange, run
-        run.summary = {"notes": []}
+        run.by_hand()
         run.begin()
         self._sinks: dict[str, tuple[str, list[FmuVariable]]] = {}
         self._sources: dict[str, Callable[[], Any]] = {}

@@ -94,6 +94,11 @@ class Run:
         """Time [s] of the last row."""
         return self.grid.time(max(self.row, 0))
 
+    def by_hand(self) -> None:
+        """Forget the facts and taps of the run before: steps by hand have none."""
+        self.summary, self._looks = {"notes": [], "stop": self.grid.end}, []
+        self._observer = self._pace = None
+
     def begin(self) -> None:
         """Make the first row of components that are at their start."""
         self._exchange.row.value, self.row = 0, -1
@@ -228,8 +233,6 @@ class Run:
 
     def saved(self) -> str:
         """Save the rows of a process that a component ends; return a text about them."""
-        if not self.summary:  # by hand
-            return ""
         if self._steps is not None and not self._box.ended:
             self.row = max(self.row, self._exchange.row.value)
         self.results()

@@ -1,4 +1,4 @@
-"""`simulate`: run a system package with fixed communication steps; `Simulator`: load it once, run it often."""
+"""`Simulator`: load a system package once, run it often."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.files import temporary_folder
-from vdfmu.base.option import checks_types, lists_options, pick, with_options
+from vdfmu.base.option import checks_types, lists_options, with_options
 from vdfmu.base.process import is_contained
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import DEFAULT
@@ -26,7 +26,7 @@ from vdfmu.engine.masters.components import (
     report_exits,
     unpack_units,
 )
-from vdfmu.engine.options import Limits, RowOptions, SimulateOptions, SimulatorOptions, read_stepper
+from vdfmu.engine.options import Limits, RowOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
 from vdfmu.engine.plan.check import Checked, check_coupling, check_system, with_parameters, with_steps
@@ -38,46 +38,6 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.run import Run, wanted
-
-
-@with_options
-def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]) -> Results:
-    """Co-simulate a system of FMUs; integrate FMUs for model exchange.
-
-    Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. For the order of values in each
-    algorithm see `vdfmu.engine.plan.schedule.make_schedule`.
-
-    Parameters
-    ----------
-    system : FlatSystem, str or Path
-        An SSP 1.0 or 2.0, or the result of `vdfmu.engine.package.read.load_ssp`.
-    **options
-        :class:`vdfmu.engine.options.SimulateOptions`.
-
-    Returns
-    -------
-    Results
-        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps. Continuous
-        algorithms add ``communication``: numbers of steps, of rejected steps and of the units' steps, and the shortest
-        and the longest step. A unit may end the run before its stop (fmi2Discard with fmi2Terminated); ``ended`` has
-        the component and the time.
-
-    Raises
-    ------
-    SspError, UsageError
-        Before the run; see `load_ssp` and `check_system`.
-    CosimError
-        A unit failed, or an output that is read or recorded is not finite. Its `results` are the rows so far, or None.
-    Interrupted
-        The user pressed Ctrl-C. It is a KeyboardInterrupt with `results`.
-    VdfmuError
-        The disk is full.
-    """
-    simulator = Simulator(system, **pick(SimulatorOptions, options))
-    rows = pick(RowOptions, options)
-    simulator.grid(rows["start"], rows["stop"], rows["step"])  # faults are reported before anything is loaded
-    with simulator:
-        return simulator.run(**rows)
 
 
 @lists_options

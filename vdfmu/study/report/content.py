@@ -10,21 +10,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.arm.dynamics import forward_kinematics
-from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats, bends, distinct, extremes
 from vdfmu.base.measure import JOINT_TYPES, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
 from vdfmu.engine.results.folder import DRAWN
 from vdfmu.engine.results.results import Recorded, Results, Signal
 from vdfmu.study.report.scripts import packed
-from vdfmu.study.report.shapes import Chain, drawing_of
-from vdfmu.study.run.scene import BASE, joints_of
+from vdfmu.study.run.joint_components import BASE, joints_of
+
+if TYPE_CHECKING:
+    from vdfmu.arm.robot import Robot
 
 EXTREMES = 1000
 """Stretches whose smallest and largest values are kept, shared among the curves of a figure."""
@@ -286,6 +286,8 @@ class ArmFrames:
         self._distances: list[Floats] = []
         self._stride = max(1, -(-(m - 1) // FRAMES))
         if arm:
+            from vdfmu.study.report.shapes import Chain  # the equations of arms take long to import
+
             self._travel, reach = np.zeros(len(arm["types"])), Chain(arm).reach
             scale = [1.0 / reach if JOINT_TYPES[kind].slides else 1.0 for kind in arm["types"]]
             self._scale = np.array([*scale, *([1.0 / reach] * 3 + [1.0] * 9 if "base" in motion else [])])[:, None]
@@ -310,6 +312,11 @@ class ArmFrames:
 
     def packed(self) -> dict[str, Any]:
         """Return name, drawing and frames with the rows of the largest deviations, ready for JSON."""
+        drawing = None
+        if self._arm:
+            from vdfmu.study.report.shapes import drawing_of  # takes long to import
+
+            drawing = drawing_of(self._arm, self._travel)
         distances = np.concatenate(self._distances)
         most = int(np.isinf(distances).sum()) + _MORE
         kept: NDArray[np.intp] = np.sort(np.argsort(-distances, kind="stable")[:most])
@@ -317,7 +324,7 @@ class ArmFrames:
         return {
             "component": self._name,
             "mounted": (self._arm or {}).get("mounted", ""),
-            "arm": self._arm and drawing_of(self._arm, self._travel),
+            "arm": drawing,
             "frames": self._table.packed([*self.motion], kept) | {"recipes": recipes},
         }
 
@@ -364,6 +371,8 @@ TOOL = Figure("tool", "Tool position errors", Shown("mm", 1e3), [Curve(k, 0, [(1
 
 def tool_error(robot: Robot, results: Results) -> Recorded:
     """Return the desired position of the tool minus the actual one, in {I}: signals x, y, z [m]."""
+    from vdfmu.arm.dynamics import forward_kinematics  # takes long to import
+
     desired, _ = forward_kinematics(robot, results["trajectory.q_d"])
     signals = [Signal(name, "real", "m", column) for column, name in enumerate("xyz")]
     return Recorded(results.time, signals, {"real": desired - results["plant.p_O"]})

@@ -21,7 +21,6 @@ from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
 from vdfmu.base.toml_file import locate, read_toml, shipped_names
-from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
@@ -34,9 +33,7 @@ from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.parts import checks, components_table, facts_table, marks, page_title, tables, tiles
 from vdfmu.study.report.sheets import LATEX, sheets, write_tables
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
-from vdfmu.study.report.simulation import simulation_of
-from vdfmu.study.run.key_figures import cut_figures
-from vdfmu.study.run.scene import wired_arm
+from vdfmu.study.run.joint_components import cut_figures, wired_arm
 from vdfmu.system.package.drawing import Coupling, system_diagram
 
 _SKIP = '<a class="skip" href="#figures">Skip to the figures</a>\n'
@@ -122,7 +119,7 @@ def report_page(
     binaries: dict[str, str] = {}
     commands = [run_command(run.summary) for run in runs]
     simulations = [
-        simulation_of(run, binaries if simulate else None, command) for run, command in zip(runs, commands, strict=True)
+        _simulation(run, binaries if simulate else None, command) for run, command in zip(runs, commands, strict=True)
     ]
     parts = [
         {
@@ -190,6 +187,15 @@ def report_page(
     return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)
 
 
+def _simulation(run: ShownRun, binaries: dict[str, str] | None, command: str) -> dict[str, Any]:
+    """Return the simulation of a run in the page, see `simulation_of`, or the reason that there is none."""
+    if "scenario" not in run.summary:
+        return {"reason": "This run is not simulated here: only runs of scenarios by 'vdfmu run' are."}
+    from vdfmu.study.report.simulation import simulation_of  # takes long to import
+
+    return simulation_of(run, binaries, command)
+
+
 def _coupling(summary: Mapping[str, Any]) -> Coupling:
     """Return the coupling errors of the signals that components read."""
     judgement: Mapping[str, Any] = summary.get("judgement") or {"signals": (), "wanted": 1.0}
@@ -226,8 +232,6 @@ def _names(runs: Sequence[ShownRun]) -> list[str]:
 
 
 _OPTIONS = ("stop", "step", "algorithm", "adaptive", "tolerance")
-_DEFAULTS = {"algorithm": DEFAULT, "tolerance": SOLVER_TOLERANCE}
-"""Of a scenario's file without these keys."""
 
 
 def run_command(summary: Mapping[str, Any]) -> str:
@@ -243,13 +247,16 @@ def run_command(summary: Mapping[str, Any]) -> str:
     written, robot = _written(scenario)
     if written is None and scenario.endswith("_reach"):  # as `reach_scenario` names it
         scenario = "reach"
+    from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE  # takes long to import
+
+    defaults = {"algorithm": DEFAULT, "tolerance": SOLVER_TOLERANCE}  # of a scenario's file without these keys
     words = ["vdfmu", "run", scenario]
     asked = summary.get("robot_file") or summary.get("robot")
     if "robot_file" in summary or asked != robot and asked in shipped_names("robots"):
         words += ["--robot", str(asked)]
     for option in _OPTIONS:
         value = summary.get(option)
-        if value is not None and (written is None or value != written.get(option, _DEFAULTS.get(option))):
+        if value is not None and (written is None or value != written.get(option, defaults.get(option))):
             words += [f"--{option}", repr(value).removesuffix(".0") if isinstance(value, float) else str(value)]
     words += ["--backend", "python"] if summary.get("backend") == "python" else []
     words += ["--fmi", summary["fmi"]] if summary.get("fmi", PYTHON_FMI.name) != PYTHON_FMI.name else []

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from vdfmu.base.cache import cache_folder, load_or_make
 from vdfmu.base.page import compressed, style_sheet
+from vdfmu.base.platforms import THIRD_PARTY
 from vdfmu.base.text import to_json
-from vdfmu.compiler.fmu.content import THIRD_PARTY
 
 _BUNDLES = Path(__file__).parent / "bundles"
 _LIBRARIES = "three_uplot.min.js"

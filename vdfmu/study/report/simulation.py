@@ -140,7 +140,7 @@ def _reason(error: VdfmuError) -> str:
 
 
 def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str = "") -> dict[str, Any]:
-    """Return the page's simulation, ready for JSON; ``{"reason": ..}`` without a simulation.
+    """Return the page's simulation of a scenario's run, ready for JSON; ``{"reason": ..}`` without a simulation.
 
     The modules of the run are added to `binaries`, digest to base64 of a compressed module. If `binaries` is None, the
     page simulates nothing. `command` makes the run, with its end if the user chose this.
@@ -148,9 +148,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
     program = run.program
     if program is None and run.package.is_file():
         program = load(_kept(run.package), _read)
-    if "scenario" not in run.summary:
-        reason = "only runs of scenarios by 'vdfmu run' are"
-    elif program is None:
+    if program is None:
         reason = "this cache has no simulation of it, and a look at a run does not run its code. 'vdfmu run' makes one"
         reason = reason if run.package.is_file() else "its package, system.ssp, is not in the folder of the results"
     elif "reason" in program:
@@ -333,8 +331,9 @@ def facts_of(system: SystemDescription) -> dict[str, Any]:
 
 
 def row_of(row: Limit) -> dict[str, Any]:
-    """Return a limit for JSON; ``own``: a user set it, so that a sentence says who."""
-    facts = {**row._asdict(), "own": row.by != LIMITS[row.key].by}
+    """Return a limit for JSON; ``usual``: the limit of the table, if a user set another."""
+    usual = LIMITS[row.key]
+    facts = row._asdict() | ({"usual": usual.value} if row.by != usual.by else {})
     return facts if math.isfinite(row.failed) else {key: value for key, value in facts.items() if key != "failed"}
 
 

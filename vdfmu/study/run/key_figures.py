@@ -16,7 +16,6 @@ from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.compiler.unit.declaration import NO_LIMIT
 from vdfmu.engine.results.results import Results
 from vdfmu.study.limits import LIMITS
-from vdfmu.study.run.scene import joints_of
 from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
@@ -75,26 +74,6 @@ def key_figures(
     if has_signals(results, "controller.tau"):
         arm = next((each for each in limits if each.plant == "plant"), None)
         figures["torque"] = _torque(results, robot, arm)
-    return figures
-
-
-def cut_figures(results: Results) -> dict[str, Any]:
-    """Return the largest virtual power flow, and torque or force about an axis, at the cutting points of joints."""
-    names, figures = joints_of(results), dict[str, Any]()
-    for key, units, signals in (
-        ("power", ("W",), [f"{name}.P_B" for name in names]),
-        ("cut", ("N.m", "N"), [f"{name}.F_B[{6 if results.units.get(f'{name}.q') == 'rad' else 3}]" for name in names]),
-    ):
-        largest = [
-            (float(size[row]), -k, float(results.time[row]), signal)
-            for k, signal in enumerate(signals, 1)
-            if signal in results and results.units[signal] in units
-            for size in [np.abs(results[signal])]
-            for row in [int(size.argmax())]
-        ]
-        if largest:
-            value, joint, at, signal = max(largest)
-            figures[key] = {"value": value, "unit": results.units[signal], "joint": -joint, "at_s": at}
     return figures
 
 

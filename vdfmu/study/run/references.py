@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.measure import number
 from vdfmu.base.progress import doing, report
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.results.results import Results
@@ -36,9 +37,10 @@ class _Progress:
         whole = (time.perf_counter() - self._began) * total / max(done, 1)
         if whole > max(_SLOW * self._wall_s, _LONG) and not self._is_said:
             self._is_said = True
+            times = number(whole / max(self._wall_s, 1e-3), 2)
             note(
                 self._case.options,
-                f"the {self._stage} takes some {whole:.2g} s, {whole / max(self._wall_s, 1e-3):.2g} times the run: "
+                f"the {self._stage} takes about {number(whole, 2)} s, {times} times as long as the run: "
                 "--reference-stop 10 compares the first 10 s only, --no-reference nothing",
             )
 

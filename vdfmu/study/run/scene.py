@@ -6,7 +6,6 @@ Roles follow from the class of a unit and from the connections, never from the n
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,19 +15,13 @@ from vdfmu.arm.equations.rigid_body import principal
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units import find_unit
 from vdfmu.base.arrays import with_named
-from vdfmu.base.errors import VdfmuError
-from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.compiler.unit.interface import general_description
-from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.plan.check import check_system
-from vdfmu.engine.results.results import Results
+from vdfmu.study.run.joint_components import BASE
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
 _OBJECTS = {"wall": ("plane", "normal", ()), "screw": ("screw", "axis", ("pitch", "turn_seat"))}
 """Unit to how it is drawn, the parameter of its direction, and more of them."""
-BASE = "base"
-"""Position of an arm's base in {I}, then its rotation, row by row: 12 signals."""
 _DENSITY = 2700.0
 """Of a payload that is drawn as a cube, aluminium [kg/m3]."""
 
@@ -187,51 +180,3 @@ def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
     cube = (float(mass) / _DENSITY) ** (1.0 / 3.0)
     sides = np.sqrt(np.maximum(squares, cube**2 / 25.0)) if squares.max() > cube**2 / 25.0 else np.full(3, cube)
     return {"size": sides.tolist(), "offset": centroid.tolist(), "rotation": axes.tolist()}
-
-
-_POWER = ".P_B"
-
-
-def joints_of(results: Results) -> list[str]:
-    """Return the components that are joints, by the virtual power flow that they show."""
-    return [group.removesuffix(_POWER) for group in results.groups if group.endswith(_POWER)]
-
-
-def wired_arm(results: Results, package: Path) -> dict[str, Any]:
-    """Return ``arm`` and ``joint_signals``, array to signals, of a chain of joint components. Else it is empty."""
-    names = joints_of(results)
-    if not names or not package.is_file():
-        return {}
-    try:
-        checked = check_system(load_ssp(package))
-    except VdfmuError:  # the page shows the results; a run reports faults of the package
-        return {}
-    feeds = {link.end: link.start[0] for link in checked.links}
-    links = {name: feeds.get((name, "V_A[1]"), "") for name in names}
-    after = {feeds.get((link, "V_B[1]"), ""): name for name, link in links.items()}
-    if len(after) < len(names) or not (order := [after[link] for link in after if link not in names]):
-        return {}
-    while order[-1] in after:
-        order.append(after[order[-1]])
-    end = next((end[0] for end, start in feeds.items() if start == order[-1] and end[1] == "V_B[1]"), "")
-    tool, base = feeds.get((end, "p_C[1]"), ""), links[order[0]]
-    values = {name: {v.name: value for v, value in each} for name, each in checked.starts.items()}
-
-    def array(component: str, group: str, default: Any) -> Any:
-        return with_named(default, group, values.get(component, {})).tolist()
-
-    of_unit = {joint_type.unit("position"): kind for kind, joint_type in JOINT_TYPES.items()}
-    arm = {
-        "types": [of_unit[results.units[f"{name}.q"]] for name in order],
-        "rotation": [array(name, "rotation", np.eye(3)) for name in order],
-        "offset": [array(name, "offset", np.zeros(3)) for name in order],
-        "ell": [array(name, "ell", 1.0) for name in order],
-        "tool_offset": array(tool, "tool_offset", np.zeros(3)),
-        "tool_rotation": array(tool, "tool_rotation", np.eye(3)),
-        "gravity": array(base, "gravity", np.array([0.0, 0.0, 9.81])),
-        "shapes": [],
-    }
-    signals = {f"plant.{group}": [f"{name}.{group}" for name in order] for group in ("q", "kappa", "P_B")}
-    axes = [3 if JOINT_TYPES[kind].slides else 6 for kind in arm["types"]]
-    signals["plant.F_z"] = [f"{name}.F_B[{axis}]" for name, axis in zip(order, axes, strict=True)]
-    return {"arm": arm, "joint_signals": {key: each for key, each in signals.items() if set(each) <= {*results.names}}}

@@ -76,7 +76,7 @@ def answer_of(study: StudyTable) -> Answer:
     check, phrases = _chosen_of(study, values, judged)
     lines = [_best(study, values, best.point), *([_sentence(check.more)] if check.more else [])]
     lines += [*_edges(study, best.point), *_around(study, values, best)]
-    lines += filter(None, [_ranking(study, values), _influence(study)])
+    lines += filter(None, [_ranking(study, values, best.value), _influence(study)])
     return Answer(verdict_of([*checks, check], phrases), (*lines, *sentences), best.point)
 
 
@@ -94,6 +94,8 @@ def _chosen_of(study: StudyTable, values: Floats, judged: Sequence[JudgedPoint])
         return Check("best", "verdict on the best point", UNJUDGED, best.why), [f"best point {point}"]
     if best.state == GOOD:
         phrases = [f"best point {point}"] if best is first else [f"best good point {point}", better]
+        if margin and best is not first:
+            margin = [f"point {best.point} has {margin[0]}"]
         return Check("best", "Best point", GOOD, phrases[0]), [*phrases, *margin]
     left_out = int(np.isfinite(values).sum()) - len(judged)
     tried = f"none of {len(judged)} points is good" + (f"; the other {left_out} were not judged" if left_out else "")
@@ -255,8 +257,9 @@ def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator
         yield f"The chosen values are better for {better} of {study.robots} robots."
 
 
-def _ranking(study: StudyTable, values: Floats) -> str:
-    points, allowed = study["point"], np.isfinite(values)
+def _ranking(study: StudyTable, values: Floats, best: float) -> str:
+    """Return how far the next value is behind the best; smaller ones belong to points that are not good."""
+    points, allowed = study["point"], np.isfinite(values) & (values >= best)
     finite = np.sort(values[allowed])
     if len(finite) < 2:
         return ""

@@ -54,7 +54,7 @@ class Sweep(StudyTable):
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = (), plan: Plan | None = None) -> None:
         super().__init__(path, notes)
         self.unchanged = False
-        """Whether `report` left the page as it was, since it is that of the same points, scenario and version."""
+        """Whether `report` left the page as it was, because it is that of the same points, scenario and version."""
         self._kept = None if plan is None else KeptAnswer(self, plan)
 
     @cached_property

@@ -274,8 +274,3 @@ def positions(signals: Sequence[PackageSignal]) -> list[float]:
     begins = [k == 0 or signal.group != signals[k - 1].group for k, signal in enumerate(signals)]
     slots = np.arange(len(signals)) + np.cumsum(begins)
     return np.round(1.0 - slots / (len(signals) + sum(begins) + 1.0), 6).tolist()
-
-
-def icon_source(component: str) -> str:
-    """Return the name of a component's icon in a package."""
-    return f"resources/icons/{component}.svg"

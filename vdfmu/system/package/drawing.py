@@ -9,15 +9,17 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from html import escape
 from os.path import commonprefix
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.measure import per_cent
 from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.package.parse import NAMESPACES, parse_xml
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.system.package.description import SystemDescription, icon_source
 from vdfmu.system.package.diagram import HEAD, LETTER, Card, Net, Point, Port, Wire, arrange, free_words, vectors
+
+if TYPE_CHECKING:
+    from vdfmu.system.package.description import SystemDescription
 
 _COLOURS = 4
 """Number of colours of wires, by their source."""
@@ -216,6 +218,11 @@ def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
         for name, place in geometry.items()
         if place is not None
     }
+
+
+def icon_source(component: str) -> str:
+    """Return the name of a component's icon in a package."""
+    return f"resources/icons/{component}.svg"
 
 
 def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> str:

@@ -10,8 +10,8 @@ from vdfmu.base.measure import measure
 from vdfmu.base.page import page, table
 from vdfmu.base.version import __version__
 from vdfmu.engine.package.parse import FOREIGN, META, add, add_experiment, root
-from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, icon_source, positions
-from vdfmu.system.package.drawing import draw_system
+from vdfmu.system.package.description import PackageSignal, ParameterSet, SystemDescription, positions
+from vdfmu.system.package.drawing import draw_system, icon_source
 
 
 def add_units(parent: Any, name: str, units: Iterable[str]) -> None:

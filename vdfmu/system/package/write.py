@@ -22,7 +22,8 @@ from vdfmu.compiler.fmu.build import FMI, Content, choose_backend, form_of, targ
 from vdfmu.compiler.unit import Unit
 from vdfmu.engine.package.parse import to_bytes, validate
 from vdfmu.system.package import structure_file as files
-from vdfmu.system.package.description import SystemDescription, icon_source
+from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.package.drawing import icon_source
 from vdfmu.system.scenario.scenario import Scenario
 
 _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')

@@ -22,6 +22,12 @@ export function stateOf({ value: limit, failed = Infinity, at_least: atLeast, be
   return failed === Infinity || value <= Math.max(failed, limit) ? beyond : FAILED;
 }
 
+/** Whether a number is good only by the limit that a user set. */
+const excuses = (row, value) =>
+  row.usual !== undefined &&
+  stateOf(row, value) === GOOD &&
+  stateOf({ ...row, value: row.usual }, value) !== GOOD;
+
 /** Judge a number by a row of the table; `places` are those of its sentence. */
 export function check(row, value, /** @type {Record<string, any>} */ places, more = "") {
   const state = stateOf(row, value),
@@ -32,12 +38,13 @@ export function check(row, value, /** @type {Record<string, any>} */ places, mor
   const said = shown(row, value, digits);
   const words = { ...places, value: said, samples: said === "1" ? "sample" : "samples" };
   let sentence = row.sentence.replace(/\{(\w+)\}/g, (_, name) => words[name] ?? "");
-  if (state !== GOOD) {
-    const told = `limit ${shown(row, limit)}${row.own ? ` by ${row.by}` : ""})`;
+  const excused = excuses(row, value);
+  if (state !== GOOD || excused) {
+    const told = `limit ${shown(row, limit)}${row.usual !== undefined ? ` by ${row.by}` : ""})`;
     sentence = sentence.replace(/\)?$/, (end) => (end ? ", " : " (")) + told;
   }
   const { key, name, by } = row;
-  return { key, name, state, sentence, more, value, limit: row.value, by };
+  return { key, name, state, sentence, more, value, limit: row.value, by, excused };
 }
 
 const plain = (key, name, state, sentence, more = "") => ({ key, name, state, sentence, more });
@@ -127,8 +134,11 @@ function* loopChecks({ rows, figures: { excited, open }, split }, loops, why) {
   }
   const { growth: g, margin, delay } = loops,
     grown =
-      g && check(rows.growth, g.value, { place: g.place, time: at(g.at_s), until: at(g.until_s) });
-  if (!grown || grown.state === GOOD) yield plain("stability", name, GOOD, "stable");
+      g && check(rows.growth, g.value, { place: g.place, time: at(g.at_s), until: at(g.until_s) }),
+    little = grown?.state === GOOD && !grown.excused;
+  if (little)
+    grown.sentence = `disturbances at ${g.place} grow by ${shown(rows.growth, g.value)}, ${at(g.at_s)} to ${at(g.until_s)}`;
+  if (!grown || little) yield plain("stability", name, GOOD, "stable");
   if (open) {
     yield plain("feedback", "Feedback", DOUBTFUL, `nothing is fed back to ${open.place}`);
     return;
@@ -153,7 +163,7 @@ function* pathChecks(rows, { path, contact }) {
   const made = check(row, share, { place: path.place, error, time: at(path.at_s) });
   const whole = `maximum ${path.place} error ${error} over a motion of ${size}`;
   if (path.rest) yield { ...made, sentence: `at rest within ${error}` };
-  else yield { ...made, [made.state === GOOD ? "sentence" : "more"]: whole };
+  else yield { ...made, [made.state === GOOD && !made.excused ? "sentence" : "more"]: whole };
 }
 
 const isCut = ({ stop, step }, { end }) => end > stop + 0.5 * step;
@@ -168,14 +178,20 @@ function* energyChecks({ rows, floor }, { energy }) {
   if (!energy) return;
   const { residual, exchanged } = energy,
     places = { error: quantity(residual, "J"), place: quantity(exchanged, "J") };
-  yield check(rows.energy, residual > floor ? residual / exchanged : 0, places);
+  const made = check(rows.energy, residual > floor ? residual / exchanged : 0, places),
+    small = `coupling energy error ${places.error} of ${places.place} exchanged`;
+  yield residual > floor ? made : { ...made, sentence: small };
 }
 
 /** Phrases for the results of a run, except those that a doubtful or failed check reports. */
 function* resultsOf(simulation, figures, loops, checks) {
   const stateAt = (key) => checks.find((one) => one.key === key)?.state,
     { contact, path, tool_error: tool, joint_error: worst } = figures;
-  if (stateAt("margin") === GOOD) yield `modulus margin ${text(loops.margin.value, 2)}`;
+  const excused = checks.filter((one) => one.excused);
+  for (const { by, sentence } of excused)
+    yield `only by ${by}, ${sentence.replace(` by ${by}`, "")}`;
+  if (stateAt("margin") === GOOD && excused.every(({ key }) => key !== "margin"))
+    yield `modulus margin ${text(loops.margin.value, 2)}`;
   if (contact) yield `in contact ${since(contact.at_s)}, ${quantity(contact.value, "N")} at most`;
   if (path?.rest) yield "at rest";
   else if (tool && [stateAt("tool"), stateAt("joint")].every((one) => (one ?? GOOD) === GOOD))
