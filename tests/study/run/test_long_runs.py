@@ -132,4 +132,6 @@ def test_a_reference_that_takes_much_longer_than_its_run_is_named_once(monkeypat
     progress = _Progress(case, "sampled reference", 3.0)
     for done in (50, 60, 90):  # of 100 it takes 8 s, which is short, 13.3 s, and 13.3 s
         progress(done, 100)
-    assert [text.partition(":")[0] for text in notes] == ["the sampled reference takes some 13 s, 4.4 times the run"]
+    assert [text.partition(":")[0] for text in notes] == [
+        "the sampled reference takes about 13 s, 4.4 times as long as the run"
+    ]
