@@ -267,7 +267,7 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
 def _excused(check: Check) -> bool:
     """Return whether a check is good only by the limit that a user set."""
     row = LIMITS.get(check.key)
-    return check.state == GOOD and row is not None and check.by != row.by and row.state(check.value) != GOOD
+    return row is not None and row._replace(value=check.limit, by=check.by).excuses(check.value)
 
 
 def since(time: float) -> str:

@@ -10,6 +10,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import digest_of
 from vdfmu.base.measure import number, quantity
 from vdfmu.base.page import table
+from vdfmu.base.text import amount
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.verdict import GOOD, checks_line, checks_of, state_of
@@ -58,7 +59,7 @@ def page_title(name: str, summary: Summary) -> str:
     joints = summary.get("joints")
     facts = [f"{tile.name.lower()} {tile.value}" for tile in tiles_of(summary)[:1]]
     facts = ["unstable"] if "unstable" in (summary.get("key_figures") or {}) else facts
-    facts += [f"{joints} joint{'s' if joints > 1 else ''}"] if joints else []
+    facts += [amount(joints, "joint")] if joints else []
     return f"{name}: {', '.join(facts)}" if facts else name
 
 
