@@ -354,14 +354,15 @@ def write_page(rows: Sequence[Sequence[Any]], versions: str) -> None:
     def cell(value: Any) -> str:
         return "-" if value is None else f"{value:.1e}" if isinstance(value, float) else str(value)
 
-    begin, rule, end = "| tool | form |", "| --- |", "\n\nOn Linux"
+    begin, rule, end = "| tool | form |", "| --- |", "\n\n"
     page = PAGE.read_text(encoding="utf-8")
     head = page.index(begin)
     first = page.index("\n", page.index(rule, head)) + 1
     last = page.index(end, first)
     after = page.index("\n", last + len(end))
     lines = "\n".join(f"| {' | '.join(map(cell, row))} |" for row in rows)
-    system = f"On {platform.system()}, {platform.machine()}, with {versions.removeprefix('Versions: ')}"
+    machine = f"{platform.system()}, {platform.machine()}"
+    system = f"These results are from {machine}, with {versions.removeprefix('Versions: ')}"
     PAGE.write_text(f"{page[:first]}{lines}\n\n{system}{page[after:]}", encoding="utf-8")
 
 

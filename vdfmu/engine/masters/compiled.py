@@ -43,7 +43,7 @@ from vdfmu.engine.masters.loop import (
     library,
 )  # fmt: skip
 from vdfmu.engine.masters.sampled import MultirateStepper, SampledStepper, Stepper
-from vdfmu.engine.plan.conversion import Link
+from vdfmu.engine.plan.actions import step_actions
 from vdfmu.engine.plan.grid import Grid, largest_step
 from vdfmu.engine.results.recorder import RowsInMemory
 
@@ -166,25 +166,18 @@ class CompiledSteps:
 
     def _sample(self) -> None:
         """Plan steps with inputs that hold over a step."""
-        exchange, checked, banks = self._exchange, self._exchange.checked, self._banks
-        fresh, early = checked.schedule.fresh, checked.early if checked.multiples else ()
-        for name in checked.schedule.units:
-            for bank in banks:
-                window = bank.input_windows[name]
-                late = [link for link in bank.links[window] if link.end not in fresh]
-                self._gather(name, bank, late, bank.links[window if checked.multiples else slice(None)])
-        for name in checked.schedule.units:
-            instance, at_end = exchange.instances[name], name not in early
-            for bank in banks:
-                links = bank.links[bank.fresh_windows[name]]
-                self._gather(name, bank, links, links)
-            self._set(instance)
-            self._step(instance, at_end)
-            self._get(instance, at_end)
+        exchange, banks = self._exchange, self._banks
+        for action in step_actions(exchange.checked):
+            name = (action.names or exchange.checked.schedule.units)[0]
+            if action.verb == "gather":
+                for bank in banks:
+                    self._gather(name, bank, bank.inputs_of("".join(action.names), action.fresh))
+                continue
+            add = {"set": self._set, "step": self._step, "get": self._get}[action.verb]
+            add(exchange.instances[name], action.at_end)
         for name, unit in self._eventful.events.units.items() if self._eventful else ():
             for bank in banks:
-                links = bank.links[bank.input_windows[name]]
-                self._gather(name, bank, links, links)
+                self._gather(name, bank, bank.inputs_of(name))
             for part, where, last in unit.watched:
                 if where.size:
                     self._add(
@@ -201,7 +194,7 @@ class CompiledSteps:
         for each, before in zip(exchange.banks, coupled.begun, strict=True):
             if each in self._banks:
                 self._whole(instance, before, each.outputs)
-                self._gather(instance.name, each, each.links, each.links)
+                self._gather(instance.name, each, each.inputs_of())
                 self._whole(instance, coupled.waiting.get(each.kind, coupled.starts)[: each.inputs.size], each.inputs)
         self._line(instance, PREDICTED, coupled.outputs, begun, factor=self._address(previous), from_row=1)
         for owner, (_, arguments, name), places, rates in coupled.rates:
@@ -215,11 +208,10 @@ class CompiledSteps:
         for unit in (unit for block in coupled.blocks for unit in block.units):
             name = unit.instance.name
             for each in self._banks:
-                window = each.input_windows[name]
-                links = each.links[window]
-                self._gather(name, each, links, links)
+                window = each.inputs_of(name)
+                self._gather(name, each, window)
                 if each is not bank:
-                    held = [i for i, k in enumerate(links) if k.end not in exchange.checked.schedule.fresh]
+                    held = [i for i, k in enumerate(each.links[window]) if k.end not in exchange.checked.schedule.fresh]
                     self._part(
                         unit.instance, each.inputs[window], coupled.waiting[each.kind][window], np.array(held, np.intp)
                     )
@@ -230,7 +222,7 @@ class CompiledSteps:
                     unit.instance, RAMP, unit.inputs, unit.starts, factor=self._address(unit.ends),
                     offset=self._address(hold), more=self._address(unit.slopes),
                 )  # fmt: skip
-                self._set(unit.instance)
+                self._set(unit.instance, False)
                 for _, arguments, call in calls:
                     if call == "setRealInputDerivatives":
                         self._rates(unit.instance, "SetRealInputDerivatives", arguments, call)
@@ -267,11 +259,11 @@ class CompiledSteps:
             n=len(values), more=addressof(orders), values=addressof(values), **fields,
         )  # fmt: skip
 
-    def _set(self, instance: Instance) -> None:
+    def _set(self, instance: Instance, at_end: bool) -> None:
         """Add the calls that set the inputs of a component."""
         for moved in self._transfers(instance, "Set"):
-            self._move(instance, moved, False)
-            self._values(instance, moved, False)
+            self._move(instance, moved, at_end)
+            self._values(instance, moved, at_end)
 
     def _get(self, instance: Instance, at_end: bool) -> None:
         """Add the calls that get the outputs of a component."""
@@ -285,13 +277,14 @@ class CompiledSteps:
             for moved in instance.transfers(verb, *bank.window(instance, verb), instance.between_events)
         ]  # fmt: skip
 
-    def _gather(self, name: str, bank: Bank, links: Sequence[Link], alike: Sequence[Link]) -> None:
-        """Add the copy over connections; it scales all if one of `alike` scales, as `Bank.gather` does."""
+    def _gather(self, name: str, bank: Bank, window: slice) -> None:
+        """Add the copy over the connections of a window of inputs, if it has any; see `Bank.gather`."""
+        links = bank.links[window]
         if not links:
             return
         places = [(bank.position[link.end], bank.position[link.start]) for link in links]
         to, source = (np.array(each, np.intp) for each in zip(*places, strict=True))
-        names = () if all(link.conversion.trivial for link in alike) else ("factor", "offset")
+        names = () if all(link.conversion.trivial for link in links) else ("factor", "offset")
         scales = [np.array([getattr(link.conversion, name) for link in links]) for name in names]
         self._copy(
             self._exchange.instances[name], (bank.memory, to, bank.memory, source), False, lambda master: None, scales

@@ -77,7 +77,7 @@ class _EventUnit:
 
             for verb, calls in (("Set", self.sets), ("Get", self.gets)):
                 calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, ticks)]
-        self.gathers = exchange.gathers(lambda bank: bank.input_windows[instance.name])
+        self.gathers = exchange.gathers(instance.name)
         self.watched: list[tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]] = []
         """Inputs of a type, places of the discrete ones without a clock, and their last values."""
         for bank in exchange.banks:

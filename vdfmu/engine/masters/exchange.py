@@ -70,6 +70,12 @@ class Bank:
         """Whether the value at a place is an output, or an input that is not connected, here or elsewhere."""
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
+    def inputs_of(self, name: str = "", fresh: bool = False) -> slice:
+        """Return the window of all inputs, or of those of a unit, or of its `fresh` ones."""
+        if not name:
+            return slice(0, len(self.links))
+        return (self.fresh_windows if fresh else self.input_windows)[name]
+
     def gather(self, window: slice) -> Gather | None:
         """Return the function that updates the inputs of a window, if it has any."""
         links = self.links[window]
@@ -251,9 +257,9 @@ class Exchange:
         for instance, calls in self._reads:
             instance.run(calls)
 
-    def gathers(self, window: Callable[[Bank], slice] = lambda _: slice(None)) -> list[Gather]:
-        """Return the functions that update the inputs in a window of each bank; see `Bank.gather`."""
-        gathers = (bank.gather(window(bank)) for bank in self.banks)
+    def gathers(self, name: str = "", fresh: bool = False) -> list[Gather]:
+        """Return the functions that update the inputs of each bank; for the arguments see `Bank.inputs_of`."""
+        gathers = (bank.gather(bank.inputs_of(name, fresh)) for bank in self.banks)
         return [gather for gather in gathers if gather is not None]
 
     def calls(self, name: str) -> list[Call]:

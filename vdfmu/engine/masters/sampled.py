@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from ctypes import c_double
-from dataclasses import dataclass
 from itertools import groupby, pairwise
 from typing import Any
 
@@ -17,7 +16,8 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
-from vdfmu.engine.masters.exchange import Exchange, Gather
+from vdfmu.engine.masters.exchange import Exchange
+from vdfmu.engine.plan.actions import Planned, step_actions
 from vdfmu.engine.plan.conversion import Link
 from vdfmu.engine.plan.graph import ranks
 from vdfmu.engine.plan.grid import largest_step
@@ -50,55 +50,50 @@ class SampledStepper(Stepper):
     """Steps the units once, in the order of the schedule: inputs are held over a step."""
 
     def __init__(self, exchange: Exchange) -> None:
-        self._clock, self._size = exchange.clock, exchange.size
-        self.opening = exchange.gathers()
-        """Update inputs that are not fresh, from the outputs at the start of the step."""
-        if exchange.checked.feed is not None:
-            self.opening.insert(0, lambda: exchange.feed(exchange.clock.value))
-        self.stages: list[tuple[Instance, list[Gather], list[Call]]] = []
-        """For each unit: the instance, functions that update its fresh inputs, and its calls."""
-        for name in exchange.checked.schedule.units:
-            fresh = exchange.gathers(lambda bank, name=name: bank.fresh_windows[name])
-            self.stages.append((exchange.instances[name], fresh, exchange.calls(name)))
-        for group in exchange.checked.schedule.groups:
-            at = next(i for i, (instance, *_) in enumerate(self.stages) if instance.name == group[0])
-            span = slice(at, at + len(group))
-            joined = Together([instance for instance, *_ in self.stages[span]], exchange)
-            self.stages[span] = stages_of(self.stages[span], joined.step_call(self._clock, self._size))
-        self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str]] = []
-        """The stages as one list; gathers return no status."""
-        for instance, gathers, calls in self.stages:
-            self._calls += [(instance, gather, (), "") for gather in gathers]
-            self._calls += [(instance, *call) for call in calls]
+        self._exchange = exchange
+        self._sizes: dict[str, tuple[c_double, c_double]] = {}
+        """For a unit with a step of its own: its communication point and step size."""
+        self._due: dict[str, list[bool]] = {}
+        """For such a unit: whether its step begins now, and whether it ends with this communication step."""
+        if exchange.checked.multiples:
+            self._sizes = {name: (c_double(), c_double()) for name in exchange.checked.schedule.units}
+            self._due = {name: [True, True] for name in self._sizes}
+        self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str, list[bool], bool]] = []
+        """Each function of a step with its arguments and its name, and where to read whether it is due."""
+        always = [True, True]
+        for action in step_actions(exchange.checked):
+            name = action.names[0] if action.names else exchange.checked.schedule.units[0]
+            due = self._due.get(name, always)
+            calls = [(exchange.instances[name], *call, due, action.at_end) for call in self._calls_of(action)]
+            self._calls += calls
+
+    def _calls_of(self, action: Planned) -> list[Call]:
+        """Return the calls of an action; a gather returns no status."""
+        exchange, names = self._exchange, action.names
+        if action.verb == "gather":
+            return [(gather, (), "") for gather in exchange.gathers("".join(names), action.fresh)]
+        if action.verb == "step":
+            times = self._sizes.get(names[0], (exchange.clock, exchange.size))
+            if len(names) == 1:
+                return [exchange.instances[names[0]].step_call(*times)]
+            return [Together([exchange.instances[name] for name in names], exchange).step_call(*times)]
+        instance, verb = exchange.instances[names[0]], action.verb.capitalize()
+        return [call for bank in exchange.banks for call in bank.calls(instance, verb)]
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""
-        self._clock.value, self._size.value = time, step
-        for gather in self.opening:
-            gather()
-        for instance, function, arguments, name in self._calls:
+        exchange = self._exchange
+        exchange.clock.value, exchange.size.value = time, step
+        exchange.feed(time)
+        for instance, function, arguments, name, due, at_end in self._calls:
+            if not due[at_end]:
+                continue
             try:
                 status = function(*arguments)
             except FMICallException as error:
                 status = error.status
             if status:
                 instance.judge(status, name)
-
-
-@dataclass
-class _RateUnit:
-    """One component: functions that update its inputs, its calls, and its current step."""
-
-    instance: Instance
-    multiple: int
-    early: bool
-    """Whether it steps when its step begins, so that others read its outputs for that time."""
-    opening: list[Gather]
-    fresh: list[Gather]
-    sets: list[Call]
-    rest: list[Call]
-    begun: float = 0.0
-    last: int = 0
 
 
 class MultirateStepper(SampledStepper):
@@ -111,38 +106,21 @@ class MultirateStepper(SampledStepper):
 
     def __init__(self, exchange: Exchange, span: float) -> None:
         super().__init__(exchange)
-        self._exchange, self._span = exchange, span
-        self._k, self._stop = 0, 0.0
-        early = exchange.checked.early
-        self._units: list[_RateUnit] = []
-        for name, (instance, fresh, calls) in zip(exchange.checked.schedule.units, self.stages, strict=True):
-            at = next(i for i, call in enumerate(calls) if call[2] == "doStep")
-            opening = exchange.gathers(lambda bank, name=name: bank.input_windows[name])
-            multiple = exchange.checked.multiples.get(name, 1)
-            self._units.append(_RateUnit(instance, multiple, name in early, opening, fresh, calls[:at], calls[at:]))
+        self._span, self._k, self._stop = span, 0, 0.0
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Begin or end the steps that begin at `time` or end a communication step later."""
+        """Begin or make the steps that begin at `time` or end a communication step later."""
         k, n = self._k, round(self._span / step)
         self._stop = self._stop if k else time + self._span
-        self._clock.value, self._size.value = time, step
-        self._exchange.feed(time)
-        begin = [unit for unit in self._units if k % unit.multiple == 0]
-        for unit in begin:
-            unit.begun, unit.last = time, min(k + unit.multiple, n) - 1
-            for gather in unit.opening:
-                gather()
-        for unit in self._units:
-            if k % unit.multiple == 0:
-                for gather in unit.fresh:
-                    gather()
-                unit.instance.run(unit.sets)
-            if k % unit.multiple == 0 if unit.early else k == unit.last:
-                length = step * (unit.last + 1 - k if unit.early else k % unit.multiple + 1)
-                self._clock.value = unit.begun
-                self._size.value = largest_step(unit.begun, self._stop) if unit.last == n - 1 else length
-                unit.instance.run(unit.rest)
-        self._clock.value, self._size.value = time, step
+        for name, (clock, size) in self._sizes.items():
+            every = self._exchange.checked.multiples.get(name, 1)
+            begin = k - k % every
+            end = min(begin + every, n)
+            self._due[name][:] = k == begin, k == end - 1
+            if k == begin:
+                clock.value = time
+                size.value = largest_step(time, self._stop) if end == n else step * (end - begin)
+        super().advance(time, step, stop)
         self._k += 1
 
 
@@ -265,14 +243,3 @@ class Together:
         """Leave event mode."""
         for member in self.members:
             member.leave_event()
-
-
-def stages_of(members: Sequence[tuple[Instance, list[Any], list[Call]]], step: Call) -> list[Any]:
-    """Return the stages of one joint `step` of members: inputs of all, the step, outputs of all."""
-    inputs: list[Any] = []
-    outputs: list[Any] = []
-    for instance, gathers, calls in members:
-        at = [call[-1] for call in calls].index("doStep")
-        inputs.append((instance, gathers, calls[:at]))
-        outputs.append((instance, [], calls[at + 1 :]))
-    return [*inputs, (members[0][0], [], [step]), *outputs]
