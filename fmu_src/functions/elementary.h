@@ -278,13 +278,12 @@ WITHIN void scattered(real y, scalar *x)
 #endif
 }
 
-/* Of n numbers, in their place; the others are free. */
+/* Of n numbers, in their place; the others up to a multiple of LANES are free. */
 #define EACH(name) \
     WITHIN void each_##name(scalar *x, int n) \
     { \
-        for (int i = 0; i < 4; i += LANES) \
+        for (int i = 0; i < n; i += LANES) \
             scattered(lanes_##name(gathered(x + i)), x + i); \
-        (void)n; \
     }
 
 EACH(exp)
@@ -295,13 +294,12 @@ EACH(atan)
 /* sin in their place, and cos */
 WITHIN void each_sin_cos(scalar *x, scalar *cosine, int n)
 {
-    for (int i = 0; i < 4; i += LANES) {
+    for (int i = 0; i < n; i += LANES) {
         real sine, other;
         lanes_sin_cos(gathered(x + i), &sine, &other);
         scattered(sine, x + i);
         scattered(other, cosine + i);
     }
-    (void)n;
 }
 
 #define sin(x) one_sin(x)

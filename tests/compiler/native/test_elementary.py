@@ -25,9 +25,9 @@ def library():
         texts.append(f"{head};\n{head}\n{{\n    for (int64_t i = 0; i < n; i++)\n        out[i] = {value};\n}}")
     for name in LANES:
         head = f"SHOWN void each_of_{name}(double *x)"
-        texts.append(f"{head};\n{head}\n{{\n    each_{name}(x, 4);\n}}")
+        texts.append(f"{head};\n{head}\n{{\n    each_{name}(x, 8);\n}}")
     head = "SHOWN void each_of_sin_cos(double *x, double *y)"
-    texts.append(f"{head};\n{head}\n{{\n    each_sin_cos(x, y, 4);\n}}\n")
+    texts.append(f"{head};\n{head}\n{{\n    each_sin_cos(x, y, 8);\n}}\n")
     files = {name: text.encode() for name, text in elementary_files().items()}
     return loaded(files | {"called.c": "\n".join(texts).encode()}, "called")
 
@@ -85,12 +85,12 @@ def test_functions_of_two_numbers_are_those_of_the_c_library(library):
 def test_several_numbers_have_the_bits_of_one(library):
     random = np.random.default_rng(2)
     x = np.concatenate([random.uniform(-3.0, 3.0, 96), [math.nan, math.inf, 1e9, -1e300, 700.0, -0.5, 0.0, -800.0]])
-    x = random.permutation(x).reshape(-1, 4)
+    x = random.permutation(x).reshape(-1, 8)
     for name in (*LANES, "sin_cos"):
         function = library[f"each_of_{name}"]
         function.argtypes, function.restype = (c_void_p,) * (2 if name == "sin_cos" else 1), None
         for row in x:
-            y, cosine = row.copy(), np.zeros(4)
+            y, cosine = row.copy(), np.zeros(8)
             function(*(each.ctypes.data for each in (y, cosine)[: len(function.argtypes)]))
             results = {"sin": y, "cos": cosine} if name == "sin_cos" else {name: y}
             for of, made in results.items():

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 LANES = 4
 """Numbers in a call, as in ``elementary.h``."""
+_MANY = 16
+"""From so many calls on they are one call in a loop, because each copy of a function has 1 kB."""
 _CALL = re.compile(r"w\d+ = (exp|expm1|tanh|atan|sin|cos)\(w\d+\);")
 _VALUE = re.compile(r"\bw(\d+)\b( = )?")
 """A value, and whether the text writes it."""
@@ -53,8 +55,9 @@ def grouped(operations: list[Operation]) -> list[Operation]:
                 missing += [makers[i] for i in single[k].reads]
         ordered += [(single[k], operations[k]) for k in sorted(needed)]
         items = list(operands.items())
-        for i in range(0, len(items), LANES):
-            call = _call(name, [(operand, [single[k] for k in each]) for operand, each in items[i : i + LANES]])
+        length = len(items) if len(items) >= _MANY else LANES
+        for i in range(0, len(items), length):
+            call = _call(name, [(operand, [single[k] for k in each]) for operand, each in items[i : i + length]])
             ordered.append((call, call))
         for k in (*needed, *(k for each in operands.values() for k in each)):
             del left[k]
@@ -72,7 +75,8 @@ def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
             taken.append(f"w{operation.writes[0]} = {'v1' if ' = cos(' in operation.text else 'v0'}[{j}];")
     reads = tuple(operand for operand, _ in calls)
     values = ", ".join(f"w{i}" for i in reads)
-    declared = f"double v0[{LANES}] = {{{values}}}{f', v1[{LANES}]' if len(names) > 1 else ''};"
+    room = -(-len(calls) // LANES) * LANES
+    declared = f"double v0[{room}] = {{{values}}}{f', v1[{room}]' if len(names) > 1 else ''};"
     text = f"{{ {declared} each_{name}({', '.join(names)}, {len(calls)}); {' '.join(taken)} }}"
     return Operation(text, reads, tuple(writes))
 
