@@ -1,4 +1,4 @@
-"""vdfmu beside what others published: ``python -m benchmarks.measured --modelica A --panda B --ur10e C``.
+"""vdfmu beside what others published: ``python -m benchmarks.measured --modelica A --panda B --ur10e C --tx40 D``.
 
 The folders are checkouts of public repositories, named in docs/measured.md; nothing of them is shipped. The results of
 Modelica tools are compared here with runs of vdfmu, the logs of robots in `benchmarks.measured_logs`.
@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 
 import vdfmu
-from benchmarks.measured_logs import panda, ur10e
+from benchmarks.measured_logs import panda, tx40, ur10e
 from benchmarks.report import Report, Table
 from vdfmu.arm.robot import Robot, robot_from_dict
 from vdfmu.base.arrays import Floats
@@ -141,7 +141,7 @@ def one_axis(report: Report, folder: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compare with what is in the folders; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.measured", description=__doc__)
-    kinds = {"modelica": (lossy_gears, one_axis), "panda": (panda,), "ur10e": (ur10e,)}
+    kinds = {"modelica": (lossy_gears, one_axis), "panda": (panda,), "ur10e": (ur10e,), "tx40": (tx40,)}
     for name in kinds:
         parser.add_argument(f"--{name}", type=Path, metavar="FOLDER", help="see docs/measured.md")
     parser.add_argument("--out", type=Path, default=Path("results/measured"), help="default %(default)s")

@@ -19,12 +19,15 @@ from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
-from vdfmu.extras.identify.fit import identify
+from vdfmu.base.toml_file import toml_text
+from vdfmu.extras.identify.fit import PRIOR, identify
 from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.problem import regressor
 
 BAND = 4.0
-"""Band of the equations [Hz]; the motions have frequencies of up to 0.7 Hz."""
+"""Band of the equations [Hz]; the motions of Panda and UR10e have frequencies of up to 0.7 Hz."""
+TX40_BAND = 10.0
+"""The same of the TX40, whose accelerations last 0.1 s."""
 
 
 class Model(NamedTuple):
@@ -47,9 +50,9 @@ def rigid(robot: Robot, **more: Any) -> Model:
     return Model(robot, slice(None), body_parameters(robot), **more)
 
 
-def fitted(log: Log, robot: Robot) -> Model:
+def fitted(log: Log, robot: Robot, band: float = BAND, prior: float = PRIOR) -> Model:
     """Model identified from a log."""
-    estimate = identify(log, robot, band=BAND)
+    estimate = identify(log, robot, band=band, prior=prior)
     value = dict(zip(estimate.names, estimate.values, strict=True))
     names = ("I_m", "f_c", "f_s", "v_s", "f_v")
     drives = {name: np.array([value[f"{name}[{i + 1}]"] for i in range(robot.n)]) for name in names}
@@ -58,11 +61,11 @@ def fitted(log: Log, robot: Robot) -> Model:
     return Model(robot.with_parameters(**drives), estimate.base.columns, links, offset=offset, delay=estimate.delay)
 
 
-def torques(model: Model, log: Log) -> tuple[Floats, Floats, Floats]:
+def torques(model: Model, log: Log, band: float = BAND) -> tuple[Floats, Floats, Floats]:
     """Torques measured and what the model leaves of them, link-side (m, n), and the columns of a load (m, n, 10)."""
     robot, h, t = model.robot, log.step, log.t
-    wide, narrow = (butter(4, f, fs=1.0 / h, output="sos") for f in (min(20.0 * BAND, 0.4 / h), BAND))
-    trim = int(3.0 / BAND / h)  # transients of the filter
+    wide, narrow = (butter(4, f, fs=1.0 / h, output="sos") for f in (min(20.0 * band, 0.4 / h), band))
+    trim = int(3.0 / band / h)  # transients of the filter
 
     def filtered(signal: Floats) -> Floats:
         return np.asarray(sosfiltfilt(narrow, signal, axis=0))[trim:-trim]
@@ -196,3 +199,79 @@ def _authors(robot: Robot, read: Callable[[str], Floats]) -> Model:
     links = {"mass": bodies[:, 9], "centroid": centroids, "inertia": inertias}
     arm = replace(robot, rotor_coupling=False).with_parameters(**links, **drives)
     return rigid(arm, offset=friction[:, 2])
+
+
+LAST_LINK = {"mass": 0.2, "centroid": [0.0, 0.0, 0.042], "inertia": [1e-4, 1e-4, 1e-4]}
+"""Flange of the TX40: the URDF has its mass and centre of mass, and an inertia of 0."""
+
+
+def tx40(report: Report, folder: Path) -> None:
+    """TX40 of FIGAROH, 7.5 s at its speed limits, motors at 5 kHz: fitted to 5 s, scored on the rest."""
+    place = folder / "examples" / "staubli_TX40"
+    text = (place / "config" / "TX40_config.yaml").read_text(encoding="utf-8")
+
+    def read(name: str) -> Floats:
+        return np.array(re.findall(rf"\b{name} ?: \[?([-\d., ]+)", text)[0].split(","), dtype=float)
+
+    urdf, ratios = place / "urdf" / "tx40_mdh_modified.urdf", read("reduction_ratio")
+
+    def values(name: str) -> Floats:
+        return np.array(re.findall(rf'\b{name}="([\d.]+)"', urdf.read_text(encoding="utf-8")), dtype=float)
+
+    with tempfile.TemporaryDirectory() as temporary:
+        drives = Path(temporary, "drives.toml")
+        ells = {f"joint_{i + 1}": {"drive": {"ell": abs(float(ratio))}} for i, ratio in enumerate(ratios)}
+        drives.write_text(toml_text({**ells, "joint_6": {**ells["joint_6"], "link": LAST_LINK}}), encoding="utf-8")
+        robot = vdfmu.robot_from_urdf(urdf, base="base_link", tip="tool0", drives=drives)
+    effort = 0.03 * values("effort")
+    robot = robot.with_parameters(f_c=effort, f_s=effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
+    gear = np.diag(ratios)
+    gear[5, 4] = ratios[5]  # joint 5 turns motor 6 too
+    motors, currents = (
+        np.loadtxt(place / "data" / f"{name}.csv", delimiter=",", skiprows=1).reshape(-1, 5, 6).mean(axis=1)
+        for name in ("pos_read_data", "curr_data")  # the torques of the motors in N.m, despite the name
+    )
+    t: Any = 1e-3 * np.arange(len(motors))
+    q = np.linalg.solve(gear, motors.T).T + np.array([0.0, -0.5, 0.5, 0.0, 0.0, 0.0]) * np.pi
+    tau = currents @ gear
+    motion = CubicSpline(t, sosfiltfilt(butter(4, 80.0, fs=1000.0, output="sos"), q, axis=0))
+    v, a = motion(t, 1), motion(t, 2)
+    shares = ", ".join(f"{100.0 * share:.0f}" for share in np.abs(v).max(axis=0) / values("velocity"))
+    report.say(f"TX40: peak speeds of {shares} % of the limits in the URDF")
+    swapped = [5, 4]  # motor 6, driven by both joints of the wrist: what each adds to the torque of the other
+    shared = read("fsm6") * np.sign(v[:, 4:].sum(axis=1, keepdims=True))
+    wrist = np.pad(read("Iam6") * a[:, swapped] + read("fvm6") * v[:, swapped] + shared, ((0, 0), (4, 0)))
+
+    def part(begin: float, end: float, torque: Floats) -> Log:
+        inside = (t >= begin) & (t <= end)
+        return as_log(robot, t[inside], q[inside], torque[inside], np.ones(6))
+
+    def sign(robot: Robot, v: Floats) -> Floats:
+        return robot.f_c * np.sign(v) + robot.f_v * v
+
+    table = _table("tx40", "TX40", 6)
+    apart = tau - wrist
+    begun = part(0.0, 5.0, apart)
+    split = fitted(begun, robot, TX40_BAND)
+    rotors = read("Ia") / robot.ell
+    arm = replace(robot, rotor_coupling=False).with_parameters(I_m=rotors, f_c=read("fs"), f_v=read("fv"))
+    theirs = rigid(arm, friction=sign, offset=read("offset"))
+    other = arm.with_parameters(I_m=np.append(split.robot.I_m[:2], rotors[2:]))
+    for model, name, torque in (
+        (fitted(part(0.0, 5.0, tau), robot, TX40_BAND), "fitted to 0 to 5 s", tau),
+        (split, "the same, without the terms of motor 6", apart),
+        (fitted(begun, robot, TX40_BAND, prior=1e-3), "without these terms, links held", apart),
+        (theirs, "the repository's numbers, with these terms", apart),
+        (theirs._replace(robot=other), "the same, rotors 1 and 2 as fitted", apart),
+    ):
+        for begin, end, when in ((0.0, 5.0, "0 to 5 s"), (5.0, 8.0, "5 to 8 s, not fitted")):
+            measured, residual, _ = torques(model, part(begin, end, torque), TX40_BAND)
+            table.add(name, when, *percent(residual, measured))
+    report.show(table)
+
+    columns = [(f"joint {i + 1}", ".3g") for i in range(6)]
+    friction = Table("tx40_friction", "TX40: friction", [("friction", "s"), ("from", "s"), *columns])
+    for key, name in (("f_c", "Coulomb [N m]"), ("f_v", "viscous [N m s/rad]")):
+        for who, model in (("fitted, without the terms of motor 6", split), ("the repository", theirs)):
+            friction.add(name, who, *getattr(model.robot, key))
+    report.show(friction)
