@@ -42,6 +42,17 @@ def write(log, path, t=1.0, kappa=1.0, q=1.0, tau=1.0, friction=0.0):
     return path
 
 
+def test_friction_that_the_file_does_not_have_is_the_first_advice(robot):
+    sticky = robot.with_parameters(f_c=30.0 * robot.f_c, f_s=30.0 * robot.f_s)
+    log = exact_log(sticky, multisine([-1.2, 0.4], 1.0, [1, 2, 5, 9], period=12.0, periods=2, phases="random"), 0.01)
+    smooth = robot.with_parameters(f_c=np.zeros(2), f_s=np.zeros(2), f_v=np.zeros(2))
+    fit = identify(log, smooth)
+    judged = verdict(fit, log.checks, smooth, score(fit, smooth, log, log))
+    (advice,) = [check["more"] for check in judged["checks"] if check["key"] == "residual"]
+    assert judged["state"] == FAILED and advice.startswith("give f_c[1], f_c[2], f_s[1]"), judged
+    assert "in the robot file, where they are 0 and so not fitted, or check units" in advice
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("ell", "prior", "state", "words"), [
     ([100, 100], 0.2, GOOD, "residual torque"),

@@ -37,6 +37,10 @@ _LAGS = 1.5
 """Lags of alike residuals, over the third root of the number of rows."""
 
 
+NO_START = "0 in the robot file, the start of the search; give a value"
+"""Why a parameter is kept that the robot does not have."""
+
+
 class Weak(NamedTuple):
     """A parameter that a log hardly determines: deviation over the prior's, and the most correlated parameter."""
 
@@ -122,10 +126,7 @@ class _Search:
             self.free[problem.places["F_cb"]] = problem.robot.F_cb > 0.0
         dry = problem.start[problem.places["f_s"]] + problem.start[problem.places["f_c"]] > 0.0
         self.free[problem.places["v_s"]] &= dry
-        self.held = {
-            problem.names[i]: "0 in the robot file, the start of the search; give a value"
-            for i in np.flatnonzero(~self.free[: self.count])
-        }
+        self.held = {problem.names[i]: NO_START for i in np.flatnonzero(~self.free[: self.count])}
         unseen = np.flatnonzero(~problem.seen)
         way = "log them by encoders behind the gears"
         if problem.stretch is not None:

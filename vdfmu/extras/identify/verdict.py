@@ -15,8 +15,10 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError
 from vdfmu.base.measure import number
+from vdfmu.base.text import first_few
 from vdfmu.engine.results.verdict import DOUBTFUL, GOOD, STATES, Check, verdict_of
 from vdfmu.extras.identify.fit import PRIOR, Identified, LogScore, with_identified_links
+from vdfmu.extras.identify.search import NO_START
 from vdfmu.study.limits import LIMITS, Limit
 
 _DRAWS = 999
@@ -42,11 +44,14 @@ def gain(error: Floats, null: Floats) -> tuple[float, float]:
 
 def verdict(fit: Identified, log_checks: tuple[Check, ...], robot: Robot, score: LogScore) -> dict[str, Any]:
     """Return the entry ``verdict`` of an identification, scored on its own log or on another."""
+    absent = [name for name, why in fit.held.items() if why == NO_START]
+    advice = f"give {', '.join(first_few(absent))} in the robot file, where they are 0 and so not fitted"
+    first = advice if absent else ""
     checks = [
         *log_checks,
-        *_scale(fit, robot, score),
+        *_scale(fit, robot, score, first),
         *_bodies(fit, robot),
-        *_residual(robot, score),
+        *_residual(robot, score, first),
         *_links(robot, score),
         *_springs(robot, score),
     ]
@@ -63,7 +68,7 @@ def _worst(row: Limit, values: Mapping[str, float], more: str = "") -> Check:
     return row.check(values[place], more, place=place)
 
 
-def _scale(fit: Identified, robot: Robot, score: LogScore) -> Iterator[Check]:
+def _scale(fit: Identified, robot: Robot, score: LogScore, first: str) -> Iterator[Check]:
     """Yield a check of the scale of the links relative to the robot file's, wrong by a ratio or a torque constant.
 
     It is the factor by which the torques of the file's links fit those of the identified links best, relative to the
@@ -76,7 +81,9 @@ def _scale(fit: Identified, robot: Robot, score: LogScore) -> Iterator[Check]:
     if scale <= 0.0 or fit.prior > PRIOR:  # without gravity and motion, or with another sign, there is none
         return
     ell = float(robot.ell[0])
-    if np.ptp(robot.ell) > 0.0:
+    if first:
+        cause = first
+    elif np.ptp(robot.ell) > 0.0:
         cause = "check the gear ratios"
     elif any(name in fit.weak for name in fit.base.names):  # near the file's, so the ratio is further off
         cause = f"check the gear ratio, {ell:.3g}"
@@ -98,9 +105,10 @@ def _bodies(fit: Identified, robot: Robot) -> Iterator[Check]:
         yield Check("bodies", "Bodies", DOUBTFUL, text, f"check the gear ratio of each joint; {error}")
 
 
-def _residual(robot: Robot, score: LogScore) -> Iterator[Check]:
+def _residual(robot: Robot, score: LogScore, first: str) -> Iterator[Check]:
     shares = dict(zip(_places(robot), (score.torque_left / score.torque).tolist(), strict=True))
-    check = _worst(LIMITS["residual"], shares, "check units, signs and order of the columns, and the robot file")
+    more = f"{first}{', or ' if first else ''}check units, signs and order of the columns, and the robot file"
+    check = _worst(LIMITS["residual"], shares, more)
     yield check if check.state != GOOD else check._replace(more="")
 
 
