@@ -142,7 +142,7 @@ def import_file(
     ] = None,
     tool_frame: Annotated[str | None, Option("Link or site that is the tool.", metavar="LINK")] = None,
     drives: Annotated[
-        Path | None, Option("TOML file with drives, by names of joints.", more="Missing values are assumed.")
+        Path | None, Option("TOML file with the drive of each joint, by name.", more="Missing values are assumed.")
     ] = None,
     density: Annotated[
         float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")
