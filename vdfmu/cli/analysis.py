@@ -261,7 +261,7 @@ def _margins(
         "phase",
         "delay",
         "growth",
-        title=f"Stepped by {loops.step:g} s, {loops.algorithm}",
+        title=f"Step {loops.step:g} s, {loops.algorithm}",
     )
     chosen = [(i, k) for i in range(len(loops.names)) for k in (range(len(loops.times)) if at else [loops.least(i)])]
     smallest = min(float(loops.margins[k].modulus[i]) for i, k in chosen)
