@@ -303,7 +303,7 @@ def check(
     from vdfmu.engine.package.archive import package_limit
 
     def say_runs(subject: str) -> None:
-        say_notes([f"runs code of {subject} in another process; --no-run reads only"])
+        say_notes([f"runs code of {subject} in another process; --no-run only reads the file"])
 
     source = file.suffix.lower() in (".toml", ".py")
     try:
