@@ -65,7 +65,7 @@ def test_between_two_points_the_shortest_motion_is_the_straight_line():
         # speed limit is met.
         shortest = shortest_between(a, b, velocity, acceleration)
         assert 1.0 <= motion.duration / shortest < 1.066
-        said = float(re.search(r"([\d.]+) % more", motion.notes[0])[1])
+        said = float(re.search(r"([\d.]+) % longer", motion.notes[0])[1])
         # of the true shortest time: off by those 0.5 %, and by its one printed digit
         assert said == pytest.approx(100.0 * (motion.duration / shortest - 1.0), abs=0.6)
 
