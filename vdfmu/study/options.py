@@ -122,8 +122,8 @@ class JudgeOptions(TypedDict, total=False):
         metavar="PERCENT", typed=str, read=read_percent)]
     sampled: Annotated[bool | None, Option(
         "Treat undeclared components as sampled or not.", "bool",
-        "Sampled components keep the step as their period, and continuous ones also take the shorter steps. By "
-        "default this is what their FMUs declare; without a declaration both cases are judged.",
+        "Sampled components keep the step as their period, and continuous ones also take the shorter steps. "
+        "Without this option, components that declare neither are judged in both ways.",
         flag="--sampled/--continuous")]
 
 

@@ -211,7 +211,7 @@ def _print(fit: Identified, labels: list[str]) -> None:
         width = "kept" if name in fit.held else f"+- {1.96 * deviation:.2g}"
         shown.add_row(name, f"{value:.5g}", f"{width} weak" if name in fit.weak else width, unit, f"{nominal:.5g}")
     console.print(shown)
-    drives = table("joint", "residual", "of torque", "%", "deformation residual", "stiffness", "95 %", title=" ")
+    drives = table("joint", "residual", "torque RMS", "%", "deformation residual", "stiffness", "95 %", title=" ")
     for i in range(fit.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (fit.torque_error, fit.torque))
         bent = fit.deformation_error if fit.seen[i] else None
