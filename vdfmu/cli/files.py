@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 FoldedOption = Annotated[
     bool,
     Option(
-        "Fix what is 0 in gravity, mass centres and tool.",
+        "Zeros of gravity, mass centres, tool are constants.",
         more="The FMU is then faster. By default these zeros are parameters that can be set, like those of a payload.",
     ),
 ]

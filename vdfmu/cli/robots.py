@@ -51,7 +51,7 @@ def show_robot(
             more="It shows the end effector, frames, masses and modes in a browser, without a network.",
         ),
     ] = False,
-    pose: Annotated[str | None, Option("Start of the page in rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
+    pose: Annotated[str | None, Option("Start pose of the page, rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
     out: Annotated[Path | None, Option("Page to write (default NAME.html).")] = None,
     opened: OpenOption = False,
     overwrite: ForeignOption = False,
