@@ -190,7 +190,7 @@ SSP055 | The unit of a value can be converted to the unit of the variable | corr
 SSP056 | A value is within the limits of the variable | choose another value
 SSP057 note | A value has an effect | remove it
 SSP058 note | A connection between different units converts its values | omit `suppressUnitConversion`
-SSP059 note | Signals can be passed on in an order without loops, at the start and in each step | see the loop
+SSP059 note | Without a loop, signals can be passed on in order at the start and in a step | see the loop
 FMI001 | An FMU is a zip file with a `modelDescription.xml` | export it again
 FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | write the version
 FMI003 | The XML conforms to the schema of its version | correct the line
@@ -198,7 +198,7 @@ FMI004 | Types are defined | define the type in `TypeDefinitions`
 FMI005 | Units and display units are defined | define the unit in `UnitDefinitions`
 FMI006 | Causality, variability and type are an allowed combination | choose an allowed combination
 FMI007 | Indices and value references belong to variables | correct the number
-FMI008 | The variable that gives the size of an array has a start value | give this variable a start value
+FMI008 | A dimension is the start value of the variable for the size | give this variable a start value
 FMI009 | min <= start <= max | correct the value
 FMI010 | Variables have a start value and `initial` exactly where the standard requires them | add or remove it
 FMI011 | Variables that share a value reference have the same unit, and one start value | correct the others
