@@ -242,7 +242,7 @@ def _alone(tracking: Tracking, case: Case) -> Seen:
     if abs(answer["E_pot"] - expected) > 1e-9 * abs(expected):
         return Seen(DEVIATES, words=f"E_pot = {answer['E_pot']!r} J, expected {expected!r} J")
     if answer["q"] == answer["E_pot"]:
-        return Seen(DEVIATES, words="scalars are right; an array reads as the value that was read before it")
+        return Seen(DEVIATES, words="scalars are right; reading an array returns the value that was read before it")
     return Seen(RUNS, words="scalars are right")
 
 
@@ -376,8 +376,8 @@ def run(report: Report, quick: bool = False) -> None:
         table = Table(
             "interop",
             f"The tracking system, {tracking.stop:g} s at {1e3 * tracking.step:g} ms",
-            [("tool", ""), ("form", ""), ("FMUs", ""), ("FMI", ""), ("seen", ""), ("to reference [rad]", ".1e"),
-             ("to jacobi [rad]", ".1e"), ("words", "")],
+            [("tool", ""), ("form", ""), ("FMUs", ""), ("FMI", ""), ("result", ""),
+             ("difference to reference [rad]", ".1e"), ("difference to jacobi [rad]", ".1e"), ("remark", "")],
         )  # fmt: skip
         for case in CASES:
             if case.tool not in absent:

@@ -36,12 +36,12 @@ from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.study.coupling_error import OPEN, RIGHT, WRONG
 
 WANTED = (0.1, 0.01, 0.001)
-SMOOTH = {"linear": linear, "unseen output": unseen, "offset": offset, "exchange as one": as_one}
+SMOOTH = {"linear": linear, "unread output": unseen, "offset": offset, "model-exchange chain": as_one}
 """Kinds with a smooth solution that does not depend on small errors."""
 KINDS: dict[str, Any] = {
-    **SMOOTH, "tone above the rate": tone, "PWM": pwm, "quantiser": quantiser, "delay": delay, "hidden sampler": hidden,
-    "bounce": bounce, "Coulomb": coulomb, "stick-slip": stick, "thermostat": thermostat,
-    "thermostat, sampled": sampled_thermostat, "step at any time": step, "noise": noise,
+    **SMOOTH, "tone above the rate": tone, "PWM": pwm, "quantiser": quantiser, "delay": delay,
+    "undeclared sampler": hidden, "bounce": bounce, "Coulomb": coulomb, "stick-slip": stick, "thermostat": thermostat,
+    "thermostat, sampled": sampled_thermostat, "step between points": step, "noise": noise,
     "noise, sampled": sampled_noise, "bistable": bistable, "chaotic": chaotic,
 }  # fmt: skip
 _LEAST = 1e-5

@@ -201,7 +201,7 @@ problems of a file are reported together. In addition to the numbers below, a fi
 | `rotor_coupling` | `true` (default) or `false`: [the rotor as a body](../model.md#the-rotor-as-a-body) |
 | `moving_base`, `coupled_tool` | `false` (default) or `true`: [coupled ends](../world.md) |
 | `tool_on_last_axis` | `true` if the tool is meant to be on the axis of the last joint, as a flange; default `false` |
-| `folded` | `true` (default) or `false`: [zeros as parameters in runs](../native.md#limits) |
+| `folded` | `true` (default) or `false`: zeros are [constants or parameters](../native.md#limits) in runs |
 | `type` of a joint | `"revolute"` or `"prismatic"` |
 | `stiffness` in `[joints.drive]` | linear spring, link-side, N.m/rad [N/m]; instead of `K_f0`, `c_f`, `K_w0`, `c_w` |
 | `rotor_inertia` in `[joints.drive]` | inertia of the motor, kg.m2; instead of `I_m`, which is `ell` times as large |

@@ -87,6 +87,6 @@ if __name__ == "__main__":
     with open(run / "results.csv", encoding="utf-8", newline="") as file:
         columns = zip(next(csv.reader(file)), np.loadtxt(file, delimiter=",", skiprows=1, unpack=True), strict=True)
         equal = [name for name, column in columns if name in signals and np.array_equal(column, signals[name])]
-    print(f"{len(equal)} of {len(signals)} outputs equal those of vdfmu run to the bit.")
+    print(f"{len(equal)} of {len(signals)} outputs are bit-identical to those of vdfmu run.")
     difference = summary["reference"]["sampled"]["max_position_difference_rad"]
     print(f"Largest difference of a joint angle from scipy's solution of the same equations: {difference:.1g} rad.")

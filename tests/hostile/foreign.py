@@ -156,4 +156,4 @@ def look(number: int, folder: Path) -> None:
         assert after == before, f"changed: {sorted(str(path) for path in after.keys() ^ before.keys())}"
 
 
-CORPORA = [Corpus("runs and studies of others", len(LOOKS), look, quick=len(LOOKS), seconds=120.0)]
+CORPORA = [Corpus("runs and studies from elsewhere", len(LOOKS), look, quick=len(LOOKS), seconds=120.0)]

@@ -1,4 +1,4 @@
-"""Corpus: logs and matrices that unpack to very much, never end, or take in other files."""
+"""Corpus: logs and matrices that unpack to gigabytes, never end, or take in other files."""
 
 import struct
 import zlib
@@ -211,6 +211,6 @@ def damaged(number: int, folder: Path) -> None:
 
 
 CORPORA = [
-    Corpus("logs and matrices that unpack to very much", len(MAKERS), read, quick=len(MAKERS), seconds=60.0),
+    Corpus("logs and matrices that unpack to gigabytes", len(MAKERS), read, quick=len(MAKERS), seconds=60.0),
     Corpus("files of MATLAB, HDF5, numpy and Parquet with changed bytes", 1000, damaged, quick=50, seconds=60.0),
 ]

@@ -127,18 +127,18 @@ def _left_out(robot: Robot, form: str, springs: bool) -> Iterator[str]:
         if form == "MJCF" and robot.rotor_coupling:
             yield "turning of the rotors with the links that carry them: rotor_coupling."
     elif np.any(robot.c_f > 1e-6) or np.any(robot.c_w > 1e-6):
-        yield "stiffening of the springs: c_f, c_w. A spring has its stiffness at rest."
+        yield "stiffening of the springs: c_f, c_w. A spring has its stiffness at zero torque."
     if form == "URDF":
         yield "ratio and inertia of the rotors: ell, I_m."
         if not np.array_equal(robot.gravity, [0.0, 0.0, 9.81]):
             yield f"gravity: {_numbers(robot.gravity)} m/s2, upward."
     if np.any(robot.f_s > robot.f_c):
-        yield "Stribeck friction: f_s, v_s. Friction has its size in fast motion, f_c."
+        yield "Stribeck friction: f_s, v_s. Dry friction is f_c at all speeds."
     if np.any(robot.theta_err_amplitude):
         yield "kinematic error of the drives: theta_err_amplitude, theta_err_phase."
     if robot.limits:
         motor = "full_speed" if form == "URDF" else "kappa_dot_max, full_speed"
-        yield f"springs of the end stops, torque over speed: stop_stiffness, stop_damping, {motor}."
+        yield f"springs of the end stops, torque-speed line: stop_stiffness, stop_damping, {motor}."
     tables = [name for name in JOINT_OPTIONS if name != "limits" and getattr(robot, name)] + robot.own_sections()
     if tables:
         yield f"tables of the drives: {', '.join(tables)}."

@@ -53,7 +53,7 @@ def linear(
     ] = None,
     opened: Annotated[
         list[str] | None,
-        Option("Input that opens a loop (default tau). Repeatable.", flag="--loop", group=_MARGINS, metavar="INPUT"),
+        Option("Input to open a loop at (default tau). Repeatable.", flag="--loop", group=_MARGINS, metavar="INPUT"),
     ] = None,
     along: Annotated[
         bool, Option("Modes over a scenario's motion, with a picture.", flag="--modes", group=_MODES)
@@ -77,7 +77,7 @@ def linear(
         ),
     ] = None,
     dry: Annotated[
-        bool, Option("Keep Coulomb and Stribeck friction, at rest.", flag="--dry-friction", group=_MODES)
+        bool, Option("Include Coulomb and Stribeck friction at rest.", flag="--dry-friction", group=_MODES)
     ] = False,
     out: Annotated[
         Path | None,
@@ -261,7 +261,7 @@ def _margins(
         "phase",
         "delay",
         "growth",
-        title=f"Stepped by {loops.step:g} s, {loops.algorithm}",
+        title=f"Step {loops.step:g} s, {loops.algorithm}",
     )
     chosen = [(i, k) for i in range(len(loops.names)) for k in (range(len(loops.times)) if at else [loops.least(i)])]
     smallest = min(float(loops.margins[k].modulus[i]) for i, k in chosen)

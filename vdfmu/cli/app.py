@@ -82,7 +82,7 @@ class Described(click.Command):
             *declared,
             *([parameter("compiler", str, COMPILER)] if "backend" in names else []),
             *([parameter("no_isolate", bool, NO_ISOLATE)] if self.code == RUNS and "isolate" not in names else []),
-            parameter("quiet", bool, Option("Print results only, no bars, notes or tables."), "-q"),
+            parameter("quiet", bool, Option("Print only results: no bars, notes or tables."), "-q"),
             parameter("verbose", bool, Option("Print all tables, each stage and its time."), "-v"),
         ]
 

@@ -27,7 +27,7 @@ WITHOUT = {
 
 
 def doctor(
-    cache: Annotated[bool, Option("Print the cache of built FMUs only.")] = False,
+    cache: Annotated[bool, Option("Print only the cache of built FMUs.")] = False,
     clear_cache: Annotated[bool, Option("Empty the cache; the compiler's cache stays.")] = False,
 ) -> None:
     """Print installed and missing packages, and the cache."""

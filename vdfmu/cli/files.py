@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 FoldedOption = Annotated[
     bool,
     Option(
-        "Fix zeros of gravity, centres of mass and tool.",
-        more="This is faster. By default they are parameters, as is a payload.",
+        "Zeros of gravity, mass centres, tool are constants.",
+        more="The FMU is then faster. By default these zeros are parameters that can be set, like those of a payload.",
     ),
 ]
 _SCHEMAS = ("robot", "scenario", "system")
@@ -284,9 +284,8 @@ def check(
             "Print a JSON schema: robot, scenario or system.",
             metavar="KIND",
             names=lambda: _SCHEMAS,
-            more="With FILE, the system of a scenario, the schema also has the sections of its components. Editors "
-            "read the schema if the "
-            'first line of the file is "#:schema robot.schema.json".',
+            more="If FILE is the system of a scenario, the schema of the scenario also has the sections of its "
+            'components. Editors read the schema if the first line of the file is "#:schema robot.schema.json".',
         ),
     ] = None,
 ) -> None:
@@ -304,7 +303,7 @@ def check(
     from vdfmu.engine.package.archive import package_limit
 
     def say_runs(subject: str) -> None:
-        say_notes([f"runs code of {subject} in another process; --no-run reads only"])
+        say_notes([f"runs code of {subject} in another process; --no-run only reads the file"])
 
     source = file.suffix.lower() in (".toml", ".py")
     try:

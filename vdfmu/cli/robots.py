@@ -51,7 +51,7 @@ def show_robot(
             more="It shows the end effector, frames, masses and modes in a browser, without a network.",
         ),
     ] = False,
-    pose: Annotated[str | None, Option("Start of the page in rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
+    pose: Annotated[str | None, Option("Start pose of the page, rad or m (default 0).", metavar="'Q1 Q2 ...'")] = None,
     out: Annotated[Path | None, Option("Page to write (default NAME.html).")] = None,
     opened: OpenOption = False,
     overwrite: ForeignOption = False,
@@ -142,7 +142,7 @@ def import_file(
     ] = None,
     tool_frame: Annotated[str | None, Option("Link or site that is the tool.", metavar="LINK")] = None,
     drives: Annotated[
-        Path | None, Option("TOML file with drives, by names of joints.", more="Missing values are assumed.")
+        Path | None, Option("TOML file with the drive of each joint, by name.", more="Missing values are assumed.")
     ] = None,
     density: Annotated[
         float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")

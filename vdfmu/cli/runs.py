@@ -238,7 +238,7 @@ def report(
     out: Annotated[Path | None, Option(
         "Page, folder, or FILE.tex (default report.html).",
         more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
-    simulate: Annotated[bool, Option("Give the page sliders that run them again.")] = True,
+    simulate: Annotated[bool, Option("Give the page sliders that repeat the run.")] = True,
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""

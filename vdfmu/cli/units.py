@@ -17,7 +17,7 @@ app = App("unit", no_args_is_help=True, help="List and show units, and write you
 
 @app.command("list", example="vdfmu unit list")
 def list_units(as_json: JsonOption = False) -> None:
-    """List all units, by their names in systems and --unit."""
+    """List all units, with the names for systems and --unit."""
     from vdfmu.arm.units import known_units
 
     units = [(name, _kind(unit)[0] or "system", unit.description()) for name, unit in known_units().items()]

@@ -43,12 +43,14 @@ def read_stepper(name: str) -> str:
 # fmt: off
 algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
     "communication points; the others treat them as continuous and are of second order in the step. The default is "
-    f"the scenario's, or that of the package's annotation together with its `adaptive`; else {DEFAULT}, or, with a "
-    f"note, {DELAYED} if the dependencies allow no order for {DEFAULT}.", choices=tuple(ALGORITHMS))
+    f"the scenario's. For a package it is that of its annotation, which can set `adaptive` too; without an annotation "
+    f"it is {DEFAULT}, or, with a note, {DELAYED} if the dependencies allow no order for {DEFAULT}.",
+    choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
     "NAME is component.variable, and VALUE is in the unit of the FMU; inputs can be set too. A name without an index "
-    "sets all elements, to one value or to one each, 0.3,-0.5. *0.8 multiplies the value of the package or scenario, "
-    "or else the start value. These values override those of the package or scenario.", flag="--set",
+    "sets all elements, either to the same value or, as in 0.3,-0.5, to one value each. *0.8 multiplies the value of "
+    "the package or scenario, or the start value if there is none. These values override those of the package or "
+    "scenario.", flag="--set",
     metavar="NAME=VALUE", typed=TEXTS, read=read_settings)
 
 
@@ -66,7 +68,7 @@ class CouplingOptions(TypedDict, total=False):
     """How components are coupled, in runs of every kind."""
 
     adaptive: Annotated[float | None, Option(
-        "Shorten steps to this relative coupling error.",
+        "Adapt the step to this relative coupling error.",
         more=f"Relative to the size of a coupled signal, or to its nominal value if that is larger. For "
         f"{choice(continuous=True)}.")]
 
@@ -90,7 +92,7 @@ class ObserverOptions(TypedDict, total=False):
 
     observer: Annotated["Observer | None", Option(
         "Receives rows during the run; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
-    pace: Annotated[float | None, Option("Simulated seconds per second: 1 is real time.", "float",
+    pace: Annotated[float | None, Option("Run at this multiple of real time.", "float",
         "``pace`` in the summary reports how late the rows were. By default a run is as fast as possible. See "
         "`vdfmu.engine.masters.observer`.", metavar="FACTOR")]
 
@@ -195,7 +197,7 @@ class ResultOptions(ProgressOptions, total=False):
 
     overwrite: Annotated[bool, Option("Also overwrite files not written by vdfmu.", default=False)]
     formats: Annotated[Sequence[str], Option("Formats of the results, separated by commas.", "sequence of str",
-        f"{choice_of_formats(FORMATS)}: rows of `vdfmu.engine.results.formats.FORMATS`.", ("csv",), flag="--format",
+        f"{choice_of_formats(FORMATS)}. Plugins can add formats.", ("csv",), flag="--format",
         metavar="|".join(suffix[1:] for suffix in FORMATS), typed=str)]
 
 
@@ -203,7 +205,7 @@ class PictureOptions(TypedDict, total=False):
     """Figures of a run in files."""
 
     pictures: Annotated[Sequence[str], Option("Formats of figures, separated by commas.", "sequence of str",
-        "Formats are png, svg and pdf. By default no figures are written.", (), typed=str, choices=SUFFIXES)]
+        "By default no figures are written.", (), typed=str, choices=SUFFIXES)]
     width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="The size of their text is 8 pt.",
         default="160mm", metavar="LENGTH")]
     serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers that are set in a "

@@ -108,7 +108,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
         metavar="a.y=b.u", typed=TEXTS, read=read_connections)]
     unfed: Annotated[str | None, Option(
         "ok: unconnected inputs keep their start values.",
-        more="Otherwise each input of a unit in `units` needs a connection or a value, except in plants.",
+        more="Otherwise each input of a replacement needs a connection or a value, unless it replaces a plant.",
         choices=("ok",))]
 
 
@@ -122,8 +122,8 @@ class JudgeOptions(TypedDict, total=False):
         metavar="PERCENT", typed=str, read=read_percent)]
     sampled: Annotated[bool | None, Option(
         "Treat undeclared components as sampled or not.", "bool",
-        "Sampled components keep the step as their period, and continuous ones also take the shorter steps. By "
-        "default this is what their FMUs declare; without a declaration both cases are judged.",
+        "Sampled components keep the step as their period, and continuous ones also take the shorter steps. "
+        "Without this option, components that declare neither are judged in both ways.",
         flag="--sampled/--continuous")]
 
 
@@ -133,7 +133,7 @@ class ExpectOptions(TypedDict, total=False):
     expect: Annotated["str | os.PathLike[str] | None", Option(
         "Recorded results that the run must match.", "path",
         "A CSV file, or another file of results. All of its signals and rows are compared; the signals of the run are "
-        "interpolated at its times. Names without a component are those of the only component that has them.",
+        "interpolated at the times of the file. A name without a component refers to the only component that has it.",
         metavar="FILE", typed=Path | None)]
     within: Annotated[float | None, Option("Allowed difference from --expect (default 1e-6).", "float",
         "A fraction of each signal's range, or of the value of a constant signal.", metavar="SHARE")]
@@ -169,7 +169,7 @@ class ScenarioRunOptions(
     record: Annotated[Sequence[str] | None, option_of(RecordOptions, "record")]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
-    simulate: Annotated[bool | None, Option("Give the page sliders that run it again.",
+    simulate: Annotated[bool | None, Option("Give the page sliders that repeat the run.",
         more="The page then contains the system as WebAssembly. This is the default on the command line, but not in "
             "Python.",
         flag="--simulate/--no-simulate")]
@@ -198,7 +198,8 @@ class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
         "Default: the package's default experiment; else 0.")]
     sample: Annotated[str | os.PathLike[str], Option(
         "grid, lhs, sobol, random, saltelli, morris.", "str or path",
-        "How the values of the axes are combined, or a CSV file with a line of targets and then the points. See "
+        "How points are chosen from the axes, or a CSV file with the targets in its first line and a point in each "
+        "further line. See "
         ":func:`vdfmu.study.sweeps.axes.draw`.", "grid", typed=str,
         choices=SAMPLES, metavar="METHOD|FILE.csv")]
     points: Annotated[int | None, Option("Number of points.",

@@ -75,9 +75,9 @@ def test_a_singular_pose_is_found_where_the_closed_form_has_it(planar):
 
     # the first pose on the path whose singular values are 100 apart: in 64 knots the last is within 2.5 mm of the end
     assert 0.0 < at and ratio(at) < 0.01 < ratio(at + 0.1)
-    with pytest.raises(UsageError, match=r"expected a pose that the arm reaches, got one .* m away"):
+    with pytest.raises(UsageError, match=r"expected a pose within reach of the arm, got one that is .* m out of reach"):
         motions.line(planar, q, 2.0 * outward, duration=1.0)
-    with pytest.raises(UsageError, match="a pose that the arm reaches"):
+    with pytest.raises(UsageError, match="a pose within reach of the arm"):
         motions.line(planar, q, p + [0.0, 0.1, 0.0], duration=1.0)  # out of the plane
 
 

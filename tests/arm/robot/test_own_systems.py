@@ -149,6 +149,6 @@ def test_another_start_than_that_of_the_motion_is_noted(mine, tmp_path):
         return [note for note in results.summary["notes"] if "starts" in note]
 
     (note,) = notes("[arm]\nq_0 = [0.5, 0.0]\n")
-    assert "arm starts 0.25 rad from the position that way wants of joint 2, and the first torque there is" in note
+    assert "arm starts 0.25 rad from the start of way at joint 2, and the first torque there is" in note
     assert "link-side: set arm.q_0, or share" in note
     assert notes("[arm]\nq_0 = [0.5, 0.25]\n") == []

@@ -23,7 +23,7 @@ def test_the_shortest_motion_keeps_limits_and_path_and_says_what_it_costs(planar
     # shorter than the other way, and longer than what speed alone takes
     assert motion.duration < motions.waypoints(points, velocity=velocity, acceleration=acceleration).duration
     assert motion.duration > np.abs(np.diff(points, axis=0)).sum(axis=0).max() / 3.0
-    assert "more than the shortest time" in motion.notes[0]
+    assert "longer than the shortest motion" in motion.notes[0]
     t = np.linspace(0.0, motion.duration, 20_001)
     q, q_dot = motion.at(t)[:2]
     # it passes the point in the middle: the nearest of times dt apart is within half of the way between them, and
@@ -65,7 +65,7 @@ def test_between_two_points_the_shortest_motion_is_the_straight_line():
         # speed limit is met.
         shortest = shortest_between(a, b, velocity, acceleration)
         assert 1.0 <= motion.duration / shortest < 1.066
-        said = float(re.search(r"([\d.]+) % more", motion.notes[0])[1])
+        said = float(re.search(r"([\d.]+) % longer", motion.notes[0])[1])
         # of the true shortest time: off by those 0.5 %, and by its one printed digit
         assert said == pytest.approx(100.0 * (motion.duration / shortest - 1.0), abs=0.6)
 

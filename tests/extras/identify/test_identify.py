@@ -189,7 +189,7 @@ def test_what_a_motion_cannot_tell_is_near_the_robot_file_with_the_way_out(clean
     place = fit.names.index("c_f[2]")
     # the robot file may be off by 100 %, of which this log leaves at least 70
     assert fit.deviation[place] > 0.7 * fit.values[place] and abs(fit.values[place] / guess.c_f[1] - 1.0) < 0.7
-    assert fit.weak["c_f[2]"].advice == "log by encoders with finer steps" and fit.weak["c_f[2]"].share > 0.7
+    assert fit.weak["c_f[2]"].advice == "use encoders with a finer resolution" and fit.weak["c_f[2]"].share > 0.7
 
 
 @pytest.mark.heavy

@@ -89,7 +89,7 @@ def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, mon
     wanted = margins_along("planar_tracking", at=[0.5], algorithm="jacobi")
     assert wanted.names == ("plant.tau[1]", "plant.tau[2]") and wanted.step == 1e-3
     said = ran("linear", "planar_tracking", "--algorithm", "jacobi", "--at", "0.5")
-    assert "Stepped by 0.001 s, jacobi" in said.output
+    assert "Step 0.001 s, jacobi" in said.output
     assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
     (marked,) = [line for line in said.output.splitlines() if "smallest" in line]
     assert f" {min(wanted.margins[0].modulus):.3f} " in marked

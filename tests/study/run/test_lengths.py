@@ -153,7 +153,7 @@ def test_a_start_far_from_the_motion_is_named_where_the_run_fails():
     """The first torque is the gain times the difference, here over a hundred times what the springs carry."""
     with pytest.raises(CosimError) as failed:
         vdfmu.run("planar_tracking", parameters={"plant.q_0": [0.3, -0.5]}, out=False)
-    assert "A likely cause: plant starts 1.871 rad from the position that trajectory wants of joint 1" in (
+    assert "A likely cause: plant starts 1.871 rad from the start of trajectory at joint 1" in (
         error_text(failed.value)
     )
 

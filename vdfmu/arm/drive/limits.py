@@ -21,7 +21,7 @@ class LimitsRows:
     stop_stiffness: Array = row(
         "limits", "stiffness", "stiffness of the end stops, link-side", "", 1e12, POSITIVE, start=1.0)
     stop_damping: Array = row(
-        "limits", "per velocity", "damping of the end stops over stiffness and depth", "", 1e6, 0.0,
+        "limits", "per velocity", "damping of the end stops divided by stiffness and depth", "", 1e6, 0.0,
         hint="Give 0 for stops without loss.")
     tau_stall: Array = row(
         "limits", "N.m", "largest torque of the motor, motor-side", "", 1e9, POSITIVE, foreign="effort", start=1e9)

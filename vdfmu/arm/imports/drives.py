@@ -52,7 +52,7 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
         rating, rated_by = _rating(bodies[i:], file, gravity)
         like = assumed[kind]
         numbers = {row.path: chosen[i][row.path] for row in section("link") if row.path in chosen[i]}
-        source = f"Assumed: {like['source']}, for the largest torque in the comment above the joint"
+        source = f"Assumed: {like['source']}, scaled to the largest torque, which is in the comment above the joint"
         ratio = (of_file[i] | chosen[i]).get(PARAMETERS["ell"].path, (float(f"{like['drive']['ell']:.6g}"), ""))[0]
         for row in (row for part in parts for row in section(part)):
             scale = (rating / like["rating"]) ** measure(row.unit(kind)).exponents.get("kg", 0)

@@ -298,9 +298,11 @@ def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where:
         U, sigma, V = np.linalg.svd(scale[:, None] * jacobian(robot, q)[:rows])
         stuck = int(np.argmax(np.abs(V[len(sigma) - 1])))
         if off > _CLOSE:
-            away = f"{off:.3g} m{' or rad' * (rows == 6)} away"
+            away = f"{off:.3g} m{' or rad' * (rows == 6)}"
             way = " Choose a nearer path, or let the orientation be free." if rows == 6 else " Choose a nearer path."
-            raise UsageError(f"{place}: expected a pose that the arm reaches, got one {away}.{way}")
+            raise UsageError(
+                f"{place}: expected a pose within reach of the arm, got one that is {away} out of reach.{way}"
+            )
         if sigma[-1] < _SINGULAR * sigma[0]:
             blocked = U[:, len(sigma) - 1]
             motion = "turn" if rows == 6 and np.linalg.norm(blocked[3:]) > np.linalg.norm(blocked[:3]) else "move"

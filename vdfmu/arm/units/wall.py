@@ -32,7 +32,7 @@ class Wall(Unit):
     normal = Parameter("1", 3, "Direction into the wall in {I}, of any norm, axis", start=[1.0, 0.0, 0.0])
     distance = Parameter("m", text="Distance of the plane from the origin of {I}, along the normal", start=10.0)
     k = Parameter("N/m", text="Stiffness", start=2e4, minimum=0.0, tunable=True)
-    c = Parameter("s/m", text="Damping over stiffness and depth", start=2.0, minimum=0.0, tunable=True)
+    c = Parameter("s/m", text="Damping divided by stiffness and depth", start=2.0, minimum=0.0, tunable=True)
     mu = Parameter("1", text="Coefficient of friction", start=0.3, minimum=0.0, tunable=True)
     v_eps = Parameter("m/s", text="Speed that regularises the direction of friction", start=0.1, minimum=1e-9)
     terminals = (Terminal("end_effector", "left", ("p_O", "R_O", "V_O", "F_e"), "Motion and wrench of the tool"),)

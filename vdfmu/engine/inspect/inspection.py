@@ -91,7 +91,7 @@ def inspect_file(
     suffix = path.suffix.lower()
     _require(path, suffix)
     if run:
-        say(f"{path}{'' if anyway else ', unless reading finds problems,'}")
+        say(f"{path}{'' if anyway else ' (unless the file has problems)'}")
     try:
         return _inspect(path, suffix, run, anyway)
     except OSError as error:

@@ -35,15 +35,15 @@ def identify(
     column: Annotated[dict[str, str] | None, Option("Column of the log: 'tau=I{} [-1.81 N.m]'.", flag="--column",
         metavar="WHAT=NAME", typed=TEXTS,
         read=partial(read_settings, option="--column", form="WHAT=NAME, such as q=q_{}"),
-        more="WHAT is kappa, theta, tau, tau_link or q, or of one joint q[2]. NAME has {} for the joint. A unit may "
-        "follow in brackets, with a factor.")] = None,
+        more="WHAT is kappa, theta, tau, tau_link or q; q[2] is that of joint 2 only. In NAME, {} is replaced "
+        "by the number of the joint. A unit, with a factor if needed, may follow in brackets.")] = None,
     time: Annotated[str, Option("Column of the times.", metavar="NAME",
         more="s, ms, us or ns may follow in brackets.")] = "",
-    band: Annotated[float | None, Option("Band of the equations in Hz.", more="By default it follows from the "
-        "motion.")] = None,
-    prior: Annotated[float, Option("Uncertainty of the robot's links.", metavar="SHARE",
-        more="As a fraction of masses and moments of inertia, and of the radius of gyration for centres of mass; inf "
-            "if nothing is known.")] = 0.2,
+    band: Annotated[float | None, Option("Cutoff frequency of the fit in Hz.", more="All signals are "
+        "low-pass filtered to it. The default depends on the motion.")] = None,
+    prior: Annotated[float, Option("Uncertainty of the robot file's links.", metavar="SHARE",
+        more="It is a fraction: of masses and moments of inertia, and, for centres of mass, of the radius of gyration. "
+            "With inf the file's values have no influence.")] = 0.2,
     other: Annotated[Path | None, Option("Another log to validate the model on.", flag="--score",
         metavar="LOG")] = None,
     plot: Annotated[Path | None, Option("Picture of torques and residuals to draw.")] = None,
@@ -51,31 +51,31 @@ def identify(
         more="It shows them over speed, load, position and time, for the validation log if there is one.")] = None,
     out: Annotated[Path | None, Option("Robot file to write; with --design the motion.")] = None,
     purpose: Annotated[str | None, Option("stiffness: springs from motor-side logs.", flag="--for",
-        metavar="WHAT", choices=("stiffness",), more="It needs a log of periodic motor torques and no encoders "
-            "behind the gears; with --design it chooses the torques.")] = None,
+        metavar="WHAT", choices=("stiffness",), more="The log needs periodic motor torques, but "
+            "no signals of link-side encoders. With --design the torques are chosen.")] = None,
     excitation: Annotated[Path | None, Option("Excitation torques, as written by --design.", metavar="CSV",
         more="For --for stiffness.")] = None,
-    margins: Annotated[str | None, Option("Scenario whose margins to judge over the springs.", metavar="SCENARIO",
-        more="For --for stiffness: the smallest modulus margin over the springs that fit the log.")] = None,
-    page: Annotated[Path | None, Option("Page of --for stiffness to write.", metavar="HTML",
+    margins: Annotated[str | None, Option("Scenario whose modulus margin to compute.", metavar="SCENARIO",
+        more="For --for stiffness: the smallest margin for any stiffness that fits the log.")] = None,
+    page: Annotated[Path | None, Option("Page to write, with --for stiffness.", metavar="HTML",
         more="Verdict, table and frequency responses in one file.")] = None,
     overwrite: OverwriteOption = False,
     design: Annotated[str | None, Option("Choose the best motion to log for this robot.", group=_DESIGN,
-        metavar="ROBOT", more="It is the motion that determines the parameters best; the widths of their intervals "
-            "are predicted.")] = None,
+        metavar="ROBOT", more="It is the motion that determines the parameters best. The widths of their confidence "
+            "intervals are predicted.")] = None,
     duration: Annotated[float | None, Option("Duration of the motion in s (default 60).", group=_DESIGN)] = None,
     pose: Annotated[str | None, Option("Pose about which joints move (default several).", group=_DESIGN,
         metavar="'Q1 Q2 ...'", more="The default is several poses about the middle of the range.")] = None,
     step: Annotated[float | None, Option("Step of the log in s (default 0.002).", group=_DESIGN)] = None,
     bits: Annotated[int | None, Option("Bits of the encoders (default 17).", group=_DESIGN)] = None,
-    noise: Annotated[float | None, Option("Torque noise over the peak (default 0.005).", group=_DESIGN,
+    noise: Annotated[float | None, Option("Torque noise / peak torque (default 0.005).", group=_DESIGN,
         metavar="SHARE")] = None,
-    no_links: Annotated[bool, Option("Assume no encoders behind the gears.", group=_DESIGN)] = False,
+    no_links: Annotated[bool, Option("Assume no link-side encoders.", group=_DESIGN)] = False,
 ) -> None:  # fmt: skip
     """Estimate the parameters of an arm from a log of its motion.
 
-    These are drives, friction, springs and base parameters. If the verdict is failed, the exit code is 1 and no robot
-    file is written.
+    The parameters are those of drives, friction and springs, and the base parameters of the links. If the verdict is
+    failed, the exit code is 1 and no robot file is written.
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.errors import UsageError
@@ -211,7 +211,7 @@ def _print(fit: Identified, labels: list[str]) -> None:
         width = "kept" if name in fit.held else f"+- {1.96 * deviation:.2g}"
         shown.add_row(name, f"{value:.5g}", f"{width} weak" if name in fit.weak else width, unit, f"{nominal:.5g}")
     console.print(shown)
-    drives = table("joint", "residual", "of torque", "%", "deformation residual", "stiffness", "95 %", title=" ")
+    drives = table("joint", "residual", "torque RMS", "%", "deformation residual", "stiffness", "95 %", title=" ")
     for i in range(fit.torque.shape[1]):
         left, whole = (float((each[:, i] ** 2).mean() ** 0.5) for each in (fit.torque_error, fit.torque))
         bent = fit.deformation_error if fit.seen[i] else None
@@ -243,7 +243,8 @@ def _weak(fit: Identified) -> list[str]:
             f"{len(links)} of {len(fit.base.names)} base parameters of the links"
         )
     return [
-        f"weak, near the robot file's values, because the log does not excite them: {', '.join(names)}; {advice}"
+        f"weak estimates, which stay near the robot file's values because the log does not excite these parameters: "
+        f"{', '.join(names)}; {advice}"
         for advice, names in by_advice.items()
     ]
 

@@ -120,7 +120,9 @@ def fastest(
         if motion.duration > 100.0 * t[-1]:
             raise UsageError("torque: the limits are too low to hold the arm along the path. Raise them.")
     share = 100.0 * (motion.duration / t[-1] - 1.0)
-    note = f"{motion.duration:.4g} s, {share:.1f} % more than the shortest time, whose acceleration jumps."
+    note = (
+        f"{motion.duration:.4g} s, {share:.1f} % longer than the shortest motion, whose acceleration is discontinuous."
+    )
     return Motion(motion.knots, motion.coefficients, (note, *notes))
 
 

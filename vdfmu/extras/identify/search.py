@@ -251,7 +251,7 @@ class _Search:
                 correlation[shown.index(k)] = 0.0
                 partner = int(np.argmax(np.abs(correlation)))
                 share = float(deviation[k] / before[k])
-                way = "log by encoders with finer steps" if names[k] in coarse else _way_out(names[k])
+                way = "use encoders with a finer resolution" if names[k] in coarse else _way_out(names[k])
                 notes[names[k]] = Weak(share, names[shown[partner]], float(correlation[partner]), way)
         return notes
 

@@ -31,7 +31,8 @@ def tune(
         Option(
             "Cost: 'worst(rms(trajectory.q_d - plant.q))'.",
             metavar="EXPR",
-            more="With several elements the cost is the mean of their ratios to the start, none of which may exceed 1.",
+            more="If the expression has several elements, each is divided by its value at the start of the search. The "
+            "cost is the mean of these ratios, none of which may exceed 1.",
         ),
     ],
     **options: Unpack[TuneOptions],

@@ -26,9 +26,10 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     together: Annotated[bool, Option("Vary all elements of a parameter by one factor.", default=False)]
     spread: Annotated[Mapping[str, Any] | Sequence[str], Option(
         "Uncertain: 'plant.mass=*normal(1, .1)'. Repeatable.", 'mapping, or sequence of "TARGET=FORM"',
-        "Uncertain parameters, written as for a sweep.", (), metavar="TARGET=FORM", typed=TEXTS)]
-    spread_points: Annotated[int, Option("Number of robots in the spread.", more="They are drawn as a Latin hypercube.",
-        default=8)]
+        "A parameter that differs from robot to robot. TARGET and FORM are those of --vary of a sweep.", (),
+        metavar="TARGET=FORM", typed=TEXTS)]
+    spread_points: Annotated[int, Option("Number of robots with different parameters.",
+        more="They are drawn as a Latin hypercube.", default=8)]
     combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(
         "Smallest modulus margin of a loop, or same.",
@@ -36,7 +37,7 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
             "nominal robot over the run, as `vdfmu linear SCENARIO` prints it.", metavar="NUMBER|same",
             typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
-        more="The robots of several values run in lanes. See :func:`vdfmu.sweep`.", default="fmu")]
+        more="It runs the robots of several candidates together. See :func:`vdfmu.sweep`.", default="fmu")]
 
 
 class TuneOptions(ProblemOptions, WorkerOptions, total=False):
@@ -45,6 +46,6 @@ class TuneOptions(ProblemOptions, WorkerOptions, total=False):
     method: Annotated[str, Option("Global search, local search, or both.",
         more="Differential evolution over the whole range, then COBYQA from the best point, or only one of them.",
         default="both", choices=METHODS)]
-    evaluations: Annotated[int, Option("Evaluations; each runs all robots.", default=300)]
+    evaluations: Annotated[int, Option("Number of evaluations; each runs all robots.", default=300)]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/tune_SCENARIO).", "path",
         typed=Path | None)]

@@ -77,8 +77,8 @@ def start_notes(results: Results, scenario: Scenario, least: float = _APART) -> 
                     torque = quantity(arm.ell[i] * start[tau][0, i], unit_of("torque", kind))
                     first = f", and the first torque there is {torque}, link-side"
                 yield (
-                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the position that {leader} wants "
-                    f"of joint {i + 1}{first}: set {plant}.q_0, or share it in [shared.start] of the system's file."
+                    f"{plant} starts {apart[i]:.4g} {unit_of('position', kind)} from the start of {leader} at joint "
+                    f"{i + 1}{first}: set {plant}.q_0, or share it in [shared.start] of the system's file."
                 )
 
 
