@@ -41,14 +41,12 @@ from vdfmu.compiler.unit import (
 from vdfmu.compiler.unit.declaration import Declared, Variables
 
 _ADDED = [(name, option.state) for name, option in OPTIONS.items() if option.state]
-_STATES = Variables({s.name: State(s.unit, JOINTS, s.text, when=name) for name, s in _ADDED})
-_RATES = Variables({f"der_{name}": Derivative(state) for name, state in _STATES.items()})
-_STARTS = Variables(
-    {
-        f"{s.name}_0": Parameter(s.unit, JOINTS, s.start_text, start=s.start, minimum=s.minimum, when=name)
-        for name, s in _ADDED
-    }
-)
+_STATES = {s.name: State(s.unit, JOINTS, s.text, when=name) for name, s in _ADDED}
+_RATES = {f"der_{name}": Derivative(state) for name, state in _STATES.items()}
+_STARTS = {
+    f"{s.name}_0": Parameter(s.unit, JOINTS, s.start_text, start=s.start, minimum=s.minimum, when=name)
+    for name, s in _ADDED
+}
 
 
 @cache
@@ -110,12 +108,12 @@ class Plant(Unit):
     q_dot = State(*MEASURED["q_dot"])
     kappa_dot = State(*MEASURED["kappa_dot"])
     tau_s = State(*MEASURED["tau_s"])
-    states_of_options = _STATES
+    states_of_options = Variables(_STATES)
     der_q = Derivative(q)
     der_q_dot = Derivative(q_dot)
     der_kappa_dot = Derivative(kappa_dot)
     der_tau_s = Derivative(tau_s)
-    rates_of_options = _RATES
+    rates_of_options = Variables(_RATES)
     kappa = Output(*MEASURED["kappa"])
     p_O = Output("m", 3, "Position of the end effector in {I}, axis")
     R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
@@ -142,7 +140,7 @@ class Plant(Unit):
     )
     kappa_dot_0 = Parameter("velocity", JOINTS, "start velocity of the rotor, without equilibrium")
     tau_s_0 = Parameter("torque", JOINTS, "start spring torque, link-side, without equilibrium")
-    starts_of_options = _STARTS
+    starts_of_options = Variables(_STARTS)
     robot = RobotParameters()
     terminals = (
         Terminal(
