@@ -113,8 +113,18 @@ def test_a_component_has_the_names_of_a_system_file(system, folder, name, tmp_pa
 def test_an_old_name_answers_with_the_new_one_and_the_call(system, call, message):
     with pytest.raises(UsageError, match=message):
         call(system)
-    with pytest.raises(TypeError, match=r"^System.run\(\) got an unexpected keyword argument 'foo'$"):
-        system.run(foo=1)
+
+
+@pytest.mark.parametrize(("call", "name"), [
+    (lambda system: system.run(foo=1), "System.run"),
+    (lambda system: vdfmu.load("tracking", foo=1), "load"),
+    (lambda system: vdfmu.load("tracking", master="jacobi"), "load"),  # the name now is none of the call either
+    (lambda system: system.run(meant="sampled"), "System.run"),
+    (lambda system: vdfmu.linearize("tracking", 0.0, foo=1), "linearize"),
+])  # fmt: skip
+def test_an_unknown_name_is_refused_by_the_call_that_was_made(system, call, name):
+    with pytest.raises(TypeError, match=rf"^{name}\(\) got an unexpected keyword argument"):
+        call(system)
 
 
 def test_old_options_answer_with_the_new_ones(tmp_path):

@@ -28,6 +28,7 @@ FORMER: Mapping[str, str] = {
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _ENTRY = re.compile(r"^( *)\*\*options\n(?:\1 +\S.*\n)*", re.MULTILINE)
+_UNPACKED = re.compile(r"Unpack\[(\w+)\]")
 _WIDTH = 110
 
 
@@ -100,9 +101,10 @@ def option_of(options: Any, name: str, text: str = "") -> Option:
 
 def taken_options(function: Callable[..., Any]) -> Any:
     """Return the TypedDict of a function with ``**options: Unpack[...]``, else None."""
-    annotation = inspect.unwrap(function).__annotations__.get("options")
-    if isinstance(annotation, str) and annotation.startswith("Unpack["):
-        annotation = eval(annotation, inspect.unwrap(function).__globals__)
+    plain = inspect.unwrap(function)
+    annotation = plain.__annotations__.get("options")
+    if isinstance(annotation, str) and (named := _UNPACKED.fullmatch(annotation)):
+        return plain.__globals__[named[1]]
     return get_args(annotation)[0] if get_origin(annotation) is Unpack else None
 
 
@@ -142,7 +144,7 @@ def _check_of(
 
     def check(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
         arguments = {**dict(zip(leading, args, strict=False)), **kwargs}
-        if former := [name for name in kwargs if name in FORMER and name not in exact]:
+        if former := [name for name in kwargs if name not in exact and FORMER.get(name) in exact]:
             raise UsageError("\n".join(f"{call}: {name} is now {FORMER[name]}." for name in former))
         odd = [name for name, value in arguments.items() if name in exact and type(value) not in exact[name]]
         faults = (type_problem(name, types[name][0], arguments[name], *types[name][1:]) for name in odd)
@@ -170,7 +172,9 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        for unknown in kwargs.keys() - names - FORMER.keys():
+        for unknown in kwargs.keys() - names:
+            if FORMER.get(unknown) in names:
+                continue  # the check names the option that it is now
             close = close_to(unknown, signature.parameters)
             raise TypeError(f"{call}() got an unexpected keyword argument {unknown!r}{close}")
         positional = leading[: len(args)]

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import casadi as ca
 
 from vdfmu.base.errors import KernelError
-from vdfmu.base.files import data_path
 from vdfmu.compiler.c.calls import Vector, VectorText
 from vdfmu.compiler.c.text import EXPRESSIONS
 from vdfmu.compiler.functions.derivatives import lookup_table
@@ -69,11 +68,6 @@ def call(k: int) -> bytes:
 def return_if_not(n: int) -> bytes:
     """Return the instructions that end a function with an integer if the number on the stack is 0."""
     return b"\x45\x04\x40" + constant(n) + b"\x0f\x0b"
-
-
-def base_module() -> bytes:
-    """Return the shipped module: the solver in a communication step, and functions of the C library."""
-    return (data_path("fmu_src") / "batch" / "module.wasm").read_bytes()
 
 
 _ZERO = number(0.0)

@@ -209,7 +209,7 @@ class System:
         """Return the stability margins of the loops, see `vdfmu.study.analysis.loops.margins_along`."""
         from vdfmu.study.analysis.loops import margins_along  # takes long to import
 
-        return margins_along(self.path, opened, at, **options)
+        return margins_along(self._scenario or self.path, opened, at, **options)
 
     @with_options
     def judge(self, wanted: float = 0.01, **options: Unpack[JudgingOptions]) -> Judgement:

@@ -2,7 +2,7 @@
 
 import wasmtime
 
-from vdfmu.compiler.wasm import base_module
+from vdfmu.study.report.scripts import base_module
 
 
 def linked(growth: tuple[int, int]) -> tuple[wasmtime.Store, wasmtime.Linker]:

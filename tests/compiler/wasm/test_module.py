@@ -7,7 +7,8 @@ import pytest
 import wasmtime
 
 from tests.compiler.wasm.linked import linked
-from vdfmu.compiler.wasm import BASE_PAGES, BASE_SLOTS, INTEGER, Assembler, base_module, constant, local, unsigned
+from vdfmu.compiler.wasm import BASE_PAGES, BASE_SLOTS, INTEGER, Assembler, constant, local, unsigned
+from vdfmu.study.report.scripts import base_module
 
 ROOT = Path(__file__).parents[3]
 

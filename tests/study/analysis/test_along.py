@@ -55,6 +55,12 @@ def test_the_margin_is_the_smallest_of_200_times():
     assert len(rows) == 201 and agree(loops, rows)
 
 
+def test_a_loaded_scenario_has_the_margins_of_its_scenario():
+    scenario = dataclasses.replace(load_scenario("kr300"), stop=0.5)  # it has inputs, which the package has not
+    loaded, along = vdfmu.load(scenario).margins(), margins_along(scenario)
+    assert loaded.judged.figures == along.judged.figures and loaded.times == along.times
+
+
 @pytest.mark.heavy
 def test_the_margin_is_the_smallest_over_the_run_where_a_wrist_is_slow():
     # An independent linearisation has 0.163 on the circle of 2 1/s at 9.167 s, and 0.146 on the unit circle at 0.8.

@@ -82,10 +82,10 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
     return tables
 
 
-def filled_from_catalogue(problems: Problems, joint: Any, path: str) -> tuple[Any, dict[str, str]]:
-    """Return a joint's table, filled from the catalogue, and the sources of the added numbers by key."""
-    if not isinstance(joint, dict) or not any(part in joint for part in NAMED):
-        return joint, {}
+def filled_from_catalogue(
+    problems: Problems, joint: dict[str, Any], path: str
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return a joint's table that names parts, filled from the catalogue, and sources of the added numbers by key."""
     parts = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}
     tables = tables_of(problems, path, joint, joint.get("type", ""), parts.get("drive", {}).get("ell"))
     sources: dict[str, str] = {}

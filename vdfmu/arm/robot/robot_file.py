@@ -98,8 +98,10 @@ def robot_from_dict(
     of_catalogue: dict[str, str] = {}
     for i, joint in enumerate(cast("list[Any]", joints or []), 1):
         joint, of_words = in_paper_words(problems, joint, f"joints[{i}]")
-        joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
-        of_catalogue |= where_from | of_words
+        of_catalogue |= of_words
+        if isinstance(joint, dict) and not joint.keys().isdisjoint(NAMED):
+            joint, where_from = filled_from_catalogue(problems, joint, f"joints[{i}]")
+            of_catalogue |= where_from
         read.append(_joint(problems, joint, f"joints[{i}]", drive_class))
     names = [joint["name"] for joint in read]
     for i, name_of in enumerate(names, 1):

@@ -38,7 +38,7 @@ from vdfmu.compiler.unit import (
     Terminal,
     Unit,
 )
-from vdfmu.compiler.unit.declaration import Declared
+from vdfmu.compiler.unit.declaration import Declared, Variables
 
 _ADDED = [(name, option.state) for name, option in OPTIONS.items() if option.state]
 _STATES = {s.name: State(s.unit, JOINTS, s.text, when=name) for name, s in _ADDED}
@@ -55,9 +55,7 @@ def _own_variables(state: OptionState) -> tuple[Declared, ...]:
     declared_state = State(state.unit, JOINTS, state.text)
     start = Parameter(state.unit, JOINTS, state.start_text, start=state.start, minimum=state.minimum)
     named = {state.name: declared_state, f"der_{state.name}": Derivative(declared_state), f"{state.name}_0": start}
-    for name, declared in named.items():
-        declared.__set_name__(Plant, name)
-    return tuple(named.values())
+    return tuple(Variables(named).values())
 
 
 class Plant(Unit):
@@ -110,12 +108,12 @@ class Plant(Unit):
     q_dot = State(*MEASURED["q_dot"])
     kappa_dot = State(*MEASURED["kappa_dot"])
     tau_s = State(*MEASURED["tau_s"])
-    vars().update(_STATES)
+    states_of_options = Variables(_STATES)
     der_q = Derivative(q)
     der_q_dot = Derivative(q_dot)
     der_kappa_dot = Derivative(kappa_dot)
     der_tau_s = Derivative(tau_s)
-    vars().update(_RATES)
+    rates_of_options = Variables(_RATES)
     kappa = Output(*MEASURED["kappa"])
     p_O = Output("m", 3, "Position of the end effector in {I}, axis")
     R_O = Output("1", (3, 3), "Rotation matrix of the end effector in {I}")
@@ -142,7 +140,7 @@ class Plant(Unit):
     )
     kappa_dot_0 = Parameter("velocity", JOINTS, "start velocity of the rotor, without equilibrium")
     tau_s_0 = Parameter("torque", JOINTS, "start spring torque, link-side, without equilibrium")
-    vars().update(_STARTS)
+    starts_of_options = Variables(_STARTS)
     robot = RobotParameters()
     terminals = (
         Terminal(

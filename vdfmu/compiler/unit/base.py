@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ from vdfmu.compiler.unit.declaration import (
     State,
     Switch,
     Terminal,
+    Variables,
     constant,
 )
 
@@ -99,7 +100,7 @@ class BaseUnit:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         variables = dict(super(cls, cls).declared)  # pyright: ignore[reportAttributeAccessIssue]
-        for name, value in list(vars(cls).items()):
+        for name, value in _members(cls):
             if not isinstance(value, (Declared, RobotParameters)):
                 continue
             if hasattr(BaseUnit, name) or name in ("of_robot", "store", "in_use"):
@@ -284,6 +285,18 @@ _SOLVER = "Internal steps of the solver: as many as the tolerance needs, or that
 _TOLERANCE = (
     "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment replaces it"
 )
+
+
+def _members(unit: type[BaseUnit]) -> Iterator[tuple[str, Any]]:
+    """Yield the attributes of a class in their order, and replace each `Variables` by its variables."""
+    for name, value in list(vars(unit).items()):
+        if not isinstance(value, Variables):
+            yield name, value
+            continue
+        delattr(unit, name)
+        for each, variable in value.items():
+            setattr(unit, each, variable)
+            yield each, variable
 
 
 def _start_parameter(state: State) -> Declared:

@@ -251,6 +251,15 @@ class Switch(Declared):
         super().__init__(text=text, start=start)
 
 
+class Variables(dict[str, Declared]):
+    """Variables by name. A class that has them as an attribute declares them at that place, not the attribute."""
+
+    def __init__(self, variables: Mapping[str, Declared]) -> None:
+        super().__init__(variables)
+        for name, variable in self.items():
+            variable.__set_name__(Variables, name)
+
+
 class RobotParameters(_OnInstance):
     """Parameters of the robot that the unit is for; on an instance, a robot.
 

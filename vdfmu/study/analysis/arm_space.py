@@ -67,7 +67,9 @@ def linearize(
     dry: bool = False,
     sampled: bool = False,
     opened: Sequence[str] = (),
-    **options: Any,
+    algorithm: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    backend: str | None = None,
 ) -> StateSpace:
     """Linearise the plant of an arm at rest at a pose, or a whole system at a time of its run.
 
@@ -92,8 +94,12 @@ def linearize(
         time.
     opened : sequence of str
         For a system: inputs whose connections are cut; the signals that would reach them are the last outputs.
-    **options : Any
-        For a system: `algorithm`, `parameters`, `backend`, see :func:`vdfmu.study.analysis.arm_space.linearized`.
+    algorithm : str
+        For a system: master algorithm; default its own.
+    parameters : mapping of str to value
+        For a system: values of parameters, ``{"controller.K_p[1]": 2000}``.
+    backend : "python" or "native"
+        For a scenario: kind of FMU; default "native" if there is a C compiler.
 
     Returns
     -------
@@ -121,10 +127,11 @@ def linearize(
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
             raise UsageError("linearize: dry: applies to an arm only; in a system set its friction parameters instead.")
-        linear = linearized(system, float(place), **options)
+        linear = linearized(system, float(place), algorithm=algorithm, parameters=parameters, backend=backend)
         return linear.sampled(opened) if sampled else linear.continuous(opened)
-    if sampled or opened or options:
-        raise UsageError(f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time.")
+    options = dict(sampled=sampled, opened=opened, algorithm=algorithm, parameters=parameters, backend=backend)
+    if names := [name for name, value in options.items() if value]:
+        raise UsageError(f"linearize: {', '.join(names)}: these are for systems at a time.")
     try:
         plant = _at_rest(robot_argument(system), at)
     except UsageError as error:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.cache import cache_folder, load_or_make
+from vdfmu.base.files import data_path
 from vdfmu.base.page import compressed, style_sheet
 from vdfmu.base.platforms import THIRD_PARTY
 from vdfmu.base.text import to_json
@@ -100,6 +101,11 @@ def scripts_of(name: str) -> list[str]:
 def bundle(name: str) -> str:
     """Return a packed script or style."""
     return (_BUNDLES / name).read_text(encoding="utf-8")
+
+
+def base_module() -> bytes:
+    """Return the module of WebAssembly of all pages: the solver in a communication step, functions of the C library."""
+    return (data_path("fmu_src") / "batch" / "module.wasm").read_bytes()
 
 
 def packed(values: NDArray[Any], kind: str) -> NDArray[Any]:

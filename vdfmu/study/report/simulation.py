@@ -24,12 +24,11 @@ from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import digest_of
 from vdfmu.base.page import compressed
-from vdfmu.compiler import wasm
 from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.results.verdict import CUT, LONGEST
 from vdfmu.study.limits import LIMITS, Limit, read_limits
-from vdfmu.study.report.scripts import packed
+from vdfmu.study.report.scripts import base_module, packed
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.report.tracks import Names, tracks
 from vdfmu.study.run.key_figures import comparable, least_sizes
@@ -131,7 +130,7 @@ def _read(content: bytes) -> dict[str, Any]:
 
 
 def _kept(package: Path) -> Path:
-    code = source_digest("system.program", "study.report.simulation").encode() + wasm.base_module()
+    code = source_digest("system.program", "study.report.simulation").encode() + base_module()
     return cache_folder() / "programs" / sha256(code + digest_of(package).encode()).hexdigest()
 
 
@@ -158,7 +157,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
     elif binaries is None:
         return {"reason": NOT_MADE}
     else:
-        modules = {"module": program["module"], "base": compressed(wasm.base_module())}
+        modules = {"module": program["module"], "base": compressed(base_module())}
         digests = {key: sha256(module.encode()).hexdigest()[:16] for key, module in modules.items()}
         added = {digests[key]: module for key, module in modules.items()}
         try:

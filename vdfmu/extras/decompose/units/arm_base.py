@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vdfmu.compiler.unit import Input, Output, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import Piece, numbers, plant_ports
 
 
@@ -14,8 +15,8 @@ class ArmBase(Piece):
     A body on it, or any number of joints, takes its velocity of 0 and its gravity vector.
     """
 
-    vars().update({name: signal for name, signal in plant_ports("C", Output, Input).items() if name[0] in "Vg"})
-    vars().update(numbers("robot", names=("gravity",)))
+    ports = Variables({name: signal for name, signal in plant_ports("C", Output, Input).items() if name[0] in "Vg"})
+    robot_parameters = Variables(numbers("robot", names=("gravity",)))
     terminals = (Terminal("tip_side", "right", ("V_C", "g_C", "V_C_dot"), "Cutting point {C}"),)
 
     def outputs(self) -> None:

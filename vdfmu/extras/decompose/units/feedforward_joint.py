@@ -23,6 +23,7 @@ from vdfmu.arm.signals import DESIRED, MEASURED
 from vdfmu.arm.world.attachment import turning_gravity
 from vdfmu.compiler.scalar import derivative, jets
 from vdfmu.compiler.unit import Choice, Input, Output, Parameter, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import (
     JOINT,
     Piece,
@@ -67,12 +68,12 @@ class FeedforwardJoint(Piece):
     Mode 0, inverse, uses the desired forces alone, mode 1, vdc, the required ones too.
     """
 
-    vars().update(desired_ports("A", Input, Output) | desired_ports("B", Output, Input))
+    ports = Variables(desired_ports("A", Input, Output) | desired_ports("B", Output, Input))
     tau_m = Output("N.m", text="Feedforward torque, motor-side")
     mode = Choice("inverse", "vdc", text="0: inverse (exact inverse of the plant), 1: vdc (required velocities)")
     friction = friction_choice()
     rotor_coupling = coupling()
-    vars().update(feedforward_variables("revolute"))
+    of_joint_type = Variables(feedforward_variables("revolute"))
     terminals = (
         Terminal("base_side", "left", tuple(desired_ports("A", Input, Output)), "Cutting point {A}"),
         Terminal("tip_side", "right", tuple(desired_ports("B", Output, Input)), "Cutting point {B}"),

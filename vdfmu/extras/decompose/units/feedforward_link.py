@@ -9,6 +9,7 @@ from vdfmu.arm.equations.rigid_body import net_force
 from vdfmu.arm.world.attachment import turning_gravity
 from vdfmu.compiler.scalar import derivative
 from vdfmu.compiler.unit import Input, Output, Parameter, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import Piece, desired_forces, desired_ports, numbers, row_pair
 
 
@@ -24,11 +25,13 @@ class FeedforwardLink(Piece):
     Two joints can hang on it; an unconnected force is 0.
     """
 
-    vars().update(desired_ports("B", Input, Output) | desired_ports("C", Output, Input) | desired_forces("D", Input))
+    ports = Variables(
+        desired_ports("B", Input, Output) | desired_ports("C", Output, Input) | desired_forces("D", Input)
+    )
     K_V = Parameter(
         "1", text="Gain K_B in SI units, times the unit matrix, Eq. (50)", start=0.01, minimum=0.0, tunable=True
     )
-    vars().update(numbers("link"))
+    link_parameters = Variables(numbers("link"))
     terminals = (
         Terminal("base_side", "left", tuple(desired_ports("B", Input, Output)), "Cutting point {B}"),
         Terminal("tip_side", "right", tuple(desired_ports("C", Output, Input)), "Cutting point {C}"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units.feedforward_joint import FeedforwardJoint, feedforward_variables
 
 
@@ -14,4 +15,4 @@ class FeedforwardPrismaticJoint(FeedforwardJoint):
     """
 
     joint_type: ClassVar[str] = "prismatic"
-    vars().update(feedforward_variables("prismatic"))
+    of_joint_type = Variables(feedforward_variables("prismatic"))

@@ -7,6 +7,7 @@ import numpy as np
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.signals import wrench
 from vdfmu.compiler.unit import Output, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import TOOL, Piece, desired_forces, numbers
 
 
@@ -19,8 +20,8 @@ class FeedforwardTool(Piece):
     """
 
     F_e_d = wrench("to be exerted on the surroundings")
-    vars().update(desired_forces("B", Output))
-    vars().update(numbers("robot", names=TOOL))
+    forces = Variables(desired_forces("B", Output))
+    robot_parameters = Variables(numbers("robot", names=TOOL))
     terminals = (
         Terminal("base_side", "left", ("F_B_d", "F_B_r"), "Forces at the last link"),
         Terminal("end_effector", "right", ("F_e_d",), "Desired wrench of the end effector"),

@@ -22,6 +22,7 @@ from vdfmu.arm.equations.kinematics import joint_placement
 from vdfmu.arm.equations.spatial import cross_motion, force_transform, joint_axis
 from vdfmu.arm.signals import MEASURED, WRENCH
 from vdfmu.compiler.unit import Derivative, Input, Output, Parameter, State, Switch, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import (
     JOINT,
     Piece,
@@ -67,12 +68,12 @@ class PlantJoint(Piece):
     """
 
     tau = Input("N.m", text="Motor torque, motor-side")
-    vars().update(plant_ports("A", Input, Output) | plant_ports("B", Output, Input, np.eye(6)))
+    ports = Variables(plant_ports("A", Input, Output) | plant_ports("B", Output, Input, np.eye(6)))
     F_A = six_vector(Output, WRENCH, "Force on the joint", "Moment on the joint", "A")
     F_B = six_vector(Output, WRENCH, "Force on the arm beyond the joint", "Moment on the arm beyond the joint", "B")
     P_A = Output("W", text="Virtual power flow V' F at the cutting point {A}, towards the tip")
     P_B = Output("W", text="Virtual power flow V' F at the cutting point {B}, towards the tip")
-    vars().update(plant_variables("revolute"))
+    of_joint_type = Variables(plant_variables("revolute"))
     friction = friction_choice()
     rotor_coupling = coupling()
     equilibrium = Switch(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from vdfmu.arm.equations.rigid_body import bias_force, mass_matrix
 from vdfmu.compiler.unit import Input, Output, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import Piece, apparent, numbers, plant_ports
 
 
@@ -17,8 +18,8 @@ class PlantLink(Piece):
     Two joints can hang on it, or a joint and a tool; unconnected M and p are 0.
     """
 
-    vars().update(plant_ports("B", Input, Output) | plant_ports("C", Output, Input) | apparent("D", Input))
-    vars().update(numbers("link"))
+    ports = Variables(plant_ports("B", Input, Output) | plant_ports("C", Output, Input) | apparent("D", Input))
+    link_parameters = Variables(numbers("link"))
     terminals = (
         Terminal("base_side", "left", tuple(plant_ports("B", Input, Output)), "Cutting point {B}"),
         Terminal("tip_side", "right", tuple(plant_ports("C", Output, Input)), "Cutting point {C}"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units.plant_joint import PlantJoint, plant_variables
 
 
@@ -14,4 +15,4 @@ class PlantPrismaticJoint(PlantJoint):
     """
 
     joint_type: ClassVar[str] = "prismatic"
-    vars().update(plant_variables("prismatic"))
+    of_joint_type = Variables(plant_variables("prismatic"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from vdfmu.arm.equations.kinematics import tool_transform
 from vdfmu.arm.signals import WRENCH, wrench
 from vdfmu.compiler.unit import Input, Output, Terminal
+from vdfmu.compiler.unit.declaration import Variables
 from vdfmu.extras.decompose.units._piece import TOOL, Piece, numbers, six_vector
 
 
@@ -18,7 +19,7 @@ class PlantTool(Piece):
 
     F_e: Input = wrench("of the arm on its surroundings")
     p_B = six_vector(Output, WRENCH, "Force on the surroundings", "Moment on the surroundings", "B")
-    vars().update(numbers("robot", names=TOOL))
+    robot_parameters = Variables(numbers("robot", names=TOOL))
     terminals = (
         Terminal("base_side", "left", ("p_B",), "Force at the last link"),
         Terminal("end_effector", "right", ("F_e",), "Wrench of the end effector"),
