@@ -90,10 +90,10 @@ def command() -> None:
 app = App(
     "vdfmu",
     help="vdfmu models robot arms with elastic joints by virtual decomposition, as the paper 'Virtual Decomposition "
-    "Based Modeling for Multi-DOF Manipulator With Flexible Joint' describes it: each link and each joint is a subsystem, so "
-    "the cost grows linearly with the number of joints. The arm, its feedforward, its PD controller and its motion are "
-    "separate FMUs; an SSP connects them, fmpy or compiled code steps them, and the run is compared with scipy's "
-    "solution of the same equations.",
+    "Based Modeling for Multi-DOF Manipulator With Flexible Joint' describes it: each link and each joint is a "
+    "subsystem, so the cost grows linearly with the number of joints. The arm, its feedforward, its PD controller and "
+    "its motion are separate FMUs; an SSP connects them, fmpy or compiled code steps them, and the run is compared "
+    "with scipy's solution of the same equations.",
     declare=lambda: [
         click.Option(
             ["--version"],
