@@ -6,8 +6,9 @@ Python API
     One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
 ``System``, ``Results``
     A system, which runs, checks, judges, varies and writes itself; the signals and the summary of a run.
-``run``, ``judge``, ``sweep``
-    A whole scenario with references, verdict and page; the coupling error of a package; many runs in a table.
+``run``, ``judge``, ``sweep``, ``animate``
+    A whole scenario with references, verdict and page; the coupling error of a package; many runs in a table; the arm
+    of a run in a notebook.
 ``load_robot``, ``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``, ``load_motion``
     A robot or a motion of a file, shipped robots by name; a robot as a file of another tool.
 ``linearize``, ``natural_modes``
@@ -43,6 +44,7 @@ if TYPE_CHECKING:  # for checkers and editors, which do not read the table
     from vdfmu.study.connected import connect as connect
     from vdfmu.study.connected import load as load
     from vdfmu.study.judgement import judge as judge
+    from vdfmu.study.report.page import animate as animate
     from vdfmu.study.runs import run as run
     from vdfmu.study.sweeps.sweep import sweep as sweep
 
@@ -50,6 +52,7 @@ _PLACES = {
     "Results": "vdfmu.engine.run",
     "System": "vdfmu.study.connected",
     "VdfmuError": "vdfmu.base.errors",
+    "animate": "vdfmu.study.report.page",
     "build": "vdfmu.arm.fmus",
     "connect": "vdfmu.study.connected",
     "drive": "",
@@ -75,11 +78,11 @@ _MOVED = {
     **dict.fromkeys(("Simulator", "simulate"), "engine.run"),
     **dict.fromkeys(("Scenario", "load_scenario", "scenario_names"), "system.scenario"),
     **dict.fromkeys(("Robot", "robot_names"), "arm.robot"),
-    **dict.fromkeys(("Animation", "animate"), "study.report.page"),
     **dict.fromkeys(
         ("forward_dynamics", "forward_kinematics", "gravity_torque", "inverse_dynamics", "jacobian", "mass_matrix"),
         "dynamics",
     ),
+    "Animation": "study.report.page",
     "Modes": "study.analysis.modes",
     "StateSpace": "base.state_space",
     "Sweep": "study.sweeps.sweep",
