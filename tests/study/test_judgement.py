@@ -139,8 +139,8 @@ def test_two_equal_verdicts_of_a_law_without_a_period_are_the_verdict():
     held, continuous, both = readings(0.1)
     assert [held.verdict, continuous.verdict, both.verdict] == [RIGHT] * 3
     assert held.error < 1e-5 < continuous.error == both.error  # the period is kept; the worse counts
-    other = f"{100 * held.error:.2g} % in the other."
-    assert both.text == f"{continuous} The same verdict for law sampled every 1 ms and continuous: {other}"
+    same = "The verdict is the same with law sampled every 1 ms or continuous; the other error is"
+    assert both.text == f"{continuous} {same} {100 * held.error:.2g} %."
     held, continuous, both = readings(0.001)
     assert [held.verdict, continuous.verdict, both.verdict, both.kind] == [RIGHT, WRONG, OPEN, "period"]
     assert both.text == (

@@ -102,7 +102,7 @@ def build_fmus(
         check_robot(robot)
     names: Any = [units] if isinstance(units, str | os.PathLike | type) else shipped_units() if units is None else units
     if not isinstance(names, Iterable):
-        raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
+        raise UsageError(f"units: expected names, files or classes of units, got {units!r:.60}.")
     return build_units(
         robot if folded or robot is None else robot.unfolded(),
         out_dir,

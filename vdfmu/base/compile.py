@@ -63,7 +63,7 @@ _SMALL = ("-O1", "-fno-inline")
 """For functions that each joint calls: as quick to compile as rare code, and a tenth of its size."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
-_ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+_ROOM = "Free space there, or set TMPDIR and VDFMU_CACHE_DIR to other folders."
 _CODE = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ", b"\x64\x86", b"\0asm")
 """First bytes of libraries and objects of Linux, macOS, Windows (its objects of x86-64) and WebAssembly."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)

@@ -272,6 +272,15 @@ def read_member(path: Path, name: str) -> bytes | None:
         return None
 
 
+def no_temporary(what: str, why: Any) -> StorageError:
+    """Return the error of `what` could not be written to the temporary folder; `why` is the system's reason."""
+    folder = " ".join(filter(None, ("the temporary folder", tempfile.tempdir)))
+    reason = getattr(why, "strerror", None) or why
+    return StorageError(
+        f"{what}: cannot write to {folder}: {reason}. Free space there, or set TMPDIR to another folder."
+    )
+
+
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[str]:
     """Make a temporary folder and remove it at the end, also after Ctrl-C at any moment. Ignore errors of removal.

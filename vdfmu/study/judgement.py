@@ -216,7 +216,8 @@ def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -
     worse, other = sorted((held, continuous), key=lambda each: -math.inf if math.isnan(each.error) else -each.error)
     if held.verdict == continuous.verdict != OPEN:
         both = (
-            f"The same verdict for {names} sampled every {period} and continuous: {per_cent(other.error)} in the other."
+            f"The verdict is the same with {names} sampled every {period} or continuous; the other error is "
+            f"{per_cent(other.error)}."
         )
         return replace(worse, text=f"{worse.text} {both}")
     text = (

@@ -110,4 +110,4 @@ def test_a_row_of_links_without_end_is_refused(urdf):
     row = "".join(link(f"l{i}", "") for i in range(n + 1))
     row += "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(n))
     (problem,) = refused(urdf(row))
-    assert problem == "expected some hundred links in a row, got more. Is it one robot?"
+    assert problem == "expected a chain of at most a few hundred links. Is it one robot?"

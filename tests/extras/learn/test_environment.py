@@ -106,7 +106,7 @@ def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"hold": 7}, "whole multiple, got 7"),
+    ({"hold": 7}, "whole actions, got 7"),
     ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
     ({"seen": ("arm.q",)}, "arm: expected components of"),
     ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),

@@ -194,13 +194,13 @@ def test_a_limit_of_the_user_replaces_that_of_the_table_and_says_whose_it_is():
     (margin,) = (check for check in lower["checks"] if check["key"] == "margin")
     assert (margin["limit"], margin["by"]) == (0.3, "--limit")
     # what is good by this limit only is the first that is said, with the limit
-    assert lower["headline"] == "Good: only by --limit, modulus margin 0.34 at joint 5, 1.2 s (limit 0.3)"
+    assert lower["headline"] == "Good: only because of --limit: modulus margin 0.34 at joint 5, 1.2 s (limit 0.3)"
     assert verdict({"key_figures": {"margin": MARGIN}}, read_limits({"margin": 0.3}, "--limit"))["headline"] == (
         "Good: modulus margin 0.54; not judged: scipy reference"
     )
     far = {"path": OFF | {"value": 0.34, "place": "tool"}, "tool_error": {"value": 0.34, "at_s": 2.0}}
     assert verdict({"key_figures": far}, read_limits({"tool": "30 %"}, "--limit"))["headline"] == (
-        "Good: only by --limit, tool off its path by 0.34 m, 20.5 % of the motion, at 2 s …"
+        "Good: only because of --limit: tool off its path by 0.34 m, 20.5 % of the motion, at 2 s …"
     )
     higher = verdict(summary, read_limits({"margin": 0.4}, "[limits] of the scenario"))
     assert higher["headline"] == (

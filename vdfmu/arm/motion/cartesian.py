@@ -139,7 +139,7 @@ def circle(
     if abs(angle) > _MOST_TURNS * 2.0 * np.pi:
         raise UsageError(
             f"angle: expected at most {_MOST_TURNS} turns, {_MOST_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As "
-            f"degrees it is {np.radians(angle):.4g} rad; join several circles for more turns."
+            f"degrees it would be {np.radians(angle):.4g} rad; join several circles for more turns."
         )
     kind = "turn" if orientation == "turn" else _orientation(robot, orientation)[0]
     p_0, R_0 = forward_kinematics(robot, q)
@@ -245,7 +245,7 @@ def _timed(
         fitted = motion.slower(shortest) if free else motion.fitted(*limits)
         return fitted.slower(max(1.0, shortest / fitted.duration))
     if duration < shortest:
-        raise UsageError(f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s.")
+        raise UsageError(f"duration: expected at least {shortest:.6g} s, because of the speed, got {duration:g} s.")
     return motion.fitted(*limits, duration)
 
 

@@ -228,7 +228,7 @@ class BaseUnit:
 
     def _check_there(self, declared: Declared) -> None:
         if declared.name not in self.declared:
-            raise UnitError(f"{type(self).__name__}.{declared.name} is there for a robot with {declared.when} only")
+            raise UnitError(f"{type(self).__name__}.{declared.name} exists only for a robot with {declared.when}")
 
     def fitting(self, declared: Declared, value: Any) -> Any:
         """Return a value in the shape of a variable; UsageError if it does not fit."""

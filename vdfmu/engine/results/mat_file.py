@@ -65,8 +65,8 @@ def write_mat(results: Recorded, path: Path) -> None:
         array = results.data[kind][:, [s.column for s in members]]
         if array.nbytes > _MOST:
             raise VdfmuError(
-                f"{path}: {name}: expected at most 2 GB, as MATLAB's version 5 has it, got {array.nbytes / 1e9:.3g} GB."
-                " Write Parquet and read it by MATLAB's parquetread: --format parquet."
+                f"{path}: {name}: must be at most 2 GB in a MATLAB 5 file, got {array.nbytes / 1e9:.3g} GB."
+                " Write Parquet instead, --format parquet, and read it with MATLAB's parquetread."
             )
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))

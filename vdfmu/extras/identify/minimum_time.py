@@ -81,7 +81,7 @@ def fastest(
     )
     rotors, notes = np.zeros(n), ()
     if most is not None and robot is None:
-        raise UsageError("fastest: limits of torque need the robot.")
+        raise UsageError("fastest: torque limits need a robot. Give robot.")
     if robot is not None and robot.limits and robot.n == n and (speed is None or most is None):
         speed, tau = motor_rectangle(robot, np.inf if speed is None else speed)
         if most is None:

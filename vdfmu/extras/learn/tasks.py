@@ -194,7 +194,7 @@ def episode(stop: float, step: float, hold: int) -> int:
     """Return the number of actions of an episode; UsageError unless it is whole."""
     length = round(stop / (step * hold)) if hold >= 1 and hold % 1 == 0 else 0
     if length < 1 or not math.isclose(length * hold * step, stop, rel_tol=1e-9):
-        raise UsageError(f"hold: expected steps of which {stop:g} s is a whole multiple, got {hold}.")
+        raise UsageError(f"hold: expected a number of steps that divides {stop:g} s into whole actions, got {hold}.")
     return length
 
 

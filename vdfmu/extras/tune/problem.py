@@ -112,7 +112,7 @@ def make_problem(
     if over not in ("mean", "worst"):
         raise UsageError(f"combine: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
-        raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
+        raise UsageError(f"{scenario}: expected a scenario: a package has no values to start from. Sweep it instead.")
     loaded = prepare(scenario, **changes)
     axes, start = _elements(loaded, vary, parameters, options["together"])
     spread_axes = read_axes(options["spread"])

@@ -124,7 +124,7 @@ def linearize(
         linear = linearized(system, float(place), **options)
         return linear.sampled(opened) if sampled else linear.continuous(opened)
     if sampled or opened or options:
-        raise UsageError(f"linearize: {', '.join(['sampled', 'opened', *options])}: these are for systems at a time.")
+        raise UsageError(f"linearize: {', '.join(['sampled', 'opened', *options])}: only for systems at a time.")
     try:
         plant = _at_rest(robot_argument(system), at)
     except UsageError as error:

@@ -73,7 +73,7 @@ def judge_point(study: StudyTable, point: int, value: float, without: Sequence[s
     except CosimError as error:
         figures = getattr(error.results, "summary", {}).get("key_figures", {})
         unstable = [check.sentence for check in loop_checks({"key_figures": figures}) if check.state == FAILED]
-        return JudgedPoint(point, value, FAILED, (unstable or [f"{error.unit} fails at {error.time:.3g} s"])[0])
+        return JudgedPoint(point, value, FAILED, (unstable or [error.sentence])[0])
     except VdfmuError as error:
         return JudgedPoint(point, value, FAILED, str(error).partition(". ")[0])
     checks = [check for check in checks_of(summary) if check.key not in without]

@@ -195,7 +195,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
     start, variant = options["start"], options["variant"]
     if not is_package and (start is not None or variant != DEFAULT):
         wrong = "start" if start is not None else "variant"
-        raise UsageError(f"{wrong}: expected a package or FMUs, got the scenario {name_of(scenario)}. Leave it out.")
+        raise UsageError(f"{wrong} is only for packages and FMUs, got the scenario {name_of(scenario)}. Omit it.")
     wire = partial(_of_package, start, variant) if is_package else of_scenario
     if engine is None:
         engine = "fmu" if count < _FEW * len(combinations) or options["backend"] == "python" else ""
