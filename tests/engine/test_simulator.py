@@ -124,7 +124,7 @@ def test_by_hand_runs_and_other_values_take_turns(package):
         simulator.step(50)
         changed = simulator.get("plant.q")
         assert same(simulator.run(**OPTIONS), plain)
-        with pytest.raises(UsageError, match="reset\\(\\) begins a run by hand"):
+        with pytest.raises(UsageError, match="no run by hand has begun"):
             simulator.step()
         seen = []
         simulator.run(

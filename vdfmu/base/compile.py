@@ -47,7 +47,7 @@ _LOOPED = "-fno-unroll-loops"
 """Keeps the loops in the step of a long arm. With them unrolled, a compile of 1 s takes 6 s, the object is three times
 as large, and a step takes 0.96 to 0.98 of the time, with the same bits."""
 _LOOP = b"for (int j = 0;"
-"""Begin of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
+"""Start of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
 _JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
 """Generated file that may be part of an object."""
 _SHORT, _SHORT_RARE = 10_000, 250_000

@@ -244,7 +244,7 @@ class _Case(NamedTuple):
         """Judge a system by three runs, and by a fourth if they show nothing."""
         (names, n_read), order = judged_signals(self.checked), self.checked.how.order
         if not order:
-            why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
+            why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its Algorithm."
             return self._open("order", why)
         runs: list[Floats] = []
         options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm}

@@ -150,7 +150,7 @@ def test_words_of_refusal(planar, tmp_path):
             {"target": "efmi", "precision": "float32", "units": ["torque_sensor"]},
             "torque_sensor: .* odd number 2147483647",
         ),
-        ({"precision": "float32"}, "precision: must be double for FMUs, got 'float32'. Give --target with"),
+        ({"precision": "float32"}, "precision: must be double for FMUs, got 'float32'. Give --target efmi"),
     ]
     for options, words in cases:
         with pytest.raises(UsageError, match=words):

@@ -158,7 +158,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
     ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
     ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
-    ({"vary": ["plant.mass"], "margin": 0.5}, "expected parameters of other components than the plant"),
+    ({"vary": ["plant.mass"], "margin": 0.5}, "the parameters to vary must not belong to the plant"),
     ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
     ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
     ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),

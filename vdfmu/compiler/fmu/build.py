@@ -161,7 +161,7 @@ def _checked_target(
     target = by_name[name]
     if target is None:
         if precision != "double":
-            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Give --target with --precision.")
+            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Give --target efmi too.")
         return None
     if precision not in target.precisions:
         raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")

@@ -19,7 +19,7 @@ LOG_CATEGORIES = {
 }
 SAMPLED = "org.vdfmu.sampled"
 """Annotation with ``Sampled`` or ``Continuous``. ``Sampled`` names the parameter with the time between samples: the
-discrete outputs are states that are sampled by the inputs at the begin of a communication step. Their directional
+discrete outputs are states that are sampled by the inputs at the start of a communication step. Their directional
 derivatives belong to the next sample. Without a parameter the unit samples once in each of its steps."""
 FOLDED = "org.vdfmu.folded"
 CHOICES = "org.vdfmu.choices"

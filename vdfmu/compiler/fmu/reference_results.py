@@ -88,7 +88,7 @@ def _intervals(interface: Interface) -> int:
 
 
 def _time(interface: Interface, k: int) -> float:
-    """Begin of an interval [s]."""
+    """Start of an interval [s]."""
     return interface.unit.experiment_stop * k / INTERVALS
 
 

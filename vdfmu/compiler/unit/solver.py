@@ -296,7 +296,7 @@ def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator
 
 
 def samples(unit: Evaluation, start: float, t: float, end: float) -> Iterator[tuple[float, float, bool]]:
-    """Yield the parts of the time from `t` to `end` between samples: begin, end, and whether a sample is at the begin.
+    """Yield the parts of the time from `t` to `end` between samples: start, end, and whether a sample is at the start.
 
     A sample at `end` belongs to the next move. A unit without sampled states has one part.
     """

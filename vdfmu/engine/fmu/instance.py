@@ -57,7 +57,7 @@ class Instance(Library):
     event_needed = False
     """Whether a step has ended at an event."""
     step: tuple[c_double, c_double]
-    """Begin and length of the last step [s]."""
+    """Start and length of the last step [s]."""
     updates = False
     """Whether the inputs follow lines, by intermediate updates."""
     _values: dict[int, list[Value]] | None = None

@@ -48,13 +48,13 @@ class Checked:
 
     @property
     def held(self) -> list[str]:
-        """Inputs, without indices, that hold the value of their source at the begin of each step."""
+        """Inputs, without indices, that hold the value of their source at the start of each step."""
         late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
         return [*dict.fromkeys(f"{unit}.{name.partition('[')[0]}" for unit, name in late)] if self.how.substeps else []
 
     @property
     def early(self) -> set[str]:
-        """Components that step at the begin of their step: in an ordered algorithm sources of fresh inputs."""
+        """Components that step at the start of their step: in an ordered algorithm, the sources of fresh inputs."""
         direct = self.schedule.direct
         return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 

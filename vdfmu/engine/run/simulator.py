@@ -77,7 +77,7 @@ class Simulator:
         self._checked: Checked | None = None
         self._components: Components | Isolated | None = None
         self._loaded = ExitStack()
-        """Of the components: their folder, and the function that reports that one ends the process."""
+        """Context of the components: their folder, and the report of a component that ends the process."""
         self._box, self._resting = MessageBox(options["log"]), False
         self._lasts = False
         """Whether components may stay loaded after a run, for others."""
@@ -88,7 +88,7 @@ class Simulator:
         self._by_hand: ByHand | None = None
         self._begun: Any = None
         self.owner: object = None
-        """Of the files of the system, such as a temporary folder: it lives as long as the simulator."""
+        """What keeps the files of the system, such as a temporary folder, as long as the simulator exists."""
 
     def __enter__(self) -> Simulator:
         options = self._options
@@ -236,7 +236,7 @@ class Simulator:
     @property
     def _stepped(self) -> ByHand:
         if self._by_hand is None:
-            raise UsageError("Simulator: reset() begins a run by hand, in its block and after each run().")
+            raise UsageError("Simulator: no run by hand has begun. Call reset() in its block, again after each run().")
         return self._by_hand
 
     @contextmanager

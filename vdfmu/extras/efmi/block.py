@@ -66,7 +66,7 @@ class SampledBlock:
     def __init__(self, interface: Interface, step: float) -> None:
         self.interface, program = interface, interface.program
         self.start, self.update, self.outputs = map(self._chosen, (program.start, program.update, program.outputs))
-        """Calls at the begin of the first step, and calls of each step."""
+        """Calls at the start of the first step, and calls of each step."""
         self.calls = (*self.start, *self.update, *self.outputs)
         self.has_time = any("t" in call.reads for call in self.calls)
         """Whether a step reads the time: k periods in step k, from 0."""

@@ -151,7 +151,7 @@ def _literal(value: float, precision: Precision, owner: str) -> str:
     size = abs(value)
     if precision.bits == 32 and math.isfinite(size) and size and not _SMALLEST <= size <= _LARGEST:
         raise UsageError(
-            f"{owner}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, which single precision has, "
+            f"{owner}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, the range of single precision, "
             f"got {value!r}. Change it, or build it with double precision."
         )
     text = c_constant(value)

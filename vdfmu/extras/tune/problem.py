@@ -158,7 +158,7 @@ def make_problem(
 def _poses(scenario: Scenario, parameters: Mapping[str, Any], varied: Sequence[str]) -> Poses:
     """Return the loops along the run of a scenario, whose components stay until nothing refers to them."""
     if "plant" in varied:
-        raise UsageError("margin: expected parameters of other components than the plant to vary.")
+        raise UsageError("margin: the parameters to vary must not belong to the plant. Omit those that do.")
     stack = ExitStack()
     try:
         poses, *_ = stack.enter_context(run_along(scenario, again=True, parameters=parameters))

@@ -40,7 +40,7 @@ def key_figures(
 
     Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``path``,
     the error of tool or joint that is worst for the ``size`` of its motion; ``contact``, the largest force at the tool
-    [N], and its begin; ``depth``, the largest length that an object shows of a contact [m]. Numbers without signals are
+    [N], and its start; ``depth``, the largest length that an object shows of a contact [m]. Numbers without signals are
     omitted.
     """
     figures: dict[str, Any] = {}

@@ -247,7 +247,7 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
 
     ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1 for each
     joint. Empty without limits, or without their signals. ``key_figures`` has the largest share, ``saturated``, its
-    place, and the time of its begin.
+    place, and its start time.
     """
     shares: dict[str, Any] = {}
     worst: dict[str, Any] = {"value": LIMITED}

@@ -282,7 +282,7 @@ class ContinuousReference:
         run(t)
 
     def _parts(self, stop: float) -> Iterator[tuple[float, float, list[str]]]:
-        """Yield the intervals between samples, jumps and bends: begin, end, and units with a sample at the begin."""
+        """Yield the intervals between samples, jumps and bends: start, end, and units with a sample at the start."""
         points: list[tuple[float, float, list[str]]] = [
             (begin, _CLOSE * float(self._system.units[name].group("period")[0]), [name])
             for name in self._updates
