@@ -21,7 +21,7 @@ from vdfmu.base.toml_tables import Problems, Table
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")
 FULL = 0.95
-"""Limit of the speed over the motor's no-load speed. The torque is the whole effort up to that limit."""
+"""Limit of the speed relative to the motor's no-load speed. Up to that limit the whole effort is available."""
 _ACCELERATION = 10.0
 """Assumed acceleration [rad/s2, m/s2] of a joint whose file has no torque, in addition to its weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")

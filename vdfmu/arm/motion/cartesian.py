@@ -36,12 +36,12 @@ _CLOSE = 1e-11
 """Error of a pose [m, rad] that ends Newton's method: some hundred roundings."""
 _PASSES = 30
 _SINGULAR = 0.01
-"""Smallest singular value of the Jacobian over the largest, lengths over the arm's length. It changes by less between
-poses half a per cent of a path apart, so that no singular pose is stepped over."""
+"""Smallest ratio of the singular values of the Jacobian, with lengths divided by the arm's length. The ratio changes by
+less than this between poses half a per cent of a path apart, so no singular pose is stepped over."""
 _FAR = 0.5
 """Longest step [rad or m] of Newton's method far from a solution."""
 _PULL = 0.5
-"""Rate, over the path, of a redundant arm to the middle between its end stops."""
+"""Rate at which a redundant arm moves to the middle between its end stops, for the whole path."""
 
 
 @checks_types

@@ -251,7 +251,7 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             if pattern is None:
                 name = next(key for key, code in vars(ca).items() if key.startswith("OP_") and code == operation)
                 raise KernelError(
-                    f"{function.name()}: CasADi's operation {name} has no text in C. Write it with others, or write "
+                    f"{function.name()}: CasADi's operation {name} cannot be written in C. Use others, or write "
                     'backend = "python" in the class of the unit.'
                 )
             value = pattern.format(*[f"w{i}" for i in source])

@@ -35,9 +35,10 @@ _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
 """Largest change of loops from row to row: a share of the margin, at least of this margin; and the uncertainty of the
 logarithm of a growth by a change of its rate."""
 _SHRINK, _GROW = 0.25, 1.5
-"""Limits of the next gap between rows over the last."""
+"""Limits of the next gap between rows, relative to the last."""
 _MINIMA, _NEAR, _HALVINGS = 4, 2.0, 4
-"""Most minima of the margins over the run to refine; largest over the least; halvings of the time around each."""
+"""Most minima of the margins along the run to refine, the largest of them relative to the least, and halvings of the
+time around each."""
 _FINE = 1000
 """Times for the growth; rates are linear between rows."""
 

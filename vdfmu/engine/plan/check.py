@@ -169,7 +169,7 @@ def check_coupling(algorithm: str, adaptive: float | None, convergence: float | 
         if not 0.0 < adaptive < 1.0:
             raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
     if convergence is not None and algorithm in ALGORITHMS and not ALGORITHMS[algorithm].repeats:
-        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for {choice(repeats=True)}")
+        raise UsageError(f"convergence is only for {choice(repeats=True)}, because {algorithm} repeats no steps")
     if convergence is not None and not 0.0 < convergence < 1.0:
         raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")
 

@@ -196,7 +196,7 @@ def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], p
 
 
 def _roughness(t: Floats, x: Floats) -> float:
-    """Root mean square of samples about the cubic through two neighbours on both sides, over their span."""
+    """Root mean square of samples about the cubic through two neighbours on both sides, divided by their span."""
     near = [t[k : len(t) - 4 + k] for k in (0, 1, 3, 4)]
     middle, left = t[2:-2], x[2:-2].copy()
     for k, a in zip((0, 1, 3, 4), near, strict=True):
@@ -292,7 +292,7 @@ class _Compared(NamedTuple):
     drives: npt.NDArray[np.bool_]
     """Whether the friction of a joint would drive it, (n,)."""
     ratio: float
-    """Size of the torques over that of the robot file's."""
+    """Size of the torques relative to those of the robot file."""
 
 
 def _compared(t: Floats, kappa: Floats, tau: Floats, robot: Robot) -> _Compared:

@@ -43,7 +43,7 @@ class MarginInterval(NamedTuple):
     corner: float
     """At the worst corner of the intervals of 95 %, by the exact loop."""
     factors: Floats
-    """(n,): Stiffness there over the identified."""
+    """(n,): Stiffness at that corner relative to the identified one."""
     assumed: tuple[int, ...]
     """Joints, from 1, whose spring the log does not show."""
 

@@ -33,7 +33,7 @@ _LOOKS = 1001
 _NEAR = 1e-3
 """Share of the longest way between points below which a spline misses points by more than 1e-6 of the path."""
 _RESOLVED = 1e-9
-"""Distance of points, over the largest position, whose motion rounding leaves smooth."""
+"""Smallest distance of points, relative to the largest position, at which rounding leaves the motion smooth."""
 _STRETCH = 1.01
 """Factor of the time until torques hold."""
 Load = Callable[[Floats, Floats, Floats], Floats]

@@ -20,7 +20,7 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import Complex
 
 LEVELS = (2.5, 5.0)
-"""RMS of the torques over the breakaway friction f_s: at twice it and above, friction no longer hides the springs."""
+"""RMS of the torques relative to the breakaway friction f_s: from twice it on, friction no longer hides the springs."""
 REALISATIONS, SETTLING, USED = 3, 1, 3
 _PERIODS = REALISATIONS * (SETTLING + USED)
 """Periods of a level."""

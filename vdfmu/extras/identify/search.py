@@ -16,7 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.extras.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.7
-"""Standard deviation, over the prior's, above which a parameter is the robot file's."""
+"""Standard deviation relative to the prior's above which a parameter keeps the robot file's value."""
 _RESOLVED = 10.0
 """Steps of an encoder below which the deviation of a deformation is not resolved."""
 _SHARES = {
@@ -34,11 +34,11 @@ _STEPS = 30
 _ALIKE = 0.3
 """Largest difference between a motion and its repetition, as a part of the power of velocities."""
 _LAGS = 1.5
-"""Lags of alike residuals, over the third root of the number of rows."""
+"""Lags up to which residuals are correlated, divided by the cube root of the number of rows."""
 
 
 class Weak(NamedTuple):
-    """A parameter that a log hardly determines: deviation over the prior's, and the most correlated parameter."""
+    """A parameter that a log hardly determines: deviation relative to the prior's, and the most correlated parameter."""
 
     share: float
     partner: str

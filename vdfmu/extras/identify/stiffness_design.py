@@ -17,15 +17,15 @@ from vdfmu.extras.identify.periodic import LEVELS, NYQUIST, PERIOD, PeriodicTorq
 STEP = 1e-3
 """Time from row to row of a log [s]."""
 BEYOND = 1.5
-"""Highest line over the highest antiresonance."""
+"""Highest line relative to the highest antiresonance."""
 LEAST = 2.0
-"""Least RMS of a torque over the breakaway friction."""
+"""Least RMS of a torque relative to the breakaway friction."""
 _BENT = 0.3
 """Bend of each joint from the middle [rad]: straight arms hide joints whose axes meet in a point."""
 _OFF = 0.3
 """Most of half a range that the bend takes."""
 _CREST = 4.0
-"""Peak of a multisine with random phases over its RMS."""
+"""Crest factor of a multisine with random phases: its peak divided by its RMS."""
 _MARGIN = 0.9
 """Share of the limits of speed and torque that is used."""
 _FINEST = 2.5e-4

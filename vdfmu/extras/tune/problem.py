@@ -165,8 +165,8 @@ def _poses(scenario: Scenario, parameters: Mapping[str, Any], varied: Sequence[s
         assert poses.components is not None
         if fixed := [name for name in dict.fromkeys(varied) if not can_change(poses.components.exchange.checked, name)]:
             raise UsageError(
-                f"margin: {', '.join(fixed)}: expected native FMUs without sampled states, whose loops are known with "
-                "other values. Tune without a margin; the verdict of a run has it."
+                f"margin: {', '.join(fixed)}: expected native FMUs without sampled states, because only their loops "
+                "are known for other values. Tune without a margin; the verdict of a run reports it."
             )
     except BaseException:
         stack.close()

@@ -33,7 +33,7 @@ FRAMES = 1000
 _MORE = 500
 """Most rows between them that draw a moving arm too."""
 _LEAST = 1e-5
-"""Invisible deviation of a joint [rad], or of the base or a prismatic joint over the arm's reach."""
+"""Invisible deviation of a joint [rad], or of the base or a prismatic joint relative to the arm's reach."""
 
 
 SUMS: Mapping[str, Terms] = {

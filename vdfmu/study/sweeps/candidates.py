@@ -17,7 +17,7 @@ from vdfmu.study.sweeps.table import StudyTable
 MOST = 8
 """Best points that run again to find the best good one, before ranks are skipped; and most neighbours of a point."""
 _FARTHER, _BACK = 2, 3
-"""Then the next rank over the last, and most halvings of the skipped ranks before a good point."""
+"""After these the next rank divided by the last, and most halvings of the skipped ranks before a good point."""
 
 
 class JudgedPoint(NamedTuple):

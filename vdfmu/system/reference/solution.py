@@ -27,7 +27,7 @@ from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSette
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances between communication points: 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances over the whole time, as errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+"""Tolerances for the whole time, because errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 SCIPY_ALONE = 10.0
 """Longest run [s] whose sampled reference is solved only by scipy."""
 _CLOSE = 1e-9
