@@ -34,7 +34,7 @@ _SPLIT_OFF = 1e-6
 _LEAST = 1e-9
 """Inertia of the body of a rotor relative to its armature, which has the whole inertia in pure rotation."""
 _STEP = 5e-4
-"""Step of the file [s]: a part of 20 of the period of a spring of 100 Hz."""
+"""Step of the file [s]: a twentieth of the period of a spring of 100 Hz."""
 
 
 class ExportedJoint(NamedTuple):

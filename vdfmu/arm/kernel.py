@@ -26,7 +26,7 @@ from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_fu
 from vdfmu.compiler.scalar import from_sx, to_sx
 
 _WORTH = 50_000
-"""States in batches of one function from which it is compiled: compiling takes as long as they do uncompiled."""
+"""Number of states in batches from which on a function is compiled: for these, the compiler takes as long as a call."""
 
 
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:

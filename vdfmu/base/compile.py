@@ -45,7 +45,7 @@ _STEP = re.compile(r"(kernel_\w+_step)(_avx2)?\.c")
 """File of a solver's step, without its long callees."""
 _LOOPED = "-fno-unroll-loops"
 """Keeps the loops in the step of a long arm. With them unrolled, a compile of 1 s takes 6 s, the object is three times
-as large, and a step takes 0.96 to 0.98 of the time, with the same bits."""
+as large, and a step takes 0.96 to 0.98 of the time, with bit-identical results."""
 _LOOP = b"for (int j = 0;"
 """Start of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
 _JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
@@ -54,7 +54,7 @@ _SHORT, _SHORT_RARE = 10_000, 250_000
 """Most characters of a traced function that is part of an object, and of a rare function."""
 _RARE = re.compile(r"kernel_\w+_forward_reverse\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
+"""For rare code: derivatives, and the step for processors from before 2015, if there is a copy of it for AVX2.
 Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
 is not rare: a run of a long arm took 35 % longer."""
 _PASSES = re.compile(r"kernel_\w+_forward_reverse_passes\.c")

@@ -39,7 +39,7 @@ range, changes below the first limit are ignored, and changes above the second a
 RIGHT, WRONG, OPEN = "right", "not right", "not decided"
 OTHER_STEPS = 8, 13
 """Eight steps h are thirteen steps of the run that looks for aliases. A tone or PWM with whole periods in h, h/2 and
-h/4 has whole periods in 8 h / 13 too only from 52 / h on; with 5 h / 8 it would from 8 / h on."""
+h/4 also has whole periods in 8 h / 13 only at frequencies from 52 / h on; with 5 h / 8, from 8 / h on."""
 
 
 class Differences(NamedTuple):

@@ -55,7 +55,7 @@ from vdfmu.study.sampling import (
 )
 
 _LINEARISED = ("growth", "coarse")
-"""Kinds without a verdict that the radius of the loop explains."""
+"""Kinds without a verdict that the spectral radius of the loop explains."""
 
 
 class SignalError(NamedTuple):

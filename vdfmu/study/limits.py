@@ -30,7 +30,7 @@ class Limit(NamedTuple):
     beyond: str
     """State of a run beyond the limit."""
     unit: str
-    """Of the number and the limit: ``1``, ``%`` for a share, or a unit of measurement."""
+    """Unit of the number and the limit: ``1``, ``%`` for a share, or a unit of measurement."""
     sentence: str
     """What is measured, with places for ``value``, ``place``, ``time`` and others."""
     by: str
@@ -149,7 +149,7 @@ LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 
 
 OF_SCENARIO = "[limits] of the scenario"
-"""Whose the limits in a scenario's file are."""
+"""Origin of the limits in a scenario's file, for messages."""
 
 
 def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:

@@ -28,7 +28,7 @@ from vdfmu.base.toml_tables import Problems, as_number
 from vdfmu.engine.package.parse import parse_xml
 
 _LARGEST = 2**26
-"""Bytes of a file."""
+"""Largest file [byte]."""
 
 Path_ = str | os.PathLike[str]
 

@@ -24,7 +24,7 @@ DEGREE = 5
 _ROUNDING = 1e-9
 """Share of a limit that is rounding."""
 MOST_NUMBERS = 500_000
-"""Coefficients of a unit: some 10 MB of C, seconds of compiling."""
+"""Most coefficients of a unit: some 10 MB of C, which take seconds to compile."""
 _GAP = 1e-9
 """Largest distance [rad or m] between the end of a motion and the start of the next that is not a jump."""
 _CLOSED = 1e-12

@@ -30,10 +30,10 @@ from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 _MOST_IN_C = 1_700
-"""Most operations of a function with derivatives, three times as long, in C. Longer: :mod:`.operations`.
+"""Most operations of a function whose derivatives, three times as long, are written in C.
 
-Importers rarely call derivatives, and the derivatives of a feedforward took 4 s to compile. An importer's implicit
-solver may call the derivatives of the paper's plant. These are shorter.
+Longer ones are tables, see :mod:`.operations`: importers rarely call derivatives, and those of a feedforward took 4 s
+to compile. The paper's plant is below the limit, because an importer's implicit solver may call its derivatives.
 """
 _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Definition of a function, with its name."""
@@ -54,7 +54,7 @@ def kernel_files(
 
 
 _TABLES = '#include "operations.h"'
-"""In a file with tables, which need the runner."""
+"""Line of files with tables, which need the runner."""
 
 
 def _written(
@@ -133,7 +133,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
 
 
 _RARE = re.compile(r"_(fwd|adj)1_")
-"""In the name of a derivative of a pass, which is compiled quickly: calls in groups would gain little."""
+"""Part of the name of a derivative of a pass. It is compiled quickly, so that grouped calls would gain little."""
 _LONG = 3_000
 """Most operations of a callee without a separate text."""
 

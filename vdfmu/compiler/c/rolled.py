@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 _NUMBER = re.compile(r"(?<![\w.])(?<!\* )(?<![eE][+-])(\d+)(?![\w.]| \*)")
-"""A whole number that may move on; a factor and an exponent do not."""
+"""A whole number that may grow from round to round, as an index does; factors and exponents do not."""
 _INDEX = re.compile(r"\bj\b")
 _MOST = 64
 """Most lines that a loop repeats."""

@@ -81,12 +81,12 @@ class BaseUnit:
     elimination: ClassVar[tuple[str, ...]] = ()
     """Order of elimination of the states by the solver; it decides the cost, not the result."""
     exchange: ClassVar[bool] = False
-    """Whether the native FMU has model exchange even without states. A written system then uses it so."""
+    """Whether the native FMU has model exchange even without states. Written systems then use it for model exchange."""
     chain: ClassVar[int | None] = None
-    """Fewest joints with which each joint calls its own functions, see :mod:`.joints`. None: no such number."""
+    """Number of joints from which on each joint calls its own functions, see :mod:`.joints`. None: never."""
     sampled: ClassVar[bool | None] = None
     """True: the unit samples its inputs, every ``period`` or once in each of its steps, and holds its outputs. False: a
-    law in continuous time, which a shorter communication step brings nearer. None: not declared."""
+    law in continuous time, which a shorter communication step approximates better. None: not declared."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}

@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Limit of calls of the right-hand side, ten times that of the shipped robots, because unusual values may never end."""
+"""Limit of calls of the right-hand side, ten times that of the shipped robots. Unusual values might never end."""
 _CLOSE = 1e-9
 """Distance from a sample, relative to the period, within which a time is regarded as that of the sample."""
 MINIMUM_STEP = 1e-12
@@ -30,10 +30,10 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
 _KEPT = 20
-"""Times that LSODA gets a Jacobian. It requests one about every 20 steps; the arms' Jacobians can be reused for 10
+"""How often LSODA gets the same Jacobian. It requests one about every 20 steps; those of arms can be reused for 10
 ms."""
 _DIFFERENCE = 1.5e-8
-"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
+"""Step of finite differences, relative to 1 + the size of a state: the square root of rounding."""
 
 
 class _RunawayError(ArithmeticError):

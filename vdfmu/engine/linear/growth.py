@@ -30,10 +30,10 @@ and so do the ends of a motion, because friction falls with speed."""
 _NOTABLE = 1.01
 """Growth of disturbances to be reported."""
 _ROWS, _FEWEST = 200, 60
-"""Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
+"""Approximately the most and fewest rows that are linearised. Half of those left may be used ahead of their time."""
 _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
-"""Largest change of loops from row to row: a share of the margin, at least of this margin; and the uncertainty of the
-logarithm of a growth by a change of its rate."""
+"""Largest change of the loops from row to row, as a share of the margin, but at least of the second value; and
+largest uncertainty of the logarithm of a growth because its rate changes."""
 _SHRINK, _GROW = 0.25, 1.5
 """Limits of the next gap between rows, relative to the last."""
 _MINIMA, _NEAR, _HALVINGS = 4, 2.0, 4

@@ -22,7 +22,7 @@ from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import Recorded, Signal
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
-"""Takes the place of a head with the time of the day, so that the same run has the same bytes."""
+"""Replaces a head that contains the time of day, so that the same run gives the same bytes."""
 _MOST = 2**31 - 2**10
 """Bytes of an array: the format has 32 bits for its size."""
 _LONGEST = 63

@@ -35,7 +35,7 @@ from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorder import RowsInMemory
 
 _WORDS = 2**17
-"""Most words of memory for the rows of steps in C, see `windows`, if a row has fewer."""
+"""Words of memory for the rows of steps in C, see `windows`; at least one row fits."""
 CALLS = "calls"
 """File next to the memory: a line for each function of a component, written before its first call. The word `running`
 of the exchange is the number of the line, from 1, during a call, and its negative afterwards."""

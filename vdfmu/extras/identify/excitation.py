@@ -15,7 +15,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
 
 _KNOTS = 24
-"""Knots in the shortest period: the spline then has the sine to 1e-7 of its amplitude."""
+"""Knots in the shortest period: the spline then equals the sine to 1e-7 of its amplitude."""
 
 
 @checks_types

@@ -44,11 +44,11 @@ from vdfmu.extras.identify.rows import Rows, file_torques, rows_of
 from vdfmu.extras.identify.search import Weak, solve, with_links
 
 PRIOR = 0.2
-"""Errors of masses, moments of inertia and, over radii of gyration, centres of mass of a robot file, as a share."""
+"""Relative errors of a robot file: masses, moments of inertia, and centres of mass relative to radii of gyration."""
 NORMAL_95 = 1.96
 """Deviations of a normal error within which 95 % of all errors are."""
 _HELD = 1e-3
-"""Errors of the links of a robot file, as a share, that hold them."""
+"""Relative errors of a robot file so small that its links keep their values."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5

@@ -35,7 +35,7 @@ _NEAR = 1e-3
 _RESOLVED = 1e-9
 """Smallest distance of points, relative to the largest position, at which rounding leaves the motion smooth."""
 _STRETCH = 1.01
-"""Factor of the time until torques hold."""
+"""Factor by which the time is stretched, again and again, until the torques are within their limits."""
 Load = Callable[[Floats, Floats, Floats], Floats]
 """Positions, speeds and accelerations to torques, link-side."""
 

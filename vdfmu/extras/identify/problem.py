@@ -220,9 +220,9 @@ class IdentificationProblem:
     step: float
     """Time between the samples of the log [s]."""
     torques: TorqueParts
-    """Of all m samples, for the springs, whose law is not linear."""
+    """Torques at all m samples, which the nonlinear law of the springs needs."""
     filtered: TorqueParts
-    """Of the k rows."""
+    """The same at the k rows, filtered."""
     acceleration: Floats
     """(k, n): of rotors, and of the links that carry them [rad/s2 or m/s2]."""
     tau: Floats

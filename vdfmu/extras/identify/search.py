@@ -38,7 +38,7 @@ _LAGS = 1.5
 
 
 class Weak(NamedTuple):
-    """A parameter that a log hardly determines: deviation relative to the prior's, and the most correlated parameter."""
+    """A parameter that a log hardly determines: deviation relative to the prior's, and most correlated parameter."""
 
     share: float
     partner: str
@@ -101,7 +101,7 @@ class _Search:
         self.count = problem.places["links"].start
         """Parameters in logarithms, the first ones."""
         self.root = np.zeros((len(self.x), len(self.x)))
-        """By which variables of the search are off the robot file's, in standard deviations."""
+        """Matrix that turns distances from the robot file's values into standard deviations."""
         for name, share in _SHARES.items():
             for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
                 self.root[k, k] = 1.0 / share

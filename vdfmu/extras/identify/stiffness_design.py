@@ -23,7 +23,7 @@ LEAST = 2.0
 _BENT = 0.3
 """Bend of each joint from the middle [rad]: straight arms hide joints whose axes meet in a point."""
 _OFF = 0.3
-"""Most of half a range that the bend takes."""
+"""Largest share of half a joint's range that this bend uses."""
 _CREST = 4.0
 """Crest factor of a multisine with random phases: its peak divided by its RMS."""
 _MARGIN = 0.9

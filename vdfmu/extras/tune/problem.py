@@ -58,7 +58,7 @@ class Problem:
     margin: Floats
     """(n,): Required modulus margin of each loop; empty without."""
     rate: float
-    """Largest growth rate [1/s] of a mode: 0, or with the margin of the start the start's."""
+    """Largest growth rate [1/s] of a mode: 0, or that at the start if the margin must stay the same as there."""
 
     @property
     def names(self) -> list[str]:
@@ -241,7 +241,7 @@ def _number(margin: float | str) -> float:
 
 
 _STEEP = 0.1
-"""Excess for each 1/s of a growth, where margins are 0."""
+"""Excess for each 1/s by which a mode grows, where margins are 0."""
 Values = tuple[float, ...]
 
 

@@ -31,7 +31,7 @@ EXTREMES = 1000
 FRAMES = 1000
 """Most intervals between equidistant rows, common to the drawing of an arm and all figures."""
 _MORE = 500
-"""Most rows between them that draw a moving arm too."""
+"""Most rows in between that are drawn too while the arm moves."""
 _LEAST = 1e-5
 """Invisible deviation of a joint [rad], or of the base or a prismatic joint relative to the arm's reach."""
 

@@ -31,7 +31,7 @@ _RANGE = re.compile(r"([-+.\de]+):([-+.\de]+)(?::([-+.\de]+))?")
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 MOST_POINTS = 10_000_000
-"""More are refused: a grid of many axes is more than one thinks."""
+"""Most points: a grid of many axes easily has more than intended."""
 OPTIONS = ("robot", "algorithm", "step", "stop")
 """Targets that are options of a run, not parameters."""
 

@@ -25,9 +25,9 @@ class JudgedPoint(NamedTuple):
 
     point: int
     value: float
-    """Of the measure that ranks the points."""
+    """Value of the measure that ranks the points."""
     state: str
-    """Of its run; not judged if the study does not say how to run it, such as one of a package."""
+    """State of its run; not judged if the study does not contain how to run it, as for packages."""
     why: str = ""
     """The worst check of a run that is not good, or why it was not judged."""
     margin: float = math.nan

@@ -139,7 +139,7 @@ def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[s
 
 
 _FEW = 16
-"""Fewest points of a system for a program by default."""
+"""Fewest points of a system for which the batch engine is the default."""
 _MOST_SYSTEMS = 200
 
 

@@ -85,7 +85,7 @@ class _Mover(Solver):
             self._solver = ode._integrator
             self._solver.reset(unit.x.size, False)
         self.steps = 1
-        """Steps of the last interval. The next begins with a step of this part of it."""
+        """Number of steps of the last interval. The first step of the next is its length divided by this number."""
 
     def sample(self, t: float) -> None:
         """Update the sampled states at `t` [s]."""

@@ -37,7 +37,7 @@ _WHEN = {
 }
 """Phases to their names in messages."""
 _SAVED = ("h", "tolerance", "start")
-"""Attributes of a solver that decide the future."""
+"""Attributes of a solver that determine how it continues."""
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
