@@ -87,7 +87,7 @@ def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
-    """Start a module of this package in a new process and session with pipes. Without `talks` only of its errors."""
+    """Start a module of this package in a new process and session, with pipes; without `talks` only for its errors."""
     way = subprocess.PIPE if talks else subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, *arguments],

@@ -35,7 +35,7 @@ ABOUT = ("version", "author", "copyright", "license")
 
 
 class Values:
-    """The values of an instance, `sets`, at a time, `now` [s]; subclasses take others, and record reads and writes."""
+    """The values `sets` of an instance at the time `now` [s]; subclasses use others, and record reads and writes."""
 
     def __init__(self, unit: Any) -> None:
         self.unit, self.now = unit, 0.0
@@ -94,7 +94,7 @@ class BaseUnit:
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: no parameters of the robot."""
     in_use: Values
-    """The values that the methods read and set. A run replaces the instance's by others."""
+    """The values that the methods read and set: those of the instance, or during a run others."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

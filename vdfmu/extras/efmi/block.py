@@ -171,7 +171,7 @@ class SampledBlock:
 
     @property
     def tunable(self) -> list[tuple[BlockVariable, list[tuple[str, float]]]]:
-        """Tunable parameters with their bounds: the relation of a violation, and its number."""
+        """Tunable parameters with their bounds, each as the comparison that is true beyond it, and its number."""
         return [
             (v, [(sign, bound) for sign, bound in (("<", v.minimum), (">", v.maximum)) if bound is not None])
             for v in self.of("tunableParameter")

@@ -106,7 +106,7 @@ class Problem:
 def make_problem(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[ProblemOptions]
 ) -> Problem:
-    """Read and check the problem; for arguments see `tune`. Nothing has run yet when it has faults."""
+    """Read and check the problem; for arguments see `tune`. Faults are raised before anything runs."""
     over, limit, margin = options["combine"], options["limit"], options["margin"]
     changes, parameters = pick(ScenarioOptions, options), options["parameters"] or {}
     if over not in ("mean", "worst"):
