@@ -186,14 +186,18 @@ def test_a_run_says_what_judge_says(tmp_path, lags):
     expected = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, sampled=False)
     assert (judgement["verdict"], judgement["text"]) == (expected.verdict, expected.text)
     state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[expected.verdict]
-    sentence, _, more = expected.text.partition(". ")
+    sentence, _, more = expected.text.replace("Right to", "coupling error").partition(". ")
     assert ("Coupling error", state, sentence, more) in [each[1:5] for each in checks_of(results.summary)]
     assert expected.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     package = str(lags.write(tmp_path / "lags.ssp"))
-    for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
+    for wanted, code, said, headline in (
+        ("1%", 0, RIGHT, "Good: coupling error"),
+        ("1e-4", 1, WRONG, "Failed: coupling error about"),
+    ):
         ran("run", package, "--judge", wanted, "--out", tmp_path / "out", code=code)
         summary = read_summary(tmp_path / "out" / "summary.json")
         assert summary["judgement"]["verdict"] == said
+        assert summary["verdict"]["headline"].startswith(headline)  # the state is said once
         assert ("Coupling", summary["judgement"]["text"]) in facts(summary)
 
 

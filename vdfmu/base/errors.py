@@ -115,7 +115,7 @@ class CosimError(VdfmuError):
     @property
     def sentence(self) -> str:
         """When, where and why the run ended, for a headline."""
-        return f"the run ended at {self.time:.3g} s in {self.unit}: {' '.join(self.reason.split())}"
+        return f"run ended at {self.time:.3g} s in {self.unit}: {' '.join(self.reason.split())}"
 
     def __str__(self) -> str:
         return f"{self.unit} failed at t = {self.time:.9g} s in {self.call}: {self.reason}"

@@ -12,7 +12,7 @@ import vdfmu
 from tests.conftest import ran
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import load_robot
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
 from vdfmu.engine.results.verdict import LONGEST, Check, checks_line, headline_of, results_of, state_of, verdict_of
@@ -253,6 +253,9 @@ def test_without_a_verdict_there_is_no_line_and_numbers_that_are_not_known_have_
     # a comma before a number is that of a list
     ("the robot file's links predict the torque better at each of the joints 1, 2, 3, 4, 5, 6, 7, 8",
      "Failed: the robot file's links predict the torque better at each of the joints 1, 2, 3, …"),
+    # the cause of a failure, of one or several lines
+    (CosimError("ctrl", "doStep", 0.3, "IndexError: list index out of range\n(mypd.py, line 14)").sentence,
+     "Failed: run ended at 0.3 s in ctrl: IndexError: list index out of range (mypd.py, line 14)"),
 ])  # fmt: skip
 def test_a_headline_is_cut_between_clauses_or_words(sentence, headline):
     assert verdict_of([Check("end", "Runs to its end", "failed", sentence)])["headline"] == headline

@@ -257,7 +257,7 @@ def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] 
     if results is not None:
         results.summary["error"] = str(error)
         failed = isinstance(error, CosimError)
-        sentence = error.sentence if failed else f"the run was stopped at {error.time:.3g} s"
+        sentence = error.sentence if failed else f"run stopped at {error.time:.3g} s"
         end = Check("end", "Runs to its end", FAILED if failed else DOUBTFUL, sentence, str(error))
         results.summary["verdict"] = verdict_of([*checks, end])
         write_summary(results.summary, folder)

@@ -89,7 +89,7 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
   const ofLoops = stability.length ? stability : [...loopChecks(simulation, loops, why)];
   if (failure) {
     const link = /^\w+: /.test(failure) ? " in" : ":",
-      stopped = end === null ? failure : `the run ended at ${at(end)}${link} ${failure}`;
+      stopped = end === null ? failure : `run ended at ${at(end)}${link} ${failure}`;
     const ran = plain("end", "Runs to its end", FAILED, stopped, failure);
     return verdictOf([...(loops?.unstable ? ofLoops : []), ran], [], longest, cut);
   }
