@@ -44,9 +44,8 @@ def build_fmus(
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
 
-    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
-    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
-    other is replaced.
+    The same sources, robot, start values and options give the same bytes. An existing FMU is kept if
+    this user built exactly it from the same inputs, for at least these platforms; any other is replaced.
 
     Parameters
     ----------

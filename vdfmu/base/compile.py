@@ -213,7 +213,7 @@ def _stored(key: str) -> Path:
 def support_folder(spare: Path) -> str:
     """Return the folder for zig's own libraries of each platform, with zig's locks; in `spare` without a cache.
 
-    It is a subfolder that no other program uses, as zig finds its libraries again whatever variables made them.
+    No other program uses this subfolder: zig would reuse its libraries whatever variables of the environment made them.
     """
     chosen, cache = os.environ.get("ZIG_GLOBAL_CACHE_DIR"), cache_folder()
     folder = (Path(chosen) if chosen and trusted(Path(chosen)) else cache / COMPILER) / "vdfmu"

@@ -94,7 +94,7 @@ class FailureKind(StrEnum):
 
 
 class CosimError(VdfmuError):
-    """A co-simulation that a unit ended.
+    """A co-simulation that failed.
 
     Attributes: the component `unit`, the failed FMI `call` such as ``doStep``, its simulated `time` [s], the `reason`
     (a message of the unit), `results` recorded before the failure, and the `kind` of failure.

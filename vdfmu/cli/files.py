@@ -142,7 +142,7 @@ def build(
 
 
 def _is_unit(name: str) -> bool:
-    """Whether a name or a file is a unit, which goes before a scenario of the same name."""
+    """Whether a name or a file is a unit, which takes precedence over a scenario of that name."""
     if name.partition(":")[0].endswith(".py"):
         return True
     if Path(name).suffix or Path(name).is_file():

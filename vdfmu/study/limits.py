@@ -153,7 +153,7 @@ OF_SCENARIO = "[limits] of the scenario"
 
 
 def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:
-    """Return the limits that are not of the table: by name their ``value``, and ``by`` whom."""
+    """Return the limits that were changed, by name: their ``value``, and ``by`` whom it was set."""
     return {key: {"value": row.value, "by": row.by} for key, row in limits.items() if row.by != LIMITS[key].by}
 
 

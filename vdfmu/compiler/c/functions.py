@@ -293,7 +293,7 @@ _PRODUCT, _FACTORS = "void", "const double *restrict x, double *restrict y"
 def _matrix(name: str, numbers: npt.NDArray[np.float64]) -> str:
     """Return the C text of a matrix, column by column, and of both products with it.
 
-    The sums have the order of CasADi's, so the bits are the same. Numbers that are single-precision take half the room.
+    The sums have the order of CasADi's, so results are bit-identical. Single-precision numbers take half the space.
     """
     m, n = numbers.shape
     single = np.array_equal(numbers, numbers.astype(np.float32))

@@ -15,7 +15,7 @@ _LEAST = 3
 
 
 def rolled(lines: Sequence[str]) -> list[str]:
-    """Return lines with loops over ``j`` for lines that differ in whole numbers alone, by the same from time to time.
+    """Return lines with loops over ``j`` for lines that differ only in whole numbers, by the same amount each time.
 
     The order of the lines stays.
     """

@@ -50,7 +50,7 @@ class Solver:
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.
 
-        `duration` is the communication step, if the difference of the times has its rounding.
+        `duration` is the exact communication step, from which the difference of the times may differ by rounding.
         """
         for begin, to, sampled in samples(self.unit, self.start, t, end):
             if sampled:
@@ -282,7 +282,7 @@ class Integrator(Solver):
 
 
 def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator[tuple[float, float, bool]]:
-    """Yield the parts of the time from `t` to `end` between switchings: begin, end, and whether it is crossed there.
+    """Yield the parts of the time from `t` to `end` between switchings: start, end, and whether a switching is crossed.
 
     `left` returns the time until the next switching. Move the states to the end of a part before taking the next part.
     The part across a switching is so short that a straight line is exact.

@@ -325,8 +325,8 @@ def _compared(t: Floats, kappa: Floats, tau: Floats, robot: Robot) -> _Compared:
 def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks: Sequence[Check]) -> list[Check]:
     """Return the checks of a log with `checks` of its motion, and those of its torques.
 
-    Torques may fit another joint, have another size, or a friction that would drive. If they fit a motion in degrees,
-    that is the only check: speeds and torques are off by it.
+    Torques may fit another joint, have another size, or show a friction that would drive its joint. If they fit a
+    motion in degrees, that is the only check: speeds and torques are off by it.
     """
     kappa, tau = arrays["kappa"], arrays["tau"]
     read = _compared(t, kappa, tau, robot)

@@ -138,8 +138,9 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
 
     The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
     parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
-    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the error of masses, moments
-    of inertia and, over radii of gyration, centres of mass of the robot file, as a share; infinity if nothing is known.
+    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the relative error of the
+    robot file: of masses, moments of inertia, and centres of mass relative to radii of gyration; infinity if nothing is
+    known.
     UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short for the
     band; the split arrangement of friction.
     """

@@ -60,9 +60,9 @@ class MarginInterval(NamedTuple):
 def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) -> MarginInterval:
     """Return the modulus margin of a scenario over the springs that fit a log.
 
-    The plant of the scenario gets the springs; the model in its controller stays the same. Uncertain are the springs
-    alone, with links and torque constants as far off as the absolute intervals have it. UsageError for a scenario with
-    another arm.
+    The plant of the scenario gets the springs; the model in its controller stays the same. Only the springs
+    are uncertain, by the absolute intervals, which contain the errors of links and torque constants. UsageError for a
+    scenario with another arm.
     """
     system = scenario_of(scenario)
     robot, shown = scaled_robot(fit)[0], fit.identifiable

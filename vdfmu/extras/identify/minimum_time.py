@@ -52,9 +52,9 @@ def fastest(
     """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
 
     The path of two points is straight, the path of more points a natural spline of degree 5 over the distance. Along it
-    toppra finds the shortest time, with jumps of the acceleration. The mean of the place over a fiftieth of it,
-    three times, is continuous up to the fourth derivative and keeps the path. If it breaks a limit the whole motion is
-    slowed down. A note has the lost time.
+    toppra finds the shortest time, with jumps of the acceleration. The place on the path is averaged over a
+    fiftieth of the duration, three times: that keeps the path, and is continuous up to the fourth derivative. If the
+    result breaks a limit, the whole motion is slowed down. A note has the lost time.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _shortest(
 ) -> tuple[Floats, Floats, Floats]:
     """Return times, places and speeds on the path of the shortest motion.
 
-    toppra gets the time over the least time at full speed: its tolerances are absolute.
+    toppra gets times relative to the least time at full speed, because its tolerances are absolute.
     """
     try:
         toppra: Any = import_module("toppra")

@@ -155,7 +155,7 @@ def base_parameters(robot: Robot) -> BaseParameters:
 
 
 def link_errors(robot: Robot, share: float) -> Floats:
-    """Return changes (10 n, 10 n) of inertial parameters, one a column, by a standard deviation of a robot file.
+    """Return changes (10 n, 10 n) of inertial parameters, a column each, by a standard deviation of a robot file.
 
     Masses and moments of inertia are off by a share, centres of mass by that share of the link's radius of gyration.
     """

@@ -147,7 +147,7 @@ def _steps(step: Floats, q: Floats) -> list[Floats]:
 
 
 def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
-    """Return by how much encoders of links are late [s], of springs that give way to the torques of motors."""
+    """Return by how much encoders of links are late [s], for springs that yield to the torques of motors."""
     ones = np.ones(len(tau))
     each = zip(stretch.T, speed.T, tau.T, strict=True)
     return np.array([np.linalg.lstsq(np.stack([v, ones, t], axis=1), s, rcond=None)[0][0] for s, v, t in each])

@@ -156,7 +156,7 @@ class _Search:
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
     def fit(self) -> float:
-        """Go to the least squares with the weights, take new weights from its residuals, and return the change."""
+        """Solve the least squares with these weights, set new weights by the residuals, and return the change."""
         x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:

@@ -211,7 +211,7 @@ class _Fit:
         return noise * np.maximum(more, 1.0)
 
     def cost(self, x: Floats, errors: Complex, variance: Floats) -> float:
-        """Return half of twice the negative logarithm of the posterior, with variances held."""
+        """Return the negative logarithm of the posterior, except for a constant, with variances held."""
         return float((np.abs(errors) ** 2 / variance).sum() + (((x - self.middle) / self.prior) ** 2).sum() / 2.0)
 
     def search(self, x: Floats, most: int) -> _Trial:

@@ -256,7 +256,7 @@ def _answer(name: str, expected: str, value: Any, shape: tuple[int, ...]) -> Flo
 
 
 def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
-    """Check that a number is finite and above `least`, or `among` what is allowed also that."""
+    """Check that a number is finite and above `least`, or if that is `among` the allowed numbers, at least that."""
     number = value if np.ndim(value) == 0 and isinstance(value, (int, float, np.number)) else math.nan
     if not (math.isfinite(number) and (number > least or (among and number == least))):
         raise UsageError(

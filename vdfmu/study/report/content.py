@@ -124,7 +124,7 @@ def _motion(arm: Mapping[str, Any], sums: Mapping[str, Any], names: Container[st
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:
-    """Return the signals of an array with an element a joint; empty if it was not recorded."""
+    """Return the signals of an array with an element for each joint; empty if it was not recorded."""
     group = results.groups.get(name, {})
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 

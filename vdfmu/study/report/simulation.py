@@ -297,7 +297,7 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
 
 
 def facts_of(system: SystemDescription) -> dict[str, Any]:
-    """Return what of a system its verdict needs, ready for JSON.
+    """Return the facts of a system that its verdict needs, ready for JSON.
 
     ``arms``: the limits of motors and stops; ``motions``: start and length [s] of each;
     ``touch``: signals of the wrench at the tool; ``robot``: what errors are compared with, None without a robot.

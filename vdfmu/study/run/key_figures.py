@@ -20,8 +20,8 @@ from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
 _SMALL = 0.1
-"""Size [rad], or share of the arm's length, of the motion of an arm at rest: a tool is off its path by one part in ten,
-1 % of the arm's length."""
+"""Size of motion [rad, or as a share of the arm's length] with which errors of an arm at rest are compared: its tool is
+off its path from a tenth of it on, 1 % of the arm's length."""
 
 
 def key_figures(

@@ -175,7 +175,7 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
 
     The `sample` is ``grid``, all combinations of the values, the last axis running fastest; ``lhs`` (Latin hypercube),
     ``sobol`` (scrambled) or ``random``, `n` points; ``saltelli``, n (2 d + 2) points, or ``morris``, n (d + 1) points,
-    for d axes; or the path of a CSV file: a line of targets, then a line a point. Its axes are returned with the
+    for d axes; or the path of a CSV file: a line of targets, then a line for each point. Its axes are returned with the
     points. UsageError for axes that do not fit the sample, a bad file, or too many points.
     """
     if seed < 0:
@@ -213,7 +213,7 @@ def _grid(axes: Sequence[Axis], n: int | None) -> Points:
 
 
 def shares(d: int, sample: str, n: int, seed: int) -> Floats:
-    """Return points in the unit cube, one a row: for each axis the shares of its distribution, see `Axis.at`."""
+    """Return points in the unit cube, a row each: for each axis the shares of its distribution, see `Axis.at`."""
     from scipy.stats import qmc
 
     drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both

@@ -37,8 +37,8 @@ class JudgedPoint(NamedTuple):
 def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
     """Judge points in the order of their values (n,) until one is good, or not judged.
 
-    After the `MOST` best, more and more ranks are skipped. Half of those before the first good point are then
-    looked back for, so that at most 25 points run of a hundred thousand.
+    After the `MOST` best, more and more ranks are skipped. Those before the first good point are then searched
+    by halving, so that at most 25 points run of a hundred thousand.
     """
     points, finite = study["point"], int(np.isfinite(values).sum())
     places = np.argsort(values, kind="stable")[:finite].tolist()

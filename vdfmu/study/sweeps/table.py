@@ -1,4 +1,4 @@
-"""The table of a parameter study, a row a point, on disk; and its axes and measures as figures have them."""
+"""The table of a parameter study, a row for each point, on disk; and its axes and measures as figures have them."""
 
 from __future__ import annotations
 
