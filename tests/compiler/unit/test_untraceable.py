@@ -93,7 +93,7 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
     eigenvalues: ("eigvalsh of numpy takes no symbols: ", None),
     spacing: ("np.spacing takes no symbols: ufunc 'spacing' not supported", None),
     interpolated: ("Take .* interpolate of vdfmu.unit for a table", None),
-    cast: (r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit", 0.5),
+    cast: (r"zeros\(shape, \*like\) for an array that it is put into", 0.5),
 }
 
 

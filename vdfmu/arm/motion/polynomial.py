@@ -124,7 +124,7 @@ class Motion:
         if least * self.duration > duration * (1.0 + _ROUNDING):
             joint = int(np.argmax(np.max(factors, axis=0))) + 1
             raise UsageError(
-                f"duration: expected at least the {least * self.duration:.6g} s that the limits of joint {joint} take, "
+                f"duration: expected at least {least * self.duration:.6g} s, because of the limits of joint {joint}, "
                 f"got {duration:g} s. Give more time, or raise the limits."
             )
         return self.slower(duration / self.duration)

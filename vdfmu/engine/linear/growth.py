@@ -362,7 +362,7 @@ class Poses(Tap):
         loops = system.around(opened)
         moving(loops)
         if loops.how.continuous and loops.samples.signals:
-            raise UsageError(f"{loops.algorithm} takes sampled states as continuous")
+            raise UsageError(f"{loops.algorithm} treats sampled states as continuous")
         u, y = (np.flatnonzero(system.links.any(axis=axis)) for axis in (1, 0))
         places = np.arange(len(system.parts.A)), u, y, np.arange(len(system.samples.signals))
         self._linked = system.in_whole(places)

@@ -147,7 +147,7 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
     check_settings(robot, band, prior)
     moved = np.ptp(log.kappa, axis=0)
     if still := _numbers(moved < _STILL):
-        raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
+        raise UsageError(f"{log.where}: joint {still} did not move, so it is unknown. Log a motion of all joints.")
     if log.q is not None and (apart := _numbers(np.ptp(np.nan_to_num(log.kappa - log.q), axis=0) > _APART * moved)):
         raise UsageError(
             f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike. "

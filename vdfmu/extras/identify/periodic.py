@@ -108,7 +108,7 @@ def aligned(log: Log, plan: PeriodicTorques) -> int:
     rate = round(plan.period / log.step)
     if abs(rate * log.step / plan.period - 1.0) > 1e-3:
         raise UsageError(
-            f"{log.where}: expected a step that is a part of the period of {plan.period:g} s, got {log.step:g} s."
+            f"{log.where}: expected a step that divides the period of {plan.period:g} s, got {log.step:g} s."
         )
     t = np.arange(0.0, plan.t[-1], log.step)
     played = np.stack([np.interp(t, plan.t, column) for column in plan.torque.T], axis=1)

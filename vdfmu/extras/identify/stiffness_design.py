@@ -89,7 +89,7 @@ def stiffness_experiment(
     if q.shape != (robot.n,) or not np.isfinite(q).all():
         raise UsageError(f"pose: expected {robot.n} finite positions, got {pose!r}.")
     if not 0.0 < step < 0.1 or abs(PERIOD / step - round(PERIOD / step)) > 1e-6:
-        raise UsageError(f"step: expected a part of the period of {PERIOD:g} s, less than 0.1 s, got {step:g} s.")
+        raise UsageError(f"step: must divide the period of {PERIOD:g} s and be less than 0.1 s, got {step:g} s.")
     side = MotorSide(robot, q)
     drives = side.start()
     antiresonance = side.antiresonances(drives)

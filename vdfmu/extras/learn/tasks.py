@@ -167,7 +167,7 @@ class TrackingTask(Task):
         self.scenario = opened(loaded, [action], seen)
         tables = self.scenario.resolved.tables
         if missing := {*track, *(limits or {})} - {*seen}:
-            raise UsageError(f"{', '.join(sorted(missing))}: expected one of what is seen: {', '.join(seen)}.")
+            raise UsageError(f"{', '.join(sorted(missing))}: expected an observed signal: {', '.join(seen)}.")
 
         def reward(seen: dict[str, Floats], actions: dict[str, Floats]) -> Floats:
             e = (seen[track[0]] - seen[track[1]]) / error

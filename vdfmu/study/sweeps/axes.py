@@ -114,7 +114,7 @@ def _axis(target: str, form: Any) -> Axis:
     if not isinstance(form, str):
         array = np.atleast_1d(np.array(form, object))
         if array.ndim > 1:
-            raise ValueError(f"expected a value, or several in a row, got the shape {array.shape}.")
+            raise ValueError(f"expected a value or a list of values, got the shape {array.shape}.")
         values = tuple(v.item() if isinstance(v, np.generic) else v for v in array)
         return Axis(target, "values", values=_checked(values))
     factor, text = form.startswith("*"), form.lstrip("*").strip()
@@ -134,7 +134,7 @@ def _axis(target: str, form: Any) -> Axis:
         raise ValueError(f"expected {_FORMS[name]}, got {form}.")
     low, high = float(numbers[0]), float(numbers[1])
     if name == "log" and not 0.0 < low * high:
-        raise ValueError(f"expected two numbers of one sign, neither of them 0, got {form}.")
+        raise ValueError(f"expected two numbers of the same sign, neither of them 0, got {form}.")
     if name == "lognormal" and low == 0.0 or name.endswith("normal") and high < 0.0:
         raise ValueError(f"expected a deviation that is not negative, and a median that is not 0, got {form}.")
     axis = Axis(target, name, (low, high), factor=factor)
