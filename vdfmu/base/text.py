@@ -81,7 +81,10 @@ def amount(number: int, noun: str) -> str:
 
 
 def name_fault(name: Any, dots: bool = True) -> str:
-    """Return what was expected of a name of a component, or with `dots` of a system, which name files; else ""."""
+    """Return the form that a component's name, or with `dots` a system's, must have; "" if it has it.
+
+    The names are also names of files.
+    """
     pattern = r"\w[\w .+-]*" if dots else r"\w[\w +-]*"
     if isinstance(name, str) and re.fullmatch(pattern, name) and len(name) <= LONGEST_NAME:
         return ""

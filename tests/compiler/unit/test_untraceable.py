@@ -92,7 +92,7 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
     equal: ("a condition on a value is not known", 0.0),
     eigenvalues: ("eigvalsh of numpy takes no symbols: ", None),
     spacing: ("np.spacing takes no symbols: ufunc 'spacing' not supported", None),
-    interpolated: ("Take .* interpolate of vdfmu.unit for a table", None),
+    interpolated: ("of vdfmu.unit, interpolate for tables", None),
     cast: (r"zeros\(shape, \*like\) for an array that it is put into", 0.5),
 }
 

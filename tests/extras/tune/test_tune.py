@@ -169,7 +169,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
     ({"spread": ["algorithm=jacobi, iterative"]}, "spread: expected parameters with numbers, got algorithm"),
     ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
-    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
+    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, because controller.K_p comes after it"),
     ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
 ])  # fmt: skip
 def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):
