@@ -54,7 +54,7 @@ class House:
         return (expm(np.vstack([np.column_stack([self.A, self.b]), np.zeros(3)]) * time) @ [*x, u])[:2]
 
     def held(self, law: Any, times: Any, period: float) -> Any:
-        """Return states and input at `times` with an input that changes at the begin of each period."""
+        """Return states and input at `times` with an input that changes at the start of each period."""
         x, u, last, rows, k = np.zeros(2), 0.0, 0.0, list[Any](), 0
         for t in times:
             while k * period < t - 1e-9:

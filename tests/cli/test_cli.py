@@ -164,7 +164,7 @@ def test_a_temporary_folder_that_crashes_python_fmus_is_refused(tmp_path):
     environment = {**os.environ, "TMPDIR": str(folder)}
     done = vdfmu(*arguments, "--backend", "python", cwd=tmp_path, env=environment)
     assert done.returncode == 1
-    assert "Choose another folder for temporary files with TMPDIR" in " ".join(done.stderr.split())
+    assert "Set TMPDIR to another folder." in " ".join(done.stderr.split())
     assert vdfmu(*arguments, "--backend", "native", cwd=tmp_path, env=environment).returncode == 0
 
 

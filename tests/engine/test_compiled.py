@@ -98,9 +98,9 @@ NAMES = [
     *(f"{kind} {version}" for version in ("2.0", "3.0") for kind in ("scaled", "rates", "texts", "slopes", *ALONE)),
 ]  # fmt: skip
 SAMPLED = "rates", "loop", "clocks"
-"""Begin of the names of systems that continuous algorithms refuse."""
+"""Start of the names of systems that continuous algorithms refuse."""
 REPEATED = "arm", "scaled", "slopes"
-"""Begin of the names of systems with loops, in which `iterative` repeats steps."""
+"""Start of the names of systems with loops, in which `iterative` repeats steps."""
 
 
 @pytest.fixture

@@ -194,7 +194,7 @@ def test_a_stiff_spring_passes_its_input_on_and_does_not_jump(pack, algorithm):
     ({"algorithm": "jacobi", "adaptive": 1e-3}, "jacobi samples the signals .* use extrapolated or iterative"),
     ({"algorithm": "iterative", "adaptive": 2.0}, "adaptive: expected a relative error between 0 and 1, got 2"),
     ({"algorithm": "iterative", "adaptive": float("nan")}, "adaptive: .* got nan"),
-    ({"algorithm": "extrapolated", "convergence": 1e-9}, "convergence: extrapolated repeats nothing"),
+    ({"algorithm": "extrapolated", "convergence": 1e-9}, "because extrapolated repeats no steps"),
     ({"algorithm": "iterative", "convergence": 0.0}, "convergence: .* got 0"),
     ({"algorithm": "implicit"}, "unknown algorithm 'implicit'; there are .*extrapolated, iterative"),
 ])  # fmt: skip

@@ -86,7 +86,7 @@ def test_it_runs_as_in_fmpy(pack, xml, first, tmp_path):
 @pytest.mark.parametrize("isolate", [False, True])
 def test_it_is_coupled_with_units_of_fmi_2(looped, isolate):
     got = simulate(looped, stop=1.0, step=0.25, isolate=isolate)
-    # u is the ramp at the begin of a step: x = 0.25 * (0 + 0.25 + 0.5 + 0.75), and the gain doubles 2 u
+    # u is the ramp at the start of a step: x = 0.25 * (0 + 0.25 + 0.5 + 0.75), and the gain doubles 2 u
     assert got["f.y"].tolist() == [0.0, 0.0, 0.0625, 0.1875, 0.375]
     assert got["g.y"][-1] == 2.0 * got["f.direct"][-1] != 0.0
     assert got["f.n"].tolist() == [0, 1, 2, 3, 4]

@@ -21,7 +21,7 @@ from vdfmu.engine.fmu.versions import Instance1, Instance2, Instance3
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = "4be156a552c16f30"
-"""Begin of the digest of the library of pythonfmu 0.7.0 for Linux."""
+"""Start of the digest of the library of pythonfmu 0.7.0 for Linux."""
 STRANGE, NEGATIVE = 8, 9
 """Ways of ``wild.c``: a step returns 17, or -1."""
 

@@ -74,5 +74,5 @@ def test_a_folder_of_temporary_files_that_is_full_is_named(long, tmp_path, monke
 
     long.write(tmp_path / "r.csv")
     monkeypatch.setattr(arrays.tempfile, "TemporaryFile", full)
-    with pytest.raises(StorageError, match=r"r\.csv: the folder of temporary files .*: No space left.*TMPDIR"):
+    with pytest.raises(StorageError, match=r"r\.csv: cannot write to the temporary folder .*: No space left.*TMPDIR"):
         Results.read(tmp_path / "r.csv")

@@ -102,5 +102,5 @@ def test_runs_of_one_simulator_may_have_other_steps(system):
 
 
 def test_a_container_does_not_step_them(system, tmp_path):
-    with pytest.raises(UsageError, match="s: has its own step; a container FMU steps all together"):
+    with pytest.raises(UsageError, match="s: has its own step, but a container FMU steps all together"):
         write_container(system(), tmp_path / "c.fmu", step=0.125)

@@ -90,7 +90,7 @@ def test_a_new_algorithm_is_one_row_of_the_registry_with_one_kind_of_inputs(toy,
         np.testing.assert_allclose(halved[name][1:], fine[name][2::2], rtol=1e-14)
     assert np.abs(halved["g.y"] - coarse["g.y"]).max() > 0.01
     for row in ({"substeps": -1}, {"substeps": 1, "continuous": True}):
-        with pytest.raises(UsageError, match="substeps must be 0 or more, and 0 if continuous, got"):
+        with pytest.raises(UsageError, match="substeps must be 0 or more, and 0 if it is continuous, got"):
             Algorithm("toy_algorithm:halving", **row)
 
 

@@ -63,7 +63,7 @@ def test_what_varies_and_inputs_are_held_against_theirs():
     for wrong, words in (("a=1", "Put it into a list"), (3, "got 3"), ({3: [1]}, "texts as keys")):
         with pytest.raises(UsageError, match=f"^vary: expected .*{words}"):
             read_axes(wrong)
-    with pytest.raises(UsageError, match=r"^a: expected a value, or several in a row, got the shape \(2, 2\)"):
+    with pytest.raises(UsageError, match=r"^a: expected a value or a list of values, got the shape \(2, 2\)"):
         read_axes({"a": np.zeros((2, 2))})
     for wrong in (3, [3]):
         with pytest.raises(UsageError, match="^inputs: expected a path"):

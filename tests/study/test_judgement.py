@@ -139,8 +139,8 @@ def test_two_equal_verdicts_of_a_law_without_a_period_are_the_verdict():
     held, continuous, both = readings(0.1)
     assert [held.verdict, continuous.verdict, both.verdict] == [RIGHT] * 3
     assert held.error < 1e-5 < continuous.error == both.error  # the period is kept; the worse counts
-    other = f"{100 * held.error:.2g} % in the other."
-    assert both.text == f"{continuous} The same verdict for law sampled every 1 ms and continuous: {other}"
+    same = "The verdict is the same with law sampled every 1 ms or continuous; the other error is"
+    assert both.text == f"{continuous} {same} {100 * held.error:.2g} %."
     held, continuous, both = readings(0.001)
     assert [held.verdict, continuous.verdict, both.verdict, both.kind] == [RIGHT, WRONG, OPEN, "period"]
     assert both.text == (
@@ -186,14 +186,18 @@ def test_a_run_says_what_judge_says(tmp_path, lags):
     expected = vdfmu.load("planar_tracking").judge(0.02, stop=0.1, sampled=False)
     assert (judgement["verdict"], judgement["text"]) == (expected.verdict, expected.text)
     state = {RIGHT: "good", WRONG: "failed", OPEN: "doubtful"}[expected.verdict]
-    sentence, _, more = expected.text.partition(". ")
+    sentence, _, more = expected.text.replace("Right to", "coupling error").partition(". ")
     assert ("Coupling error", state, sentence, more) in [each[1:5] for each in checks_of(results.summary)]
     assert expected.text in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
     package = str(lags.write(tmp_path / "lags.ssp"))
-    for wanted, code, said in (("1%", 0, RIGHT), ("1e-4", 1, WRONG)):
+    for wanted, code, said, headline in (
+        ("1%", 0, RIGHT, "Good: coupling error"),
+        ("1e-4", 1, WRONG, "Failed: coupling error about"),
+    ):
         ran("run", package, "--judge", wanted, "--out", tmp_path / "out", code=code)
         summary = read_summary(tmp_path / "out" / "summary.json")
         assert summary["judgement"]["verdict"] == said
+        assert summary["verdict"]["headline"].startswith(headline)  # the state is said once
         assert ("Coupling", summary["judgement"]["text"]) in facts(summary)
 
 

@@ -28,7 +28,7 @@ def inverse_dynamics(
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
-    They are the torques of the drives: those of [joints.counterbalance] are taken off.
+    They are the torques that the drives must supply: those of [joints.counterbalance] are subtracted.
 
     Parameters
     ----------

@@ -32,9 +32,9 @@ _NONE = 1e6
 _SPLIT_OFF = 1e-6
 """Mass of the body of a rotor [kg], split off the link that carries it. MuJoCo needs a mass."""
 _LEAST = 1e-9
-"""Inertia of the body of a rotor in pure rotation, whose inertia is an armature, over that inertia."""
+"""Inertia of the body of a rotor relative to its armature, which has the whole inertia in pure rotation."""
 _STEP = 5e-4
-"""Step of the file [s]: a part of 20 of the period of a spring of 100 Hz."""
+"""Step of the file [s]: a twentieth of the period of a spring of 100 Hz."""
 
 
 class ExportedJoint(NamedTuple):

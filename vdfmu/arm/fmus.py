@@ -44,9 +44,8 @@ def build_fmus(
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
 
-    The same sources, robot, start values and options give the same bytes. An FMU that is, to the byte, one that the
-    user built of these before, and has the platforms asked for, is left alone, with others that it may have; any
-    other is replaced.
+    The same sources, robot, start values and options give the same bytes. An existing FMU is kept if
+    this user built exactly it from the same inputs, for at least these platforms; any other is replaced.
 
     Parameters
     ----------
@@ -102,7 +101,7 @@ def build_fmus(
         check_robot(robot)
     names: Any = [units] if isinstance(units, str | os.PathLike | type) else shipped_units() if units is None else units
     if not isinstance(names, Iterable):
-        raise UsageError(f"units: expected units, by name, file or class, got {units!r:.60}.")
+        raise UsageError(f"units: expected names, files or classes of units, got {units!r:.60}.")
     return build_units(
         robot if folded or robot is None else robot.unfolded(),
         out_dir,

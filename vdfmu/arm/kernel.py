@@ -26,7 +26,7 @@ from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_fu
 from vdfmu.compiler.scalar import from_sx, to_sx
 
 _WORTH = 50_000
-"""States in batches of one function from which it is compiled: compiling takes as long as they do uncompiled."""
+"""Number of states in batches from which on a function is compiled: compiling takes as long as they do uncompiled."""
 
 
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
@@ -128,7 +128,7 @@ class _Prepared:
         self._places = [(buffer, buffer.shape) for buffer in parts]
 
     def takes(self, arguments: Sequence[npt.ArrayLike]) -> bool:
-        """Take over the arguments of one state if their squares are finite; return whether that is done."""
+        """Copy the arguments of one state into the buffers; return whether they fit and their squares are finite."""
         try:
             for (buffer, shape), argument in zip(self._places, arguments, strict=True):
                 array = np.asarray(argument, dtype=float)

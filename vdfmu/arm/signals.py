@@ -61,7 +61,7 @@ def base_motion() -> tuple[Input, Input, Input]:
 
 
 def base_of(unit: Any) -> Base:
-    """Return the motion of the base from a unit's inputs, or at rest, as of its robot."""
+    """Return the motion of the base from a unit's inputs, or a base at rest if the robot has no moving base."""
     return moving_base(unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else AT_REST
 
 

@@ -69,7 +69,7 @@ def cache_folder() -> Path:
 
 
 def limit() -> float:
-    """Return the limit [byte] of a cache: ``VDFMU_CACHE_MB`` or 512 MB, some 200 values of a robot."""
+    """Return the limit [byte] of a cache: ``VDFMU_CACHE_MB`` or 512 MB, for FMUs of some 200 different robots."""
     text = os.environ.get("VDFMU_CACHE_MB") or "512"
     with suppress(ValueError):
         if float(text) >= 0.0:

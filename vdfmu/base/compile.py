@@ -45,16 +45,16 @@ _STEP = re.compile(r"(kernel_\w+_step)(_avx2)?\.c")
 """File of a solver's step, without its long callees."""
 _LOOPED = "-fno-unroll-loops"
 """Keeps the loops in the step of a long arm. With them unrolled, a compile of 1 s takes 6 s, the object is three times
-as large, and a step takes 0.96 to 0.98 of the time, with the same bits."""
+as large, and a step takes 0.96 to 0.98 of the time, with bit-identical results."""
 _LOOP = b"for (int j = 0;"
-"""Begin of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
+"""Start of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
 _JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
 """Generated file that may be part of an object."""
 _SHORT, _SHORT_RARE = 10_000, 250_000
 """Most characters of a traced function that is part of an object, and of a rare function."""
 _RARE = re.compile(r"kernel_\w+_forward_reverse\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For rare code: derivatives, and the step for processors from before 2015, if AVX2 has a copy of it.
+"""For rare code: derivatives, and the step for processors from before 2015, if there is a copy of it for AVX2.
 Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
 is not rare: a run of a long arm took 35 % longer."""
 _PASSES = re.compile(r"kernel_\w+_forward_reverse_passes\.c")
@@ -63,7 +63,7 @@ _SMALL = ("-O1", "-fno-inline")
 """For functions that each joint calls: as quick to compile as rare code, and a tenth of its size."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
-_ROOM = "Free space there, or choose other folders with TMPDIR and VDFMU_CACHE_DIR."
+_ROOM = "Free space there, or set TMPDIR and VDFMU_CACHE_DIR to other folders."
 _CODE = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ", b"\x64\x86", b"\0asm")
 """First bytes of libraries and objects of Linux, macOS, Windows (its objects of x86-64) and WebAssembly."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
@@ -213,7 +213,7 @@ def _stored(key: str) -> Path:
 def support_folder(spare: Path) -> str:
     """Return the folder for zig's own libraries of each platform, with zig's locks; in `spare` without a cache.
 
-    It is a subfolder that no other program uses, as zig finds its libraries again whatever variables made them.
+    No other program uses this subfolder: zig would reuse its libraries whatever variables of the environment made them.
     """
     chosen, cache = os.environ.get("ZIG_GLOBAL_CACHE_DIR"), cache_folder()
     folder = (Path(chosen) if chosen and trusted(Path(chosen)) else cache / COMPILER) / "vdfmu"

@@ -50,9 +50,9 @@ class CsvFile:
     """Rows of a CSV text, below its names and its units; they can be read once, by iteration or by `blocks`.
 
     The separator is the first of tab, semicolon and comma that is in the heading, else a blank. If it is not a comma,
-    numbers may have decimal commas. Units are in brackets behind the names, or in a second
-    row. That row begins with a unit of time above a number; or it begins with a text, has no number but 1, the unit of
-    ratios, and a text above a number. Rows of empty cells are skipped.
+    numbers may have decimal commas. Units are in brackets behind the names, or in a second row. A second row has units
+    if it begins with a unit of time above a number; or if it begins with a text, has no number but 1, which is the unit
+    of ratios, and has a text above a number. Rows of empty cells are skipped.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class FailureKind(StrEnum):
 
 
 class CosimError(VdfmuError):
-    """A co-simulation that a unit ended.
+    """A co-simulation that failed.
 
     Attributes: the component `unit`, the failed FMI `call` such as ``doStep``, its simulated `time` [s], the `reason`
     (a message of the unit), `results` recorded before the failure, and the `kind` of failure.
@@ -111,6 +111,11 @@ class CosimError(VdfmuError):
     def facts(self) -> tuple[str, str, float, str, None, str]:
         """The arguments of the same error in another process, without results."""
         return self.unit, self.call, self.time, self.reason, None, str(self.kind)
+
+    @property
+    def sentence(self) -> str:
+        """When, where and why the run ended, for a headline."""
+        return f"run ended at {self.time:.3g} s in {self.unit}: {' '.join(self.reason.split())}"
 
     def __str__(self) -> str:
         return f"{self.unit} failed at t = {self.time:.9g} s in {self.call}: {self.reason}"

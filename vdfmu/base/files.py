@@ -63,20 +63,20 @@ def replacing(path: Path) -> Generator[BinaryIO]:
         LOG.info("written: %s", target)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename is None:  # of a write, of the end of the file
+        if isinstance(error, OSError) and error.filename is None:  # of a write, or of closing the file
             error.filename = str(path)
         raise
 
 
 def sync(path: Path) -> None:
-    """Wait until the disk has a file, or the names in a folder. OSError if it reports a fault."""
+    """Flush a file, or the names in a folder, to the disk. OSError if the disk reports a fault."""
     if os.name == "nt" and path.is_dir():  # Windows opens no folders, and writes their names by itself
         return
     handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system without it
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # the file system does not support it
             error.filename = str(path)
             raise
     finally:
@@ -90,7 +90,7 @@ def closed(handle: int) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and the missing ones above it, if it is not there; the disk has them afterwards. For OSError."""
+    """Make a folder and its missing parents, and flush them to the disk. OSError if that fails."""
     if not path.is_dir():
         make_folder(path.parent)
         path.mkdir(exist_ok=True)
@@ -98,7 +98,7 @@ def make_folder(path: Path) -> None:
 
 
 def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
-    """Write a file atomically. UsageError without its folder or the right to write, VdfmuError for other reasons."""
+    """Write a file atomically. UsageError if its folder is missing or not writable, VdfmuError for other reasons."""
     try:
         with replacing(path) as stream:
             stream.writelines(blocks)
@@ -272,12 +272,21 @@ def read_member(path: Path, name: str) -> bytes | None:
         return None
 
 
+def no_temporary(user: str, why: Any) -> StorageError:
+    """Return the error for a full or unwritable temporary folder: `user` needed it, `why` is the system's reason."""
+    folder = " ".join(filter(None, ("the temporary folder", tempfile.tempdir)))
+    reason = getattr(why, "strerror", None) or why
+    return StorageError(
+        f"{user}: cannot write to {folder}: {reason}. Free space there, or set TMPDIR to another folder."
+    )
+
+
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[str]:
     """Make a temporary folder and remove it at the end, also after Ctrl-C at any moment. Ignore errors of removal.
 
-    Python's own leaves a folder if Ctrl-C comes before it has noted the folder, or during the removal. Its first search
-    for a place may leave a trial file. OSError if no place is writable.
+    The one of `tempfile` leaves a folder if Ctrl-C comes before it has noted the folder, or during the removal. Its
+    first search for a place may leave a trial file. OSError if no place is writable.
     """
     made = None
     try:
@@ -295,7 +304,7 @@ def temporary_folder(prefix: str) -> Generator[str]:
 
 
 def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
-    """Remove a folder, twice, because a transient error ends the first try; short of memory, at the end of Python."""
+    """Remove a folder; try twice, as an error may be transient. If memory is short, remove it when Python exits."""
     for _ in range(2):
         try:
             folder.cleanup()

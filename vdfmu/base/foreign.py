@@ -9,10 +9,8 @@ from __future__ import annotations
 import atexit
 import math
 import os
-import signal
 import threading
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -21,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vdfmu.base.errors import StorageError, UsageError
-from vdfmu.base.files import open_regular, temporary_folder
-from vdfmu.base.process import Child
+from vdfmu.base.errors import UsageError
+from vdfmu.base.files import no_temporary, open_regular, temporary_folder
+from vdfmu.base.process import Child, ending
 
 LEAST, RATIO = 256 * 2**20, 20
 """Bytes that any file may unpack to, and the largest ratio of a larger one: logs of float64 shrink 2 to 4 times."""
@@ -147,7 +145,7 @@ def _answer(path: Path, title: str, folder: str, columns: Any) -> dict[str, Any]
             _end()
             raise
     if reply["full"]:
-        raise StorageError(f"{path}: the folder of temporary files cannot hold its numbers: {reply['full']}.")
+        raise no_temporary(str(path), reply["full"])
     if reply["fault"]:
         got = "" if reply["said"] else f"expected a {title}, got unreadable content: "
         raise UsageError(f"{path}: {got}{reply['fault']}")
@@ -193,12 +191,11 @@ def _lost(child: Child) -> str:
     """Return why the process that reads has ended."""
     _READERS.clear()
     code, peak, output = child.end()
+    how, killed = ending(code)
     if child.late:
         return f"it could not be read within {child.limit:g} s. Save a shorter part of it."
-    how = f"exit code {code}"
-    if code < 0:
-        with suppress(ValueError):
-            how = signal.Signals(-code).name
+    if killed:
+        return f"the process that reads it was killed ({how}). Repeat the command."
     last = "".join(f": {line.strip()[:200]}" for line in output.strip().splitlines()[-1:])
     memory = f", with {peak:.0f} MB of memory" if peak > 2**9 else ""
     return f"its content crashed the library that reads it ({how}{memory}{last}). Save it again, or a part of it."

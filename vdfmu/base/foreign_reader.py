@@ -25,7 +25,7 @@ _COPIES = 2
 _ENTRY = 64
 """Bytes that are counted for each array, in addition to its content and name."""
 _ALIGNED = 16
-"""Bytes of which the place of an array is a multiple."""
+"""Alignment of an array in its file [byte]."""
 _ROWS = 2**16
 """Rows of a table that are read at a time."""
 _MATLAB_NUMBERS = (

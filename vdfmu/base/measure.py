@@ -140,7 +140,7 @@ class JointType(NamedTuple):
     travel: float
     """Largest position on a slider without limits [rad or m]."""
     stroke: float
-    """Way of a first motion, where end stops leave room [rad or m]."""
+    """Length of a first motion, as far as end stops allow it [rad or m]."""
 
     @property
     def name(self) -> str:

@@ -109,7 +109,7 @@ def taken_options(function: Callable[..., Any]) -> Any:
 
 
 def renamed(content: Any) -> Any:
-    """Return a table of an earlier version with the names of its keys now; what is no table as it is."""
+    """Return a table with its keys of earlier versions renamed; other content unchanged."""
     return {FORMER.get(key, key): value for key, value in content.items()} if isinstance(content, dict) else content
 
 
@@ -118,7 +118,7 @@ def _call_of(function: Callable[..., Any]) -> str:
 
 
 def checks_types(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Add to a function a UsageError for all arguments of other types, by `_TYPES`."""
+    """Make a function raise a UsageError that lists all arguments of a wrong type, see `_TYPES`."""
     check = _check_of(function, ())
 
     @wraps(function)
@@ -132,7 +132,7 @@ def checks_types(function: Callable[_P, _T]) -> Callable[_P, _T]:
 def _check_of(
     function: Callable[..., Any], options: Iterable[DeclaredOption]
 ) -> Callable[[Sequence[Any], Mapping[str, Any]], None]:
-    """Return the check of the arguments that a call of a function with `options` gives."""
+    """Return the check of the arguments of a call of a function with `options`."""
     parameters = inspect.signature(function).parameters.values()
     leading = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
     types: dict[str, Any] = {
@@ -294,7 +294,7 @@ _LOADERS = {
 
 @cache
 def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
-    """Return the rows of the types of an annotation, ``None`` first; none if one of them has no row."""
+    """Return the rows of the types of an annotation, ``None`` first; an empty list if one of them has no row."""
     parts = sorted(annotation.split(" | "), key=lambda part: part != "None")
     rows = [_TYPES.get(part) or _TYPES.get(part.partition("[")[0]) for part in parts]
     return [] if None in rows else [row for row in rows if row is not None]

@@ -31,7 +31,8 @@ class Platform:
     """A platform, with the flags of its compiler and its linker."""
 
     name: str
-    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly only has a processor; it calls no system."""
+    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly has no operating system, so the
+    name is that of its processor."""
     target: str
     """Target of zig: the oldest system on which the library loads."""
     folder_2: str
@@ -40,12 +41,12 @@ class Platform:
     flags: tuple[str, ...] = ()
     link: tuple[str, ...] = ("-shared",)
     libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
-    """The system's libraries: file to version to the callable functions, separated by spaces. The linker needs no more.
-    Without libraries zig first compiles its own."""
+    """Functions of the system's libraries, separated by spaces, by file and symbol version: all that the linker needs.
+    For a platform without these, zig first compiles its own libraries."""
 
 
 X86 = ("-march=x86_64_v2",)
-"""Flags of the platforms with processors of x86."""
+"""Flags of the platforms with x86 processors."""
 WASM = "wasm32"
 """Platform of WebAssembly: a module with the functions of FMI in C."""
 _MODULE = (
@@ -90,7 +91,7 @@ PLATFORMS = {
 # fmt: on
 """Name to platform."""
 ALL = tuple(name for name in PLATFORMS if name != WASM)
-"""Platforms with ``all``: importers of native FMUs load their libraries."""
+"""Platforms that ``all`` chooses: those whose libraries are loaded by importers of native FMUs."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
@@ -196,7 +197,7 @@ class Compiler(NamedTuple):
 
     @property
     def environment(self) -> dict[str, str]:
-        """All that its processes get of the environment."""
+        """The only environment variables that its processes get."""
         return _environment(self.command[0])
 
     def arguments(self, target: Platform, flags: Sequence[str]) -> list[str]:
@@ -211,7 +212,7 @@ def _environment(program: str) -> dict[str, str]:
 
     Compilers obey many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
     CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so no
-    variable of the user is passed on. Messages are in English, as they are searched for words.
+    variable of the user is passed on. Messages are in English, because they are searched for English words.
     """
     if sys.platform == "win32":
         return {"SYSTEMROOT": os.environ.get("SYSTEMROOT", r"C:\Windows")}
@@ -221,8 +222,9 @@ def _environment(program: str) -> dict[str, str]:
 def compiler(platform: str = "") -> Compiler:
     """Return the compiler for a platform.
 
-    This machine has the chosen compiler, by default ziglang, else a C compiler of its system. Other platforms and
-    Windows need ziglang. FmuError if no compiler is installed, UsageError if the chosen program is not gcc or clang.
+    For this machine it is the one that `CHOICE` names, by default ziglang, or a C compiler of the system if ziglang is
+    not installed. Other platforms and Windows need ziglang. FmuError if no compiler is installed, UsageError if the
+    chosen program is not gcc or clang.
     """
     native = platform == this_platform() and sys.platform != "win32"
     return _compiler(os.environ.get(CHOICE, "") if native else "zig")

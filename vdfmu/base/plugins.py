@@ -1,6 +1,6 @@
 """Plugins of other packages: entry points of the groups ``vdfmu.units``, ``.robots``, ``.logs`` and so on.
 
-Reading them takes some 10 ms, only for a name that is not shipped and for a list of all names.
+Reading them takes some 10 ms, so they are read only for a name that is not shipped, and to list all names.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Plugins:
     def all(self, shipped: Container[str]) -> dict[str, Any]:
         """Return valid plugins by name. Warn of invalid ones and of shipped names, and ignore them.
 
-        Empty within `vdfmu.base.trust.reading_only`, because only their code says what they are.
+        Empty within `vdfmu.base.trust.reading_only`, because a plugin is only known after its code has run.
         """
         valid: dict[str, Any] = {}
         if is_reading_only():
@@ -84,7 +84,7 @@ def added(group: str, name: str) -> bool:
 
 
 class PluginTable(dict[str, _T]):
-    """Table of shipped rows that ``in`` and ``[]`` extend by plugins. Iteration gives the rows in use, `names` all."""
+    """Table of shipped rows, to which ``in`` and ``[]`` add plugins. Iteration covers the rows so far, `names` all."""
 
     def __init__(self, plugins: Plugins, shipped: Mapping[str, _T], prefix: str = "") -> None:
         super().__init__(shipped)
@@ -107,7 +107,7 @@ class PluginTable(dict[str, _T]):
         return plugin
 
     def names(self, unless: object = None) -> list[str]:
-        """Return all names. If `unless` is a shipped name, only the names in use."""
+        """Return all names. If `unless` is a shipped name, plugins are not read, and their names may be missing."""
         if not isinstance(unless, str) or unless not in self._shipped:
             shipped = {key.removeprefix(self._prefix) for key in self._shipped}
             self.update({self._prefix + name: row for name, row in self._plugins.all(shipped).items()})

@@ -52,6 +52,8 @@ _TICK = 0.1
 """Interval of the watching thread [s]."""
 _FAREWELL = 5.0
 """Time limit [s] of the end of the process after its pipe is closed."""
+_OUTSIDE = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
+"""Signals that users and the system send; faults of code cause others."""
 _contained = False
 
 
@@ -85,7 +87,7 @@ def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
-    """Start a module of this package in a new process and session with pipes. Without `talks` only of its errors."""
+    """Start a module of this package in a new process and session, with pipes; without `talks` only for its errors."""
     way = subprocess.PIPE if talks else subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, *arguments],
@@ -123,6 +125,14 @@ def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
+
+
+def ending(code: int) -> tuple[str, bool]:
+    """Return how a process ended, ``SIGSEGV`` or ``exit code 3``, and whether it was killed from outside."""
+    with suppress(ValueError):
+        name = signal.Signals(-code).name
+        return name, name in _OUTSIDE
+    return f"exit code {code}", False
 
 
 class Listener:

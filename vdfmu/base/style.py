@@ -208,7 +208,7 @@ def thin(time: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 class _Picture(Figure):
-    """A figure that a notebook shows, also without pyplot. Ticks that it draws late have its `look`."""
+    """A figure that a notebook shows, also without pyplot, in its `look`: ticks are only made when it is drawn."""
 
     look: dict[str, Any] = _RC
 

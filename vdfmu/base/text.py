@@ -15,7 +15,7 @@ _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u2
 FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 """Characters that XML excludes or a terminal obeys."""
 LONGEST_NAME = 100
-"""Most characters of a name that names files."""
+"""Most characters of a name from which names of files are made."""
 FEW = 20
 """Most messages of a rule that are printed."""
 _LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
@@ -81,7 +81,10 @@ def amount(number: int, noun: str) -> str:
 
 
 def name_fault(name: Any, dots: bool = True) -> str:
-    """Return what was expected of a name of a component, or with `dots` of a system, which name files; else ""."""
+    """Return the form that a component's name, or with `dots` a system's, must have; "" if it has it.
+
+    The names are also names of files.
+    """
     pattern = r"\w[\w .+-]*" if dots else r"\w[\w +-]*"
     if isinstance(name, str) and re.fullmatch(pattern, name) and len(name) <= LONGEST_NAME:
         return ""

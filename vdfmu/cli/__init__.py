@@ -23,7 +23,7 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Entry point: signals end the command from here on, while its modules are imported too. Python ends with it."""
+    """Entry point, which ends Python. From here on signals end the command, also while its modules are imported."""
     command_begins()
     own_process.begin()
     os.environ.update(ONE_THREAD | os.environ)
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _require_named_folder() -> None:
-    """End in a working folder whose name is not text: FMPy can read no FMU there, as lxml cannot encode it."""
+    """Exit if the name of the working folder is not text: lxml cannot encode it, so FMPy can read no FMU there."""
     with suppress(OSError):  # it no longer exists: commands that need it report this
         folder = os.getcwd()
         if any("\udc80" <= letter <= "\udcff" for letter in folder):
@@ -72,7 +72,7 @@ def _require_named_folder() -> None:
 
 
 def _say_missing(error: ImportError) -> None:
-    """End because a package is missing, unless it is our own; the version needs none."""
+    """Exit because a package is missing, unless it is vdfmu itself. ``--version`` needs no package."""
     package = (error.name or message_of(error)).partition(".")[0]
     if package == "vdfmu":
         return

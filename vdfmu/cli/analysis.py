@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from vdfmu.base.measure import unit_of
+from vdfmu.base.measure import number, per_cent, unit_of
 from vdfmu.base.option import Option, option_of
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import (
@@ -342,7 +342,7 @@ def judge(
     else:
         shown = table("signal", "error", "half / whole", "at", title=f"Step {judged.step:g} s, {judged.algorithm}")
         for signal in judged.signals[:_MOST_SIGNALS]:
-            shown.add_row(signal.name, f"{100.0 * signal.error:.2g} %", f"{signal.q:.2g}", f"{signal.time:.4g} s")
+            shown.add_row(signal.name, per_cent(signal.error), number(signal.q, 2), f"{number(signal.time, 4)} s")
         if judged.signals:
             tell(shown)
         (say if judged.right else say_error)(str(judged))

@@ -103,7 +103,7 @@ def build(
         refuse(of_units, "does not go with --container")
         return say_written(_container(scenario, robot, out, step, parameters, folded, overwrite))
     if scenario.lower().endswith(".ssp"):
-        raise UsageError(f"{scenario} is a package, whose FMUs are built. Write one FMU of it with --container.")
+        raise UsageError(f"{scenario} is a package, so its FMUs are built. Write one FMU of it with --container.")
     chosen = None if _is_unit(scenario) else _load(scenario, robot, parameters, folded)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
@@ -142,7 +142,7 @@ def build(
 
 
 def _is_unit(name: str) -> bool:
-    """Whether a name or a file is a unit, which goes before a scenario of the same name."""
+    """Whether a name or a file is a unit, which takes precedence over a scenario of that name."""
     if name.partition(":")[0].endswith(".py"):
         return True
     if Path(name).suffix or Path(name).is_file():

@@ -212,7 +212,7 @@ def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
 
 
 def refuse(options: Mapping[str, Any], why: str) -> None:
-    """Raise UsageError for the options that have a value: they do not fit, and `why`."""
+    """Raise UsageError if some of the options have a value; `why` is the rest of the message after their names."""
     if unfit := [name for name, value in options.items() if value not in (None, "", [], {}) and value is not False]:
         raise UsageError("\n".join(f"{name} {why}." for name in unfit))
 

@@ -116,7 +116,7 @@ def _show_parameters(robot: Robot) -> None:
 
 
 def _read_tool(text: str) -> list[float]:
-    """Return the numbers of --tool, of the right number: a shell without quotes passes only the first."""
+    """Return the numbers of --tool; UsageError for a wrong count, as a shell without quotes passes only the first."""
     from vdfmu.arm.imports import read_placement
     from vdfmu.cli.analysis import read_numbers
 

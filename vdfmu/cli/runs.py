@@ -1,6 +1,6 @@
 """``vdfmu run`` and ``report``."""
 
-# Types are written out, not quoted: the options of the forms of a run are read from them.
+# Types are written out, not quoted, because the options of both forms of a run are read from them.
 import logging
 import re
 from collections.abc import Generator, Mapping, Sequence
@@ -104,7 +104,7 @@ run.forms = {"Scenarios only": ScenarioForm, "FMUs only": FmusForm}  # type: ign
 
 
 def _refuse_others(form: type[Any], why: str) -> None:
-    """Raise UsageError for options on the command line of the other form of a run."""
+    """Raise UsageError for options on the command line that belong to the other form of a run."""
     context = click.get_current_context()
     names = {"system", "compiler", "quiet", "verbose", *form.__annotations__}
     further = [each for each in context.command.params if each.name not in names]
@@ -205,7 +205,7 @@ def reading_fmus(unpack_limit: int | None, anyway: bool) -> Generator[None]:
 
 
 def package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
-    """Return the package of FMUs; and if it was made for them their name in results, and the system that keeps it."""
+    """Return the package of FMUs. If it was made for the run, also its name in results and the system that keeps it."""
     connections, first, unnamed = options["connections"], parts[0], [part for part in parts if "=" not in part]
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
         refuse({"--connect": connections}, f"is for a scenario or FMUs; {first} has its own connections")

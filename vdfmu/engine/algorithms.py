@@ -35,7 +35,7 @@ class Algorithm:
     def __post_init__(self) -> None:
         if self.substeps < 0 or (self.continuous and self.substeps):
             raise UsageError(
-                f"{self.stepper}: substeps must be 0 or more, and 0 if continuous, got {self.substeps}. Declare one."
+                f"{self.stepper}: substeps must be 0 or more, and 0 if it is continuous, got {self.substeps}."
             )
 
     @property

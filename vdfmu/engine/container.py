@@ -68,7 +68,7 @@ def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.
     checked = check_system(system if isinstance(system, FlatSystem) else load_ssp(Path(system)), algorithm=DELAYED)
     if slow := [component.name for component in checked.system.components if component.step is not None]:
         raise UsageError(
-            f"{', '.join(slow)}: has its own step; a container FMU steps all together. Remove the annotation."
+            f"{', '.join(slow)}: has its own step, but a container FMU steps all together. Remove its annotation."
         )
     with_steps(checked, step)
     for link in checked.links:

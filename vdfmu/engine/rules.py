@@ -144,7 +144,7 @@ PKG007 note | Each entry is in the package only once | remove the duplicate
 PKG008 | The XML is well-formed | export it again
 PKG009 | The XML has no document type and no XInclude | replace them by their content
 SSP001 | The package has a `SystemStructure.ssd`, or the requested SSD | request one that it has
-SSP002 | The root element of a file is that of its kind | export it as SSP 1.0 or 2.0
+SSP002 | A file has the root element of its kind | export it as SSP 1.0 or 2.0
 SSP003 | A file conforms to the schema of its version | correct the line
 SSP004 | A file is encoded in UTF-8 | export it in UTF-8
 SSP005 note | The version is 1.0 or 2.0 | write one of them
@@ -171,7 +171,7 @@ SSP033 | Both ends of a connection have the same type | convert the type in a co
 SSP034 | The units of a connection can be converted | correct the unit, or suppress the conversion
 SSP035 | The ends of a connection have the same size, and indices are within the arrays | correct size or index
 SSP036 | A transformation suits the type and has one entry for each value | correct the transformation
-SSP037 | Connections through systems do not form a circle | remove one
+SSP037 | Connections through systems do not form a cycle | remove one
 SSP038 note | An input has a connection or a value | connect it
 SSP039 | Signals do not form an algebraic loop | use the algorithm `jacobi` or `iterative`
 SSP040 | A connector is a variable of the FMU | correct the name
@@ -181,7 +181,7 @@ SSP043 | A connector has the unit of the variable | correct the unit
 SSP044 | A connector has the size of the variable | correct the dimensions
 SSP045 | The FMU has the requested implementation | request another one
 SSP046 | An FMU that can be instantiated only once per process is used only once | make a copy of the FMU
-SSP050 | Parameter bindings have values and mappings have entries, of a type of SSP | refer to a file, or add them
+SSP050 | Parameter bindings have values and mappings have entries, of SSP types | refer to a file, or add them
 SSP051 | A name is unique in a parameter set, and among the targets of a mapping | remove the others
 SSP052 | A value belongs to an existing variable or connector | correct the name, or use `--ignore-unmatched`
 SSP053 | A value belongs to a variable that can be set | set another variable
@@ -190,7 +190,7 @@ SSP055 | The unit of a value can be converted to the unit of the variable | corr
 SSP056 | A value is within the limits of the variable | choose another value
 SSP057 note | A value has an effect | remove it
 SSP058 note | A connection between different units converts its values | omit `suppressUnitConversion`
-SSP059 note | Without a loop, signals can be passed on in order at the start and in a step | see the loop
+SSP059 note | No algebraic loop has to be solved, at the start or in a step | see the loop
 FMI001 | An FMU is a zip file with a `modelDescription.xml` | export it again
 FMI002 | `fmiVersion` is 1.0, 2.0 or 3.0 | write the version
 FMI003 | The XML conforms to the schema of its version | correct the line
@@ -198,7 +198,7 @@ FMI004 | Types are defined | define the type in `TypeDefinitions`
 FMI005 | Units and display units are defined | define the unit in `UnitDefinitions`
 FMI006 | Causality, variability and type are an allowed combination | choose an allowed combination
 FMI007 | Indices and value references belong to variables | correct the number
-FMI008 | A dimension is the start value of the variable for the size | give this variable a start value
+FMI008 | The variable that sets the size of a dimension has a start value | give it a start value
 FMI009 | min <= start <= max | correct the value
 FMI010 | Variables have a start value and `initial` exactly where the standard requires them | add or remove it
 FMI011 | Variables that share a value reference have the same unit, and one start value | correct the others
@@ -211,22 +211,22 @@ FMI017 | There is a library for this platform, named by the model identifier | b
 FMI018 | A library is compiled for its platform and processor | build the FMU for this platform
 FMI019 note | An FMU supports co-simulation | export it for co-simulation
 FMI020 | A nominal value is a finite number other than 0 | write the typical size of the values
-FMI021 | The manifest of a layered standard has its name and version | add name or version
+FMI021 | The manifest of a layered standard states the name and version of the standard | add them
 FMI022 note | Each related file of the manifest of FMI-LS-REF has a source and a standard role | correct the entry
-FMI023 | The continuous states and event indicators fit into memory | write the numbers of the model
+FMI023 | The continuous states and event indicators fit into memory | correct these numbers
 FMI024 note | An FMU with libraries contains the source files that it lists | add them to `sources/`
 RUN001 | Ten steps do not fail | see the component's message
 RUN002 | A component does not end its process or exceed the time limit | debug the component
 RUN003 | Reference results can be read, and the unit reproduces them | correct the table, or the unit
 RUN004 note | All reference results are compared | see the reason
 RUN005 note | All signals are finite | do not read or record the signal
-RUN006 note | The file is run | correct its problems, or use `--run-anyway`; omit `--no-run`
+RUN006 note | The check runs the file | correct its problems, or use `--run-anyway`; omit `--no-run`
 RUN007 | The master can step the system | use another master, or another FMU
 RUN008 note | An FMU has FMI 2.0 or 3.0, or FMI 1.0 for co-simulation | export it for one of them
 RUN009 | Inputs can be set, and calls that an FMU declares work | correct the call, or do not declare it
-RUN010 note | The algorithm couples all components with its order of accuracy | see the component
+RUN010 note | The algorithm reaches its order of accuracy with all components | see the component
 SRC001 | A robot, scenario, system or unit can be read | correct the named entry
-SRC002 note | No entry of such a file is likely to be a mistake | see the named entry
+SRC002 note | No entry of a robot, scenario, system or unit is likely to be a mistake | see the named entry
 """
 """Number, with "note" for notes; requirement; fix."""
 

@@ -43,7 +43,7 @@ Part = str | os.PathLike[str] | type
 _PLAIN = (str, int, float, type(None))
 """Types of options that can be compared."""
 _LOOK = "<style>.vdfmu svg.system { background: var(--back); } .vdfmu .keys span { margin-right: 1em; }</style>"
-"""Of a diagram in a notebook, whose background may be light where the system's is dark."""
+"""Style of a diagram in a notebook, whose background may be light although the desktop is dark."""
 _KIND = {False: "co-simulation", True: "model exchange"}
 
 
@@ -151,11 +151,11 @@ class System:
         return results
 
     def _simulate(self, options: dict[str, Any]) -> Results:
-        """Run the package; FMUs that were built here stay loaded for runs that differ in values and rows alone."""
+        """Run the package; FMUs that were built here stay loaded for runs that differ only in values and rows."""
         rows: Any = {name: options.get(name) for name in RowOptions.__annotations__}
         loading: Any = {name: value for name, value in options.items() if name not in rows and name != "parameters"}
         plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
-        # the end of a pool kills its workers, which then remove no folder
+        # a pool kills its workers at its end, and then they cannot remove their folders
         here = os.getpid() == self._process and not process.current_process().daemon
         if "inputs" in loading or not plain or not here or not self._lock.acquire(False):
             return simulate(self.path, **options)
@@ -190,7 +190,7 @@ class System:
 
     @with_options
     def instance(self, **options: Unpack[SimulatorOptions]) -> Simulator:
-        """Return the system as a `vdfmu.engine.run.Simulator`, for many runs or steps by hand, used by ``with``."""
+        """Return the system as a `vdfmu.engine.run.Simulator`, for many runs or steps by hand, in a ``with`` block."""
         simulator = Simulator(self.path, **self._with(options))
         simulator.owner = self._keep
         return simulator
@@ -224,7 +224,7 @@ class System:
         from vdfmu.study.sweeps.sweep import sweep  # takes long to import
 
         study = sweep(self.path, vary, **self._with(options))
-        if self._keep is not None:  # the package would end with the system
+        if self._keep is not None:  # the package is deleted with the system
             self.write(study.folder / self.path.name)
         return study
 
@@ -242,7 +242,7 @@ class System:
 
     @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
-        """Write the system as one FMU, see `vdfmu.engine.container.write_container`; default step of the system."""
+        """Write the system as one FMU, see `vdfmu.engine.container.write_container`; the default is its own `step`."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")
@@ -331,7 +331,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
     ----------
     source : Scenario, str or path
     connections : mapping of output to input or inputs, or sequence of such pairs
-        Of a scenario: further connections, ``"plant.q": "controller.q"``, instead of those that these inputs have.
+        For a scenario: further connections, ``"plant.q": "controller.q"``, which replace those to the same inputs.
 
     Returns
     -------
@@ -347,7 +347,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
         return load_fmu(source, connections)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         if connections:
-            raise UsageError(f"connections: expected a scenario, got the package {source}, which has its own.")
+            raise UsageError(f"connections: are for a scenario; the package {source} has its own. Omit them.")
         return System(Path(source))  # pyright: ignore[reportArgumentType]
     from vdfmu.study.analysis.arm_space import packaged  # takes long to import
     from vdfmu.study.run.prepare import scenario_of

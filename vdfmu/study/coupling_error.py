@@ -39,7 +39,7 @@ range, changes below the first limit are ignored, and changes above the second a
 RIGHT, WRONG, OPEN = "right", "not right", "not decided"
 OTHER_STEPS = 8, 13
 """Eight steps h are thirteen steps of the run that looks for aliases. A tone or PWM with whole periods in h, h/2 and
-h/4 has whole periods in 8 h / 13 too only from 52 / h on; with 5 h / 8 it would from 8 / h on."""
+h/4 also has whole periods in 8 h / 13 only at frequencies from 52 / h on; with 5 h / 8, from 8 / h on."""
 
 
 class Differences(NamedTuple):
@@ -78,9 +78,9 @@ def differences(
     `units` are units of measurement; `read` says which signals other components read, by default all.
 
     Events are jumps of signals that are read, and bends of those without jumps. Events at samples of the components in
-    `sampled` have declared times. Others may be between rows. Then the last run is late by up to its step, and the
-    others by no less. If they are as late, no difference shows it. In this time a signal changes by its largest change
-    in a step at most.
+    `sampled` have declared times. Others may be between rows: then the last run sees them late by up to its step, and
+    the others at least as late. If all are equally late, no difference shows it, although a signal may change in this
+    time by as much as its largest change in a step.
     """
     first, half, quarter = at_common_times(runs)
     scale, constant = scales(runs[2], names, units)
@@ -277,7 +277,7 @@ def kind_of(runs: Sequence[Floats], seen: Differences, deciding: Any, sampled: A
 
 
 def _levels(values: Floats) -> str:
-    """Return the kind of a signal that has few values: up to three, or few of which most last for rows; else ""."""
+    """Return the kind of a signal that has few values: up to three, or few that mostly last for some rows; else ""."""
     counts = np.unique(values, return_counts=True)[1]
     if 2 <= len(counts) <= 3:
         return "jumps"
@@ -285,7 +285,7 @@ def _levels(values: Floats) -> str:
 
 
 def _rough(values: Floats) -> bool:
-    """Whether a signal turns at most of its rows, as white noise does at two thirds of them."""
+    """Whether a signal changes its direction at more than half of its rows; white noise does at two thirds."""
     slopes = np.diff(values)
     return len(slopes) > 8 and bool((slopes[1:] * slopes[:-1] < 0.0).mean() > 0.5)
 

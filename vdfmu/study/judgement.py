@@ -55,7 +55,7 @@ from vdfmu.study.sampling import (
 )
 
 _LINEARISED = ("growth", "coarse")
-"""Kinds without a verdict that the radius of the loop explains."""
+"""Kinds without a verdict that the spectral radius of the loop explains."""
 
 
 class SignalError(NamedTuple):
@@ -216,7 +216,8 @@ def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -
     worse, other = sorted((held, continuous), key=lambda each: -math.inf if math.isnan(each.error) else -each.error)
     if held.verdict == continuous.verdict != OPEN:
         both = (
-            f"The same verdict for {names} sampled every {period} and continuous: {per_cent(other.error)} in the other."
+            f"The verdict is the same with {names} sampled every {period} or continuous; the other error is "
+            f"{per_cent(other.error)}."
         )
         return replace(worse, text=f"{worse.text} {both}")
     text = (
@@ -243,7 +244,7 @@ class _Case(NamedTuple):
         """Judge a system by three runs, and by a fourth if they show nothing."""
         (names, n_read), order = judged_signals(self.checked), self.checked.how.order
         if not order:
-            why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its row."
+            why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its Algorithm."
             return self._open("order", why)
         runs: list[Floats] = []
         options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm}

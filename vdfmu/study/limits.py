@@ -30,7 +30,7 @@ class Limit(NamedTuple):
     beyond: str
     """State of a run beyond the limit."""
     unit: str
-    """Of the number and the limit: ``1``, ``%`` for a share, or a unit of measurement."""
+    """Unit of the number and the limit: ``1``, ``%`` for a share, or a unit of measurement."""
     sentence: str
     """What is measured, with places for ``value``, ``place``, ``time`` and others."""
     by: str
@@ -149,11 +149,11 @@ LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
 
 
 OF_SCENARIO = "[limits] of the scenario"
-"""Whose the limits in a scenario's file are."""
+"""Origin of the limits in a scenario's file, for messages."""
 
 
 def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:
-    """Return the limits that are not of the table: by name their ``value``, and ``by`` whom."""
+    """Return the limits that were changed, by name: their ``value``, and ``by`` whom it was set."""
     return {key: {"value": row.value, "by": row.by} for key, row in limits.items() if row.by != LIMITS[key].by}
 
 

@@ -59,7 +59,7 @@ def read_connections(texts: Iterable[str] | None) -> list[tuple[str, str]]:
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
 """Ways to draw the points of a study; the last two for indices of sensitivity."""
 ENGINES = ("fmu", "batch")
-"""Who runs the points of a study: FMUs, or one program of all units."""
+"""What runs the points of a study: FMUs, or one program of all units."""
 
 
 # A table: an option in some lines.

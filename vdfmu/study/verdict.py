@@ -30,7 +30,7 @@ def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
     loops, ends = [*loop_checks(summary, limits)], [*_saturated(figures, limits)]
     loop = figures.get("unstable") or figures.get("margin")
     if ends and loop and figures["saturated"]["at_s"] < loop["at_s"]:
-        first = [*ends, *loops]  # a joint at its limit has no feedback, so its loop is no fault of the gains
+        first = [*ends, *loops]  # a joint at its limit has no feedback, so the gains are not to blame
     else:
         first = [*loops, *ends]
     checks = [
@@ -113,7 +113,7 @@ def loop_sentences(figures: Summary, limits: Limits = LIMITS) -> tuple[str, list
 
 
 def _at_half_step(figures: Summary) -> str:
-    """Return a phrase for the margin at half the step of loops that have none; empty if they have none there either."""
+    """Return a phrase with the modulus margin at half the step, if only the longer step makes the loops unstable."""
     half: Summary | None = figures.get("half_step")
     return "" if half is None else f"with a step of {half['step']:g} s the modulus margin is {half['value']:.2g}"
 
@@ -160,7 +160,7 @@ def _cut(summary: Summary) -> Iterator[Check]:
 
 
 def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
-    """Yield the checks of the numbers of a complete run against others, recorded or calculated, and of its energy."""
+    """Yield the checks of the numbers of a complete run against recorded or calculated ones, and of its energy."""
     if "expected" in summary:
         yield expected_check(summary["expected"])
     yield from _coupling(summary)
@@ -180,6 +180,9 @@ def _coupling(summary: Summary) -> Iterator[Check]:
     if judgement is not None:
         state = {RIGHT: GOOD, WRONG: FAILED}.get(judgement["verdict"], DOUBTFUL)
         sentence, _, more = judgement["text"].partition(". ")
+        for words in ("Right to", "Not right:"):  # the state of the check says this
+            sentence = sentence.replace(words, "coupling error", 1)
+        sentence = sentence.replace("Not decided:", "coupling error not decided:", 1)
         numbers = judgement.get("error", math.nan), judgement["wanted"]
         yield Check("coupling", LIMITS["coupling"].name, state, sentence, more, *numbers, "the requested error")
 
@@ -225,9 +228,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     if check.state == GOOD and not _excused(check):
         sentence = f"matches the {compared['name']} scipy reference to {row.shown(check.value)} of the peak error"
         check = check._replace(sentence=sentence)
-    elif (
-        check.state != GOOD and apart <= tolerance
-    ):  # of a position of 1 rad: the possible error of the solvers of the units
+    elif check.state != GOOD and apart <= tolerance:  # the units' solvers may be off by this at a position of 1 rad
         more += f"; that is within the tolerance of the solvers, {number(tolerance)}"
         smaller = 10.0 ** math.floor(math.log10(tolerance * row.value * largest / apart))
         share = row.shown(check.value)
@@ -245,7 +246,7 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")
     excused = [check for check in checks if _excused(check)]
-    yield from (f"only by {check.by}, {check.sentence.replace(f' by {check.by}', '')}" for check in excused)
+    yield from (f"only because of {check.by}: {check.sentence.replace(f' by {check.by}', '')}" for check in excused)
     if states.get("margin") == GOOD and all(check.key != "margin" for check in excused):
         yield f"modulus margin {number(figures['margin']['value'], 2)}"
     if "contact" in figures:
@@ -271,7 +272,7 @@ def _excused(check: Check) -> bool:
 
 
 def since(time: float) -> str:
-    """Return the phrase for a begin [s]."""
+    """Return the phrase for a start time [s]."""
     return f"from {number(time)} s on" if time else "from the start"
 
 

@@ -56,7 +56,7 @@ def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp
     assert "modulus margin" in written.stdout
     assert "Written to planar_2dof_reach.toml, with a step of 1 ms. Run it with" in written.stdout
     again = vdfmu(tmp_path, "robot", "reach", "planar_2dof")
-    assert (again.returncode, again.stderr[:50]) == (2, "error: planar_2dof_reach.toml: expected no file of")
+    assert (again.returncode, again.stderr[:50]) == (2, "error: planar_2dof_reach.toml: a file of this name")
     for words in (("planar_2dof_reach.toml",), ("reach", "--robot", "planar_2dof")):
         done = vdfmu(tmp_path, "run", *words, "--no-reference", "--overwrite")
         assert done.returncode == 0, done.stderr

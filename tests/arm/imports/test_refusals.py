@@ -60,7 +60,7 @@ def refused(path: Path, **options: str) -> list[str]:
     (ARM.replace('<mass value="2"/>', '<mass value="-2"/>', 1), {},
      "line 3: link one: mass: expected a finite number >= 0 in kg, got -2. Correct it."),
     (ARM.replace('<mass value="2"/>', "", 1), {},
-     'line 3: link one: expected <mass value="..."/> in kg, got nothing. Give it, or no <inertial>.'),
+     'line 3: link one: expected <mass value="..."/> in kg, got nothing. Give it, or remove <inertial>.'),
     (ARM.replace(' iyz="0.003"', "", 1), {},
      "line 3: link one: expected <inertia> with ixx, iyy, izz, ixy, ixz, iyz in kg.m2, got no iyz. Give them "),
     (ARM.replace('type="prismatic"', 'type="screw"'), {},
@@ -110,4 +110,4 @@ def test_a_row_of_links_without_end_is_refused(urdf):
     row = "".join(link(f"l{i}", "") for i in range(n + 1))
     row += "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(n))
     (problem,) = refused(urdf(row))
-    assert problem == "expected some hundred links in a row, got more. Is it one robot?"
+    assert problem == "expected a chain of at most a few hundred links. Is it one robot?"

@@ -190,7 +190,7 @@ def test_without_an_option_nothing_is_traced_of_it(planar, with_options, functio
     assert names <= {p.field for p in robot.entries()}
     assert robot_from_dict(robot.to_dict()).to_dict() == robot.to_dict()
     table = next(row for row in section(option)).table
-    with pytest.raises(UsageError, match=rf"it has no {option}\. .* \[{table}\]"):
+    with pytest.raises(UsageError, match=rf" has no {option}\. .* \[{table}\]"):
         planar.with_parameters(**{min(names): 1.0})
     state = DRIVE_OPTIONS[option].state
     assert state_names(robot) == [*state_names(planar), *([state.name] if state else [])]

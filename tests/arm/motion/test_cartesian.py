@@ -118,7 +118,7 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     ({"tolerance": 0.0}, "tolerance: expected more than 0"),
     ({"speed": np.inf}, "speed: expected more than 0"),
     ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
-    ({"speed": 0.1}, "duration: expected at least the"),
+    ({"speed": 0.1}, "duration: expected at least .* s, because of the speed"),
     ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_named(planar, keys, words):

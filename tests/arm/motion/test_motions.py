@@ -63,7 +63,7 @@ def test_limits_hold_and_rests_last_as_long_as_asked_within_a_duration():
     stopping = motions.waypoints(POINTS, TIMES, dwell=[0.0, 0.0, 0.2, 0.0, 0.0])
     assert np.abs(stopping.at(np.array([1.0, 1.1, 1.2]))[0] - POINTS[2]).max() < 1e-13
     assert np.abs(stopping.at(np.array([1.05, 1.15]))[1:]).max() == 0.0
-    with pytest.raises(UsageError, match=r"expected at least the .* s that the limits of joint 1 take, got 0.5 s"):
+    with pytest.raises(UsageError, match=r"expected at least .* s, because of the limits of joint 1, got 0.5 s"):
         motions.waypoints(POINTS, duration=0.5, velocity=velocity, acceleration=acceleration)
     motion = motions.waypoints(POINTS, duration=4.0, dwell=[0.0, 0.0, 0.5, 0.0, 0.25])
     still = np.abs(motion.coefficients[:, 1:]).max(axis=(1, 2)) == 0.0

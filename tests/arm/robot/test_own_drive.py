@@ -155,7 +155,7 @@ STATE = HEAD + "MINE = DriveOption(state=OptionState('tau_s', '1', 'x', 'y'))\n"
     ("x = 1\ny = 1 / 0\n", r"my_drive\.py, line 2: .*division by zero"),
     ("import sys\nsys.exit(0)\n", r"my_drive\.py, line 2: SystemExit"),
     ("x = 1\n", r"my_drive\.py must have a DriveOption of vdfmu\.drive"),
-    (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: a name must be new"),
+    (ROWS.format("K_f0") + "MINE = DriveOption()\n", r"K_f0: every arm already has such names"),
 ])  # fmt: skip
 def test_a_file_that_is_no_drive_is_refused(text, message):
     with pytest.raises(ModelError, match=message) as refused:

@@ -17,7 +17,7 @@ from vdfmu.system.scenario.check import model_notes
 
 ARM, LIMITED = load_robot("planar_2dof"), load_robot("ur5e_6dof")
 MISTAKES: list[tuple[Any, dict[str, Any], str]] = [
-    (ARM, {"gravity": [0, 0, -9.81]}, "gravity[3] = -9.81 m/s2 pulls towards +. Write +9.81 on the axis"),
+    (ARM, {"gravity": [0, 0, -9.81]}, "-9.81 m/s2 pulls towards +z, because the vector points up. Write +9.81"),
     (ARM, {"gravity": [0, 0, 981]}, "gravity of 981 m/s2 looks like another unit. Earth has 9.81"),
     (ARM, {"mass": [1.0, 4000.0]}, "joint 2: a mass of 4000 kg looks like grams. Give it in kg."),
     (ARM, {"offset": 1e3 * ARM.offset}, "joint 2: a length of 500 m looks like mm."),

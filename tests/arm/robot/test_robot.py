@@ -94,7 +94,7 @@ def test_a_payload_is_read_written_and_scaled_and_a_robot_without_has_none_to_se
     names = [p.name for p in point.entries()]
     assert names[2:6] == ["payload_mass", "payload_centroid[1]", "payload_centroid[2]", "payload_centroid[3]"]
     assert "payload_inertia[1,1]" in [p.name for p in robot.entries()]
-    with pytest.raises(UsageError, match=r"planar_2dof: payload_mass: it has no payload\. .* \[payload\]"):
+    with pytest.raises(UsageError, match=r"payload_mass: robot planar_2dof has no payload\. .* \[payload\]"):
         load_robot("planar_2dof").with_parameters(payload_mass=1.0)
 
 

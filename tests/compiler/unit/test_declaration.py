@@ -308,7 +308,7 @@ def test_a_unit_has_the_variables_of_the_options_that_its_robot_has(with_options
     assert [v.name for v in bent.memory[bent.derivatives]] == ["der(x[1])", "der(x[2])"]
     assert Loaded(with_options("hysteresis"), x_0=2.0).simulate(stop=1.0)["x"][-1] == pytest.approx(2.0 / np.e)
     assert Loaded(SLIDER).simulate(stop=0.1)["y"][-1] == 1.0
-    with pytest.raises(UnitError, match=r"Loaded\.u is there for a robot with payload only"):
+    with pytest.raises(UnitError, match=r"Loaded\.u exists only for a robot with payload"):
         _ = Loaded(SLIDER).u
     with pytest.raises(UsageError, match="Loaded has no 'x_0' to set"):
         Loaded(SLIDER, x_0=1.0)

@@ -57,7 +57,7 @@ def test_a_relay_without_states_looks_at_the_rows():
 
 @pytest.mark.heavy
 def test_bounces_without_an_end_end_with_a_sentence():
-    words = "events do not end: there are more than 1000 in one interval, the last of ground. Let at_ground end"
+    words = "events do not end: there are more than 1000 in one interval, the last of ground. Let at_ground stop"
     with pytest.raises(KernelError, match=rf"at t = 2\.5\d* s {words}"):
         Ball().simulate(stop=3.0, step=0.5)
 

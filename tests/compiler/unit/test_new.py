@@ -40,7 +40,7 @@ def test_out_names_the_file(tmp_path):
 @pytest.mark.parametrize("there", ["my_filter.py", "test_my_filter.py"])
 def test_a_file_that_is_there_is_not_replaced(tmp_path, there):
     (tmp_path / there).write_text("mine")
-    with pytest.raises(UsageError, match=f"{there} is there already, and not replaced"):
+    with pytest.raises(UsageError, match=f"{there} exists and is not replaced"):
         new_unit("MyFilter", tmp_path / "my_filter.py")
     assert [path.name for path in tmp_path.iterdir()] == [there]
     assert (tmp_path / there).read_text() == "mine"
@@ -48,7 +48,7 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path, there):
 
 REFUSED = {
     "expected CamelCase or snake_case": ["my-filter", "2nd", "my_Filter", "Größe"],
-    "State is a name that units need of vdfmu.unit": ["state"],
+    "State is a name that units import from vdfmu.unit": ["state"],
     "random is a name of Python's own": ["Random"],
     "lambda is a name of Python's own": ["lambda"],
     "expected a Python file": ["MyFilter --out my_filter.txt", "MyFilter --out my-filter.py"],
@@ -75,7 +75,7 @@ def test_the_examples_are_written_and_load(tmp_path, monkeypatch):
     assert {part.unit.name for part in parts if isinstance(part.unit, Path)} <= files
     assert {"encoder.py", "friction_torque.py", "waypoints.csv"} <= files
     Path("mine/wall.py").write_text("mine")
-    with pytest.raises(UsageError, match="are there already, and not replaced"):
+    with pytest.raises(UsageError, match="exist and are not replaced"):
         copy_examples(Path("mine"))
     assert Path("mine/wall.py").read_text() == "mine"
 

@@ -92,8 +92,8 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
     equal: ("a condition on a value is not known", 0.0),
     eigenvalues: ("eigvalsh of numpy takes no symbols: ", None),
     spacing: ("np.spacing takes no symbols: ufunc 'spacing' not supported", None),
-    interpolated: ("Take .* interpolate of vdfmu.unit for a table", None),
-    cast: (r"an array to put it into is zeros\(shape, \*like\) of vdfmu\.unit", 0.5),
+    interpolated: ("of vdfmu.unit, interpolate for tables", None),
+    cast: (r"zeros\(shape, \*like\) for an array that it is put into", 0.5),
 }
 
 
@@ -283,7 +283,7 @@ class Early(Unit):
 
 
 REMEMBERS = bad(remembers, before=0.0)
-WAY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
+WAY = "Keep a value for the next call in a Sampled state, and within a call in a local variable"
 
 
 @pytest.mark.parametrize(("unit", "words"), [
@@ -292,11 +292,11 @@ WAY = "Memory from one call to the next is a Sampled state. Within a call use a 
     (Silent, r"outputs\(\) of Silent never sets y\."),
     (bad(reads), r"outputs\(\) of Wrong fails: y is read before it is set\."),
     (bad(raises), r"outputs\(\) of Wrong fails: KeyError: 'no such thing'\."),
-    (bad(endless), r"outputs\(\) of Wrong fails: it calls itself without end\."),
+    (bad(endless), r"outputs\(\) of Wrong fails: it calls itself endlessly\."),
     (bad(no_number), r"outputs\(\) of Wrong fails: Wrong\.y: expected numbers, got None\."),
     (REMEMBERS, rf"outputs\(\) of Wrong fails: outputs\(\) sets before, which Wrong does not declare\. {WAY}\."),
-    (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 from the same values\. {WAY}, for noise an "
-             r"input or `normal` of vdfmu\.unit\."),
+    (Counts, rf"outputs\(\) of Counts gives y = [01]\.0, then [01]\.0 for the same values\. {WAY}\. For noise use an "
+             r"input or vdfmu\.unit\.normal\."),
     (Early, r"start\(\) of Early fails: x is a state and gets its first value by start\(\)\."),
 ])  # fmt: skip
 def test_a_method_that_is_wrong_is_named_with_its_line(unit, words):

@@ -89,7 +89,7 @@ ROOT = ca.rootfinder("r", "newton", {"x": u, "g": u**2 - 2})(x0=q)["x"]
     (lambda: casadi_unit(ca.Function("f", [x], [x[0]], ["x"], ["ode"])), r"shape of x, \(2, 1\), got \(1, 1\)"),
     (lambda: casadi_unit(ca.Function("f", [d], [ca.sum1(d)], ["u"], ["y"])), "u must be dense, .*sparse"),
     (lambda: casadi_unit(ca.Function("f", [x, u], [x, u], ["x", "z"], ["ode", "alg"])), "must not have .* alg"),
-    (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must have scalar operations only"),
+    (lambda: casadi_unit(ca.Function("f", [q], [ROOT], ["q"], ["y"])), "must use only scalar operations"),
     (lambda: table_unit({"a": [1, 2]}), "must have names, and two columns"),
     (lambda: table_unit({"a": [1, 2], "b": [1, np.nan]}), "rows of finite numbers"),
     (lambda: table_unit({"a": [1, 0], "b": [2, 3]}), "Column a must increase"),

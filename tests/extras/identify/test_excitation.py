@@ -79,7 +79,7 @@ def test_amplitudes_shrink_to_keep_limits_and_say_so():
     ({"seed": -1}, "seed: expected a whole number of at least 0"),
     ({"seed": np.nan}, "seed: expected a whole number, got nan"),
     ({"start": []}, "start: expected a position for each joint"),
-    ({"amplitude": np.inf}, "amplitude: expected one above 0"),
+    ({"amplitude": np.inf}, "amplitude: expected a number above 0"),
 ])  # fmt: skip
 def test_a_multisine_that_does_not_fit_is_named(keys, words):
     with pytest.raises(UsageError, match=words):

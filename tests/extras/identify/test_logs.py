@@ -156,7 +156,7 @@ def test_missing_samples_are_bridged_as_far_as_the_motion_allows(robot, data, tm
     # over 16 ms: (2 pi 0.9 16e-3)^4 / 384 of 1.2 rad is 2e-7; the neighbours' steps differ, so some times more
     assert error < 2e-6 and len(log.t) == M
     (note,) = log.notes
-    assert "times are uneven, steps of 4 to 16 ms, 2 gaps: taken every 4 ms, by cubic splines" in note
+    assert "times are uneven, steps of 4 to 16 ms, 2 gaps: resampled every 4 ms by cubic splines" in note
     left = np.delete(np.arange(M), np.arange(300, 400))
     with pytest.raises(UsageError, match=r"kappa\[1\], row 300: .* from 1.196 s to 1.6 s there is a gap, and 0 more"):
         resampled(robot, data, tmp_path / "log.csv", T[left], table([x[left] for x in data]))
@@ -166,7 +166,7 @@ def test_a_clock_that_jitters_is_told_from_samples_that_do(robot, data, tmp_path
     random = np.random.default_rng(0)
     t = T + 0.2 * STEP * random.uniform(-1, 1, M)
     log, error = resampled(robot, data, tmp_path / "log.csv", t, table(data))
-    assert "the clock jitters by up to 0.8" in log.notes[0] and "these equal times are used" in log.notes[0]
+    assert "the clock jitters by up to 0.8" in log.notes[0] and "this even spacing is used" in log.notes[0]
     # the line through the times: their deviation 0.12 h over sqrt(m) twice, at its ends, at 6 rad/s: 7e-5 rad
     assert error < 1.5e-4
     log, error = resampled(robot, data, tmp_path / "log.csv", t, table(motion(robot, t)))
@@ -185,9 +185,9 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
     for other, t, message in (
         ({"q": q[:, ::-1]}, T, r"q\[1\] moves with kappa\[2\], correlation 1.000.*\n.*q\[2\] moves with kappa\[1\]"),
         ({"q": q * [1, -1]}, T, r"q\[2\] moves -1 times as far as kappa\[2\], expected 1: a sign differs: --column"),
-        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, T, r"q\[1\] moves 57.\d+ .* the link's look like degrees"),
-        ({"q": q * 0.05, "kappa": np.rad2deg(kappa * 0.05)}, T, r"q\[1\] moves 0.0174\d* .* rotor's look like degrees"),
-        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, T, "the rotor's look like the motor's, .* theta"),
+        ({"q": np.rad2deg(q * 0.05), "kappa": kappa * 0.05}, T, r"q\[1\] moves 57.\d+ .* link positions look like"),
+        ({"q": q * 0.05, "kappa": np.rad2deg(kappa * 0.05)}, T, r"q\[1\] moves 0.0174\d* .* rotor positions look like"),
+        ({"kappa": kappa * robot.ell * 0.02, "q": q * 0.02}, T, "rotor positions do not look divided by .* theta"),
         ({"tau": tau * [1, 0]}, T, r"tau\[2\]: expected a measured torque, got 0 N.m in all rows"),
         ({}, back, r"row 701: time: expected .* more than the 2.796 s of the row before, got 2.792"),
         ({}, 1e3 * T, "expected a row every few ms, got one every 4 s: give the unit, --time"),

@@ -280,7 +280,7 @@ def test_changed_files_of_torques_and_steps_that_do_not_fit_the_period_are_refus
         with pytest.raises(UsageError, match="expected torques in even rows, 6 times 4 equal periods"):
             read_excitation(path, 2)
     for step in (0.003, 0.09, 0.0, 0.5):
-        with pytest.raises(UsageError, match="step: expected a part of the period of 2 s, less than 0.1 s"):
+        with pytest.raises(UsageError, match="step: must divide the period of 2 s and be less than 0.1 s"):
             stiffness_experiment(robot, step=step)
 
 

@@ -106,11 +106,11 @@ def test_what_leaves_the_limits_or_fails_ends_the_episode_at_the_worst_cost():
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"hold": 7}, "whole multiple, got 7"),
+    ({"hold": 7}, "whole actions, got 7"),
     ({"action": "plant.torque"}, "'plant.torque': expected a group of inputs"),
     ({"seen": ("arm.q",)}, "arm: expected components of"),
-    ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected one of what is seen"),
-    ({"limits": {"plant.x": 1.0}}, "plant.x: expected one of what is seen"),
+    ({"track": ("trajectory.q_d", "plant.kappa")}, "plant.kappa: expected an observed signal"),
+    ({"limits": {"plant.x": 1.0}}, "plant.x: expected an observed signal"),
     ({"limits": {"plant.q": np.nan}}, "limits: plant.q: expected one finite number, or 2 for plant.q, got nan"),
     ({"limit": [1.0, -1.0]}, "limit: expected a finite number above 0, got \\[1.0, -1.0\\]"),
     ({"error": 0.0}, "error: expected a finite number above 0, got 0"),

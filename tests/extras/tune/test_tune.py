@@ -158,7 +158,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"vary": ["controller.K_p[1]=log(1, 10)"]}, r"expected a range that has the scenario's 1500, got 1 to 10"),
     ({"vary": ["trajectory.t_start"]}, "trajectory.t_start: expected a range, got 0 to 0"),  # a start value
     ({"vary": ["feedforward.F_e_d"]}, "feedforward.F_e_d.1.: expected a range, got 0 to 0"),
-    ({"vary": ["plant.mass"], "margin": 0.5}, "expected parameters of other components than the plant"),
+    ({"vary": ["plant.mass"], "margin": 0.5}, "the parameters to vary must not belong to the plant"),
     ({"vary": ["controller.K_p", "controller.K_p[1]"]}, "expected each number once, got controller.K_p.1."),
     ({"limit": ["peak(plant.q)"]}, "limit: expected EXPRESSION < NUMBER"),
     ({"margin": "big"}, "margin: expected a modulus margin from 0 to below 1, or same, got big"),
@@ -169,7 +169,7 @@ def test_the_command_shows_before_and_after(tmp_path):
     ({"vary": ["controller.tau_max"]}, r"tau_max.1.: expected a finite number to vary, got 1000000000000"),
     ({"spread": ["algorithm=jacobi, iterative"]}, "spread: expected parameters with numbers, got algorithm"),
     ({"spread": ["feedforward.mode=vdc, inverse"]}, "spread: expected parameters with numbers, got feedf"),
-    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, as controller.K_p after it"),
+    ({"spread": ["controller.K_p=*lin(0.9, 1.1)"]}, r"K_p.1.: has no effect, because controller.K_p comes after it"),
     ({"cost": "rms(plant.x)"}, "no output or connected input is called plant.x"),
 ])  # fmt: skip
 def test_what_is_wrong_is_said_before_the_first_run(options, words, tmp_path):

@@ -119,7 +119,7 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
             with Simulator(package, isolate=False, **(options | {"inputs": inputs})) as simulator:
                 runs.append(simulator.run(parameters={"plant.tolerance": 1e-11}, record=["plant.kappa_dot[6]"]))
     apart = np.abs(runs[1]["plant.kappa_dot"] - runs[0]["plant.kappa_dot"]).ravel()
-    before, after = (apart[a : a + 95].max() for a in (640, 950))  # a period, of the begin and the end of the growth
+    before, after = (apart[a : a + 95].max() for a in (640, 950))  # a period, of the start and the end of the growth
     # the first window has what grows until 0.73 s, 1.2, and links that swing
     assert 0.5 * factor < after / before <= factor
 

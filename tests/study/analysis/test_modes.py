@@ -150,7 +150,7 @@ def test_what_cannot_be_linearised_is_said(lift, tmp_path):
         vdfmu.linearize(vdfmu.load_robot(tmp_path / "weak.toml"), [0.6])
     assert "joint 1 at 0.6: expected 0.05 to 0.5, between its end stops" in str(raised.value)
     # 2.5 kg x 9.81 m/s2 / 600 rad/m
-    assert "at most 0.01 N.m, it takes 0.04088 N.m" in str(raised.value)
+    assert "at most 0.01 N.m, but it takes 0.04088 N.m" in str(raised.value)
     (tmp_path / "strong.toml").write_text(ONE_JOINT + limits + weak.replace("0.01", "1.0"))
     said = ran("linear", tmp_path / "strong.toml")
     assert "at 0.275" in said.output  # 0 is beyond an end stop

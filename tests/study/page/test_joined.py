@@ -142,7 +142,7 @@ def test_a_sweep_of_a_package_runs_the_variant_that_is_named(place):
     ]
     assert ends[0] > 0.0 and ends[1] == 0.0  # nothing feeds b
     for wrong in ({"start": 0.5}, {"variant": "apart.ssd"}):
-        with pytest.raises(UsageError, match="expected a package or FMUs, got the scenario planar_tracking"):
+        with pytest.raises(UsageError, match="is only for packages and FMUs, got the scenario planar_tracking"):
             sweep("planar_tracking", {"controller.K_p": [1.0]}, out=place[0] / "no", **wrong)
 
 

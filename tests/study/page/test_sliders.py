@@ -177,7 +177,7 @@ def test_verdict_tiles_and_figures_follow_the_sliders_in_one_screen(run, browser
     slide(browser, "Derivative", -100)
     after, marks = browser.run(texts), browser.run("report.view.marks")
     assert browser.run("document.querySelector('.verdict').className") == "verdict failed"
-    assert re.match(r"Simulated, failed: plant failed at 0\.\d+ s", after[0])
+    assert re.match(r"Simulated, failed: run ended at 0\.\d+ s", after[0])
     assert words_of(browser, ".checks summary").startswith("Recorded: ")
     for was, tile in zip(before[1:], after[1:], strict=True):
         assert was.split("\n")[1] + " →" in tile  # the recorded value, an arrow, the new one

@@ -12,7 +12,7 @@ import vdfmu
 from tests.conftest import ran
 from vdfmu.arm.dynamics import forward_kinematics
 from vdfmu.arm.robot import load_robot
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
 from vdfmu.engine.results.verdict import LONGEST, Check, checks_line, headline_of, results_of, state_of, verdict_of
@@ -194,13 +194,13 @@ def test_a_limit_of_the_user_replaces_that_of_the_table_and_says_whose_it_is():
     (margin,) = (check for check in lower["checks"] if check["key"] == "margin")
     assert (margin["limit"], margin["by"]) == (0.3, "--limit")
     # what is good by this limit only is the first that is said, with the limit
-    assert lower["headline"] == "Good: only by --limit, modulus margin 0.34 at joint 5, 1.2 s (limit 0.3)"
+    assert lower["headline"] == "Good: only because of --limit: modulus margin 0.34 at joint 5, 1.2 s (limit 0.3)"
     assert verdict({"key_figures": {"margin": MARGIN}}, read_limits({"margin": 0.3}, "--limit"))["headline"] == (
         "Good: modulus margin 0.54; not judged: scipy reference"
     )
     far = {"path": OFF | {"value": 0.34, "place": "tool"}, "tool_error": {"value": 0.34, "at_s": 2.0}}
     assert verdict({"key_figures": far}, read_limits({"tool": "30 %"}, "--limit"))["headline"] == (
-        "Good: only by --limit, tool off its path by 0.34 m, 20.5 % of the motion, at 2 s …"
+        "Good: only because of --limit: tool off its path by 0.34 m, 20.5 % of the motion, at 2 s …"
     )
     higher = verdict(summary, read_limits({"margin": 0.4}, "[limits] of the scenario"))
     assert higher["headline"] == (
@@ -253,6 +253,9 @@ def test_without_a_verdict_there_is_no_line_and_numbers_that_are_not_known_have_
     # a comma before a number is that of a list
     ("the robot file's links predict the torque better at each of the joints 1, 2, 3, 4, 5, 6, 7, 8",
      "Failed: the robot file's links predict the torque better at each of the joints 1, 2, 3, …"),
+    # the cause of a failure, of one or several lines
+    (CosimError("ctrl", "doStep", 0.3, "IndexError: list index out of range\n(mypd.py, line 14)").sentence,
+     "Failed: run ended at 0.3 s in ctrl: IndexError: list index out of range (mypd.py, line 14)"),
 ])  # fmt: skip
 def test_a_headline_is_cut_between_clauses_or_words(sentence, headline):
     assert verdict_of([Check("end", "Runs to its end", "failed", sentence)])["headline"] == headline

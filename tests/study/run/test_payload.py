@@ -101,8 +101,8 @@ def test_a_component_without_bodies_has_no_payload_and_a_variable_of_an_option_n
         .replace('name = "planar_tracking"', 'name = "free"\nsystem = "system.toml"')
     )
     with pytest.raises(
-        ModelError, match=r"an output of plant, got 'V_O'\. It is there for a robot with coupled_tool only\."
+        ModelError, match=r"an output of plant, got 'V_O'\. It exists only for a robot with coupled_tool\."
     ):
         load_scenario(tmp_path / "free.toml")
-    with pytest.raises(UsageError, match=r"plant has no V_S\. It is there for a robot with moving_base only\."):
+    with pytest.raises(UsageError, match=r"plant has no V_S\. It exists only for a robot with moving_base\."):
         system_values(load_scenario("planar_tracking"), {"plant.V_S": 1.0})

@@ -47,7 +47,7 @@ def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(t
     ({"f.a": "lin(0, 1, 5)"}, lambda a: 1 - a, "y falls as f.a grows."),
     ({"f.a": "lin(0, 1, 5)"}, lambda a: 1 - a, "It is at the upper end of f.a: a better point may lie beyond it."),
     ({"f.a": "lin(0, 1, 5)"}, lambda a: a * 0 + 3.0, "y is 3 rad at each point."),
-    ({"f.a": "lin(-2, 2, 5)"}, lambda a: a**2 + 1, "The ranking is clear: the next, point 1, has 100 % more."),
+    ({"f.a": "lin(-2, 2, 5)"}, lambda a: a**2 + 1, "The ranking is clear: the next, point 1, has 2 times as much."),
     ({"f.a": "lin(-2, 1, 4)"}, lambda a: 1 + 1e-3 * a**2, "3 other points tie with it, within 1 %."),
     (GRID, lambda a, b: np.random.default_rng(1).permutation(25.0 + np.arange(25)), "No axis stands out"),
 ])  # fmt: skip
@@ -121,7 +121,7 @@ def test_a_search_says_its_chosen_point_and_margin_and_its_best_point_is_feasibl
 
 def test_a_search_without_a_feasible_point_is_doubtful_and_a_damaged_file_is_an_error(tmp_path):
     search = searched(tmp_path / "s", infeasible=[0, 1, 2, 3, 4])
-    assert search.answer.headline == "Doubtful: the search found no values within the limits and the margin"
+    assert search.answer.headline == "Doubtful: no values that were tried meet the limits and the margin"
     assert search.answer.sentences[0] == "The nearest is f.a 3 (point 3)."
     (tmp_path / "s" / "tune.json").write_text('{"points": 1}')
     with pytest.raises(UsageError, match="expected the results of a search"):

@@ -156,7 +156,7 @@ def test_two_processes_do_not_share_a_study(wild, tmp_path):
     worker.start()
     try:
         assert inside.wait(60)
-        with pytest.raises(UsageError, match="another process is at work"):
+        with pytest.raises(UsageError, match="another process runs this study"):
             study(wild, tmp_path / "study")
     finally:
         outside.set()

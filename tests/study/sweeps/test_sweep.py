@@ -195,7 +195,7 @@ def test_what_cannot_be_run_is_said_before_the_first_point(wild, tmp_path, over,
     (["plant.q_max=1, 2"], r"robot planar_2dof does not have its optional table \[limits\]"),
     (["plant.F_e=*lin(1, 2, 2)"], "not all 0"),
     (["trajectory.t_start=*lin(1, 2, 2)"], "not all 0"),  # its start value: no key of the scenario
-    (["controller.K_p[1]=1, 2", "controller.K_p=3, 4"], r"K_p\[1\]: has no effect, as controller.K_p after it"),
+    (["controller.K_p[1]=1, 2", "controller.K_p=3, 4"], r"K_p\[1\]: has no effect, because controller.K_p comes"),
 ])  # fmt: skip
 def test_what_a_scenario_cannot_have_is_said_before_the_first_point(tmp_path, over, words):
     with pytest.raises(VdfmuError, match=words):

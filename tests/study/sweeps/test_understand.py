@@ -105,7 +105,7 @@ def test_a_measure_without_values_is_shown_as_such_and_what_cannot_be_drawn_said
     for each, measure, words in (
         (plain, "z", "expected y, got 'z'"),
         (failed, None, "all failed"),
-        (fixed, None, "expected an axis with two values"),
+        (fixed, None, "expected an axis with at least two values"),
     ):
         with pytest.raises(UsageError, match=words):
             view(each, measure)

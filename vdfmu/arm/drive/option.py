@@ -127,8 +127,8 @@ def _same(value: Any, *_: Any) -> Any:
 class DriveOption:
     """Laws of an option in addition to the paper's, in terms of (n,) for all joints.
 
-    ``robot`` has its parameters. ``state`` is the value of its state, or None along a desired motion. A law with a
-    value as its first argument, so far by the paper and earlier options, returns the new value.
+    ``robot`` has its parameters. ``state`` is the value of its state, or None along a desired motion. A law whose
+    first argument is the value by the paper and earlier options returns the new value.
     """
 
     state: OptionState | None = None

@@ -42,7 +42,7 @@ class FeedforwardTorques(NamedTuple):
 class FeedbackGains(NamedTuple):
     """Gains of required velocities (12), net forces (15)-(17), (50) and drive torques (26)-(27), each (n,).
 
-    Lambda [1/s]; K_V, the gain matrix K_B of link i over the unit matrix; k_vq, k_vkappa [N m s/rad, motor-side].
+    Lambda [1/s]; K_V: the gain matrix K_B of link i is K_V times a unit matrix; k_vq, k_vkappa [N m s/rad, motor-side].
     """
 
     Lambda: Any
@@ -175,9 +175,9 @@ def drive_torques(
 ) -> tuple[Any, Any]:
     """Drive torques tau_t, Eq. (26), and motor torques tau, Eq. (27), (n,) [N m] each, motor-side.
 
-    They solve (21) and (22) with the axis components ``z.T F_qr = tau_q`` [N m or N], link-side, and
-    ``z.T F_kr = tau_kr`` [N m], motor-side, by (19) and (24) the required net torque of the rotor, with the gain K_D of
-    (16) in k_vkappa. `friction` is (xi_l, xi_m).
+    They solve (21) and (22) for given axis components: ``z.T F_qr = tau_q`` [N m or N], link-side, and
+    ``z.T F_kr = tau_kr`` [N m], motor-side, which by (19) and (24) is the required net torque of the rotor. The gain
+    K_D of (16) is part of k_vkappa. `friction` is (xi_l, xi_m).
     """
     xi_l, xi_m = friction
     tau_t = (tau_q + xi_l) / robot.ell + gains.k_vq * (required.q_dot_r - q_dot)  # (26)

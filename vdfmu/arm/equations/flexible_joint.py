@@ -1,8 +1,8 @@
 """The flexible joint as a subsystem: Eq. (4)-(11) and (56), and the spring with its torque as the state.
 
 The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
-masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). The rotor is left: a body that turns
-about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of spring,
+masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What remains is the rotor: a body that
+turns about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of spring,
 friction and motor.
 """
 
@@ -89,7 +89,7 @@ def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
 def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
     """Force from the base to the rotor, F_Dk of Eq. (10), for a known torque about its axis: (6,) in {D_i}.
 
-    Of (7) the gyroscopic moment is left: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
+    Of (7) only the gyroscopic moment remains: the axial part of ``M_D V_D_dot`` is tau_k, and the mass is 0.
     """
     return Z_TAU * tau_k + coriolis_force(*rotor_body(robot, i), V_D)
 
@@ -98,7 +98,7 @@ def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any
     """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
 
     `V_B` are the velocities of the links, `V_S` is the velocity of the base of the first joint. U_BD is constant:
-    accelerations V_B_dot and kappa_ddot give the derivatives V_D_dot by the same line.
+    accelerations V_B_dot and kappa_ddot give the derivatives V_D_dot by the same formula.
     """
 
     def rotor(V_A: Any, i: int) -> tuple[Any, Any]:

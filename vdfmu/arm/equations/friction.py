@@ -49,7 +49,7 @@ def linear_friction(robot: Any) -> Any:
 
 
 def friction_regressor(robot: Any, velocity: Any, direction: Any) -> Any:
-    """Return Y, (n, 2), of the friction ``sum(Y * linear_friction, axis=1)`` at `velocity`, dry as of `direction`."""
+    """Return Y, (n, 2), of the friction ``sum(Y * linear_friction, axis=1)`` at `velocity`, dry by `direction`."""
     return np.stack([velocity, np.tanh(direction / robot.eps)], axis=1)
 
 

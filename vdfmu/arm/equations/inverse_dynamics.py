@@ -19,9 +19,9 @@ NO_WRENCH = np.zeros(6)
 
 
 class Base(NamedTuple):
-    """Motion of the base frame {S} relative to an inertial frame that its origin passes at `V_S[:3]`.
+    """Motion of the base frame {S} relative to an inertial frame, in which its origin moves at `V_S[:3]`.
 
-    Forces are the same in all inertial frames (Galilei): for these the linear velocity may be 0.
+    Forces are the same in all inertial frames (Galilean invariance), so for forces alone the linear velocity may be 0.
     """
 
     R_S: Any = np.eye(3)
@@ -33,7 +33,7 @@ class Base(NamedTuple):
 
 
 AT_REST = Base()
-"""{S} is the inertial frame {I}, as in the paper: its zeros fold away in the generated code."""
+"""{S} is the inertial frame {I}, as in the paper. Its zeros are simplified away in the generated code."""
 
 # pass 1, base to end effector: velocities, accelerations and gravity
 
@@ -46,12 +46,12 @@ def driven_velocity(z: np.ndarray, U_AB: np.ndarray, V_A: np.ndarray, q_dot: Any
 def driven_acceleration(
     z: np.ndarray, U_AB: np.ndarray, V_A_dot: np.ndarray, V_B: np.ndarray, q_dot: Any, q_ddot: Any
 ) -> np.ndarray:
-    """Return the derivative of `V_B` of (31), not printed in the paper: (6,) in {B}; U_AB moves with `q_dot`."""
+    """Return the derivative of `V_B` of (31), not printed in the paper: (6,) in {B}; U_AB changes with `q_dot`."""
     return z * q_ddot + U_AB.T @ V_A_dot + cross_motion(V_B) @ (z * q_dot)
 
 
 class ChainMotion(NamedTuple):
-    """Motion of base and links: force transformations U_AB (32), velocities V_B (29)-(31), and V_B_dot or none."""
+    """Motion of base and links: force transformations U_AB (32), velocities V_B (29)-(31), V_B_dot (or empty)."""
 
     U_AB: list[np.ndarray]
     V_B: list[np.ndarray]
@@ -79,8 +79,8 @@ def link_motion(
 ) -> ChainMotion:
     """Velocities of all links by Eq. (29)-(31), and their derivatives.
 
-    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest. For required
-    velocities `q_dot`, (48)-(49), U_AB moves with the `measured` velocities of the joints.
+    Deviation: (30)-(31) are printed for i = 2..5; they run to i = n, and (29) is (31) on a base at rest. If `q_dot`
+    are required velocities, (48)-(49), U_AB still changes with the `measured` velocities of the joints.
     """
     motion = link_velocities(robot, q, q_dot, base)
     moving = q_dot if measured is None else measured
@@ -153,14 +153,14 @@ def inverse_dynamics(
 ) -> np.ndarray:  # fmt: skip
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
 
-    (n,) [N m or N], link-side, on the links: of drives and of counterbalances, see :func:`.link_torques`.
+    (n,) [N m or N], link-side: the sum that drives and counterbalances apply, see :func:`.link_torques`.
 
     Parameters
     ----------
     q, q_dot, q_ddot : (n,) [rad or m, and per s, s2]
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     rotors : (kappa_dot, kappa_ddot), each (n,), optional
-        Motion of rotors whose reaction on the links is included, Eq. (11); without it the result is that of the links.
+        Motion of rotors whose reaction on the links is included, Eq. (11). By default only the links are included.
     """
     motion = link_motion(robot, q, q_dot, q_ddot, base=base)
     F_Dk = None if rotors is None else rotor_forces(robot, motion, *rotors)

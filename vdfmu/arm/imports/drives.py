@@ -21,7 +21,7 @@ from vdfmu.base.toml_tables import Problems, Table
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")
 FULL = 0.95
-"""Limit of the speed over the motor's no-load speed. The torque is the whole effort up to that limit."""
+"""Limit of the speed relative to the motor's no-load speed. Up to that limit the whole effort is available."""
 _ACCELERATION = 10.0
 """Assumed acceleration [rad/s2, m/s2] of a joint whose file has no torque, in addition to its weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")
@@ -37,10 +37,10 @@ class DriveNumbers(NamedTuple):
 
 
 def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float) -> list[DriveNumbers]:
-    """Return the numbers of every joint; limits for all joints, if a file has one of any joint.
+    """Return the numbers of every joint; all joints have limits if a file has limits of any joint.
 
-    Bodies, and their entries `chosen` of the file of drives, by :func:`read_drives`, go from base to tip; `file` is the
-    robot's, for sources; gravity in m/s2.
+    `bodies`, and their entries `chosen` in the file of drives, see :func:`read_drives`, are in the order from base to
+    tip. `file` is the robot's, named in sources. Gravity is in m/s2.
     """
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
     of_file = [_numbers_of_file(body, file, numbers) for body, numbers in zip(bodies, chosen, strict=True)]
@@ -70,8 +70,8 @@ def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], g
 def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
     """Return the numbers in the robot's file, link-side.
 
-    Its limits of speed and torque are a rectangle: the whole effort up to the speed. Numbers of the motor's line that a
-    file of drives has `chosen` stay.
+    Its limits of speed and torque form a rectangle, with the whole effort up to the largest speed. If a file of drives
+    has `chosen` numbers of the motor's torque-speed line, these are kept.
     """
     joint, numbers = body.joint, dict[str, tuple[float, str]]()
     top, share = (row.path for row in section("limits") if row.foreign == "velocity")

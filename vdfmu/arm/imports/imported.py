@@ -28,7 +28,7 @@ from vdfmu.base.toml_tables import Problems, as_number
 from vdfmu.engine.package.parse import parse_xml
 
 _LARGEST = 2**26
-"""Bytes of a file."""
+"""Largest file [byte]."""
 
 Path_ = str | os.PathLike[str]
 
@@ -60,7 +60,7 @@ def robot_from_urdf(
     base : str, optional
         Fixed link, whose frame is {I}; default the root of the file.
     tip : str, optional
-        Last link of the arm; default the last one, where the file has one arm only. Joints that are not part of the arm
+        Last link of the arm; needed if the file has more than one arm. Joints that are not part of the arm
         are held at 0. A tip that is fixed to the last link that moves is the end effector's frame {O}. Without such a
         frame, {O} is where the shape of the last link ends, farthest from its joint, with the axes of that link. A last
         link without a shape that can be read has {O} at its origin.
@@ -69,9 +69,9 @@ def robot_from_urdf(
     density : float [kg/m3], optional
         Density of the boxes, cylinders and spheres of bodies without mass or inertia.
     tool : (3,) or (6,) array, optional
-        Origin of {O} in the frame of the tip [m], and roll, pitch and yaw [rad], instead of these rules.
+        Origin of {O} in the frame of the tip [m], and roll, pitch and yaw [rad], instead of the rules of `tip`.
     tool_frame : str, optional
-        Link that is both the tip and {O}, instead of these rules.
+        Link that is both the tip and {O}, instead of the rules of `tip`.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def import_robot(
         raise UsageError(f"density: expected a number above 0 in kg/m3, got {density!r}.")
     if tool_frame is not None and (tool is not None or tip is not None):
         raise UsageError(
-            "tool_frame: expected neither tool nor tip in addition to it, got one. It is the tip, and the tool."
+            "tool_frame: expected neither tool nor tip with it, got one. Omit them: it is both the tip and the tool."
         )
     place = read_placement(np.zeros(3) if tool is None else tool) if tool is not None or tool_frame else None
     root = parse_file(path)
@@ -142,7 +142,7 @@ def import_robot(
     try:
         arm = choose_arm(tree, base, tool_frame or tip, place)
     except RecursionError:
-        raise ModelError(f"{path}: expected some hundred links in a row, got more. Is it one robot?") from None
+        raise ModelError(f"{path}: expected a chain of at most a few hundred links. Is it one robot?") from None
     problems.raise_any()
     assert arm is not None
     gravity = float(np.linalg.norm(tree.gravity))
@@ -169,7 +169,7 @@ def parse_file(path: Path) -> Any:
         raise ModelError(error.problems) from None
     if root.nsmap.get("xacro") and next(root.iter(f"{{{root.nsmap['xacro']}}}*"), None) is not None:
         plain = f"{path.stem.removesuffix('.urdf')}.urdf"
-        plain = f"{path.stem}_plain.urdf" if plain == path.name else plain  # the shell empties what > names first
+        plain = f"{path.stem}_plain.urdf" if plain == path.name else plain  # the shell first empties the file after >
         raise ModelError(
             f"{path}: expected a URDF, got one with xacro's elements. Write the URDF first: xacro {path.name} > {plain}"
         )

@@ -17,7 +17,7 @@ from vdfmu.base.errors import UsageError
 _END = 0.9
 """Share of the largest distance from the joint at which the end of a link begins."""
 _ONE_SIDED = 0.1
-"""Smallest distance of the middle of the end from the joint, as a share of that distance: else it ends on all sides."""
+"""Smallest distance of the centre of this end from the joint, as a share of that distance: else there is no end."""
 _CORNERS = np.array([*product((-1.0, 1.0), repeat=3)])
 
 
@@ -27,7 +27,7 @@ class Tool(NamedTuple):
     placement: Placement
     rule: str
     chosen: bool = True
-    """Whether the user, the author of the file or the shape of the link puts it there."""
+    """Whether its place comes from the user, the file or the shape of a link, not from a default."""
 
 
 def read_placement(numbers: npt.ArrayLike) -> Placement:

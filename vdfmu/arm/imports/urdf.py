@@ -1,7 +1,7 @@
 """Reading of URDF.
 
-No library for URDF is used: the available ones stop at the first wrong number without its line, follow entities of XML
-to other files, and bring readers of meshes.
+No library for URDF is used: the available ones stop at the first wrong number without its line, follow XML entities
+to other files, and depend on readers of meshes.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class _UrdfReader:
         mass, matrix = inertial.find("mass"), inertial.find("inertia")
         value = None if mass is None else self.numbers(mass, "value", 1, f"{label}: mass")
         if value is None:
-            self.add(inertial, label, '<mass value="..."/> in kg', "nothing", "Give it, or no <inertial>.")
+            self.add(inertial, label, '<mass value="..."/> in kg', "nothing", "Give it, or remove <inertial>.")
         elif value[0] < 0:
             self.add(mass, f"{label}: mass", "a finite number >= 0 in kg", f"{value[0]:g}", "Correct it.")
         keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -172,7 +172,7 @@ class _UrdfReader:
         )
 
     def mesh(self, name: str, shown: bool) -> str:
-        """Return a mesh's path, else its name, with a note if it is shown. A package:// is in any folder above."""
+        """Return a mesh's path, or its name if it is missing, noted if `shown`. Any folder above may be a package."""
         scheme, separator, rest = name.partition("://")
         rest = rest if separator else name
         places = [self.path.parent / rest]
@@ -224,7 +224,7 @@ class _UrdfReader:
         if axis is None or kind not in MOVING:
             return np.array([1.0, 0.0, 0.0])
         length = float(np.linalg.norm(axis))
-        if length < 1e-6:  # as of a joint that is made a fixed one
+        if length < 1e-6:  # as written for joints that were made fixed
             self.add(part, f"{label}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
             return np.array([1.0, 0.0, 0.0])
         return axis / length

@@ -36,12 +36,12 @@ _CLOSE = 1e-11
 """Error of a pose [m, rad] that ends Newton's method: some hundred roundings."""
 _PASSES = 30
 _SINGULAR = 0.01
-"""Smallest singular value of the Jacobian over the largest, lengths over the arm's length. It changes by less between
-poses half a per cent of a path apart, so that no singular pose is stepped over."""
+"""Smallest ratio of the singular values of the Jacobian, with lengths divided by the arm's length. The ratio changes by
+less than this between poses half a per cent of a path apart, so no singular pose is stepped over."""
 _FAR = 0.5
 """Longest step [rad or m] of Newton's method far from a solution."""
 _PULL = 0.5
-"""Rate, over the path, of a redundant arm to the middle between its end stops."""
+"""Rate at which a redundant arm moves to the middle between its end stops, for the whole path."""
 
 
 @checks_types
@@ -139,7 +139,7 @@ def circle(
     if abs(angle) > _MOST_TURNS * 2.0 * np.pi:
         raise UsageError(
             f"angle: expected at most {_MOST_TURNS} turns, {_MOST_TURNS * 2.0 * np.pi:.4g} rad, got {angle:g} rad. As "
-            f"degrees it is {np.radians(angle):.4g} rad; join several circles for more turns."
+            f"degrees it would be {np.radians(angle):.4g} rad; join several circles for more turns."
         )
     kind = "turn" if orientation == "turn" else _orientation(robot, orientation)[0]
     p_0, R_0 = forward_kinematics(robot, q)
@@ -245,7 +245,7 @@ def _timed(
         fitted = motion.slower(shortest) if free else motion.fitted(*limits)
         return fitted.slower(max(1.0, shortest / fitted.duration))
     if duration < shortest:
-        raise UsageError(f"duration: expected at least the {shortest:.6g} s that the speed takes, got {duration:g} s.")
+        raise UsageError(f"duration: expected at least {shortest:.6g} s, because of the speed, got {duration:g} s.")
     return motion.fitted(*limits, duration)
 
 

@@ -15,7 +15,7 @@ from vdfmu.base.option import checks_types
 _ROUNDS = 20
 """Rounds that change the shares of the intervals in the time; the shortest motion is kept."""
 _TOWARDS = 0.5
-"""Exponent of an interval's share of its limits for the change of its time in a round."""
+"""Power of an interval's share of its limits, relative to the largest share, by which its time changes in a round."""
 _AT_REST = 0.2
 """Share of the largest slope of samples below which their ends are at rest."""
 

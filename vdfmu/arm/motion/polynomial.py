@@ -24,7 +24,7 @@ DEGREE = 5
 _ROUNDING = 1e-9
 """Share of a limit that is rounding."""
 MOST_NUMBERS = 500_000
-"""Coefficients of a unit: some 10 MB of C, seconds of compiling."""
+"""Most coefficients of a unit: some 10 MB of C, which take seconds to compile."""
 _GAP = 1e-9
 """Largest distance [rad or m] between the end of a motion and the start of the next that is not a jump."""
 _CLOSED = 1e-12
@@ -124,7 +124,7 @@ class Motion:
         if least * self.duration > duration * (1.0 + _ROUNDING):
             joint = int(np.argmax(np.max(factors, axis=0))) + 1
             raise UsageError(
-                f"duration: expected at least the {least * self.duration:.6g} s that the limits of joint {joint} take, "
+                f"duration: expected at least {least * self.duration:.6g} s, because of the limits of joint {joint}, "
                 f"got {duration:g} s. Give more time, or raise the limits."
             )
         return self.slower(duration / self.duration)

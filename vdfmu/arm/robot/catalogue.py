@@ -17,13 +17,13 @@ from vdfmu.base.toml_tables import Problems, value_text
 NAMED = ("gear", "motor")
 """Keys of a joint that name an entry."""
 _ALWAYS = ("drive", "friction")
-"""Tables of a joint that an entry adds to a file without them. It adds keys of options to tables that are there."""
+"""Tables that an entry adds to a joint without them. It adds no tables of options, only keys to those of the joint."""
 _SPRING = ("K1", "K2", "K3", "T1", "T2")
 _PRINTED = {"drive": _SPRING, "hysteresis": (*_SPRING, "hysteresis_loss")}
-"""Tables of a gear that are calculated from printed numbers, to these numbers."""
+"""Tables of a gear that are calculated from printed numbers, and these numbers."""
 _FILE = "models/drives/catalogue.toml"
 _OF_RATIO = {"N.m/rad": 2, "1/(N.m)": -1}
-"""Units of motor-side numbers of springs, to the power of the ratio that keeps the link side."""
+"""Units of motor-side numbers of springs, and the power of the ratio that scales them for the same link side."""
 
 Tables = dict[str, dict[str, tuple[float, str]]]
 """Table of a joint to its numbers and their sources."""
@@ -112,7 +112,7 @@ def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
 def spring_residual(gear: dict[str, Any]) -> tuple[float, float]:
     """Return the largest difference of (2)-(3) from the printed stiffnesses of a gear, up to its repeated peak torque.
 
-    In rad, and over the largest torsion.
+    In rad, and relative to the largest torsion.
     """
     torque = np.linspace(0.0, gear["repeated"], _POINTS + 1)[1:]
     printed = catalogue_torsion(torque, [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]])

@@ -58,7 +58,7 @@ def _check(file: str, options: Mapping[str, DriveOption], rows: Mapping[str, Row
     names = [*rows, *dict.fromkeys(row.section for row in rows.values())]
     every = {f.name for f in dataclasses.fields(Robot)}
     if taken := {name for name in names if name in every or names.count(name) > 1}:
-        raise UnitError(f"{file}: {', '.join(sorted(taken))}: a name must be new, every arm has these. Rename them.")
+        raise UnitError(f"{file}: {', '.join(sorted(taken))}: every arm already has such names. Rename them.")
 
 
 def _reduced(robot: Robot) -> tuple[Any, ...]:

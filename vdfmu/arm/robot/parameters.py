@@ -59,9 +59,9 @@ class Row:
     shape: tuple[int, ...] = ()
     """Shape of one joint's value, or of the only value."""
     fold: Fold = "never"
-    """Entries that are constants of the functions and cost nothing, no run-time parameters: "never" any, "always" all,
-    "zeros", "spare zeros" of a robot that is `folded`, of an "inertia" the zeros off the diagonal and its symmetric
-    half, all in an arm with "lumped friction"."""
+    """Which entries are constants of the functions, which cost nothing, instead of run-time parameters: "never" any,
+    "always" all, "zeros", "spare zeros" the zeros of a robot that is `folded`, "inertia" the zeros off the diagonal and
+    the symmetric half, "lumped friction" all of an arm with this friction."""
     part_of: str = ""
     """Parameter of the joint that switches this one off, as a constant, if it is 0."""
     hint: str = ""
@@ -71,8 +71,8 @@ class Row:
     scaled_as: str = ""
     """Word for scaling: all parameters of one word are scaled together."""
     start: Any = None
-    """Start value in the unit of a single link or joint, else the default or 0. A joint's unit always has the options
-    without a state: with these values an option changes no bit."""
+    """Start value in the unit of a single link or joint; None: the default, or 0. The unit of a joint always has the
+    options without a state, and with these values they have no effect: results are bit-identical without them."""
 
     @property
     def per_joint(self) -> bool:

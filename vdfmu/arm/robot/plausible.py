@@ -109,8 +109,8 @@ def doubts(robot: Robot) -> Iterator[str]:
 def joints_without_tool(robot: Any) -> list[int]:
     """Return the joints whose rotation leaves the position of the tool as it is, counted from 1, the last joint first.
 
-    They are the last ones, as far as the tool lies on all their axes: a tool off one axis moves on a circle, which no
-    other axis contains. `robot` needs `joint_types`, `offset`, `rotation` and `tool_offset`.
+    These are the last joints, up to the first whose axis misses the tool: it moves the tool on a circle, which lies on
+    no axis. `robot` needs `joint_types`, `offset`, `rotation` and `tool_offset`.
     """
     p, joints = np.asarray(robot.tool_offset), list[int]()
     length = np.linalg.norm([*robot.offset, p], axis=1).sum()
@@ -139,7 +139,8 @@ def _gravity(robot: Robot) -> Iterator[str]:
         yield f"gravity of {size:g} m/s2 looks like another unit. Earth has 9.81 m/s2."
     elif -robot.gravity.min() > max(1.0, robot.gravity.max()):
         k = int(robot.gravity.argmin())
-        yield f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +. Write +9.81 on the axis that points up."
+        text = f"gravity[{k + 1}] = {robot.gravity[k]:g} m/s2 pulls towards +{'xyz'[k]}, because the vector points up"
+        yield f"{text}. Write +9.81 on the axis that points up."
 
 
 def _joints(robot: Robot) -> Iterator[str]:
@@ -176,7 +177,7 @@ def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
 
 
 def speed_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note if the speed of a joint is above all arms."""
+    """Yield a note if a joint is faster than those of all arms."""
     most, unit = JOINT_TYPES[kind].fastest, JOINT_TYPES[kind].unit("velocity")
     if abs(value) > most:
         yield (

@@ -267,7 +267,7 @@ class Robot(Parameters):
                 raise UsageError(f"robot {self.name}: no parameter {key!r}. There are: {', '.join(self.rows)}.")
             if row.section in OPTIONAL and not getattr(self, row.section):
                 whose = "joints tables" if row.per_joint else "file a table"
-                raise UsageError(f"robot {self.name}: {key}: it has no {row.section}. Give its {whose} [{row.table}].")
+                raise UsageError(f"{key}: robot {self.name} has no {row.section}. Give its {whose} [{row.table}].")
             shape = getattr(self, key).shape
             try:
                 new[key] = read_only(np.broadcast_to(np.asarray(value, dtype=float), shape))

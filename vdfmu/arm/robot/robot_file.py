@@ -39,7 +39,7 @@ PLAIN = {
     ),
     "rotor_inertia": ("kg.m2", ("I_m",), "Rotor inertia, motor-side", "I_m = ell * rotor_inertia"),
 }
-"""Word to its unit of measurement, or a key of `unit_of`, to the paper's keys, its meaning and its conversion."""
+"""Plain keys of a drive: unit of measurement or key of `unit_of`, the paper's keys, meaning, and conversion."""
 
 
 def _keys(name: Section) -> list[str]:
@@ -191,7 +191,7 @@ def _class(problems: Problems, file: Table, folder: Path, files: Mapping[str, st
 
 
 def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot] | None) -> dict[str, Any]:
-    """Read one [[joints]] table: field of `Robot` to this joint's value. Without a class it may have any tables."""
+    """Read one [[joints]] table: field of `Robot` to this joint's value. Without a class any table is allowed."""
     made = drive_class or Robot
     sections: Any = made.own_sections()
     table = Table(problems, data, path, None if drive_class is None else (*JOINT_KEYS, *sections))
@@ -286,7 +286,7 @@ def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
 
 
 def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") -> tuple[Any, dict[str, str]]:
-    """Return a joint's table with the paper's keys instead of plain keys, and sources. Both together are a problem."""
+    """Return a joint's table with the paper's keys instead of plain keys, and sources. Giving both is a problem."""
     drive = joint.get("drive") if isinstance(joint, dict) else None
     if not isinstance(drive, dict) or PLAIN.keys().isdisjoint(drive):
         return joint, {}
@@ -301,7 +301,7 @@ def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") ->
         value = table.number(
             word, above=0.0, at_most=1e12, unit=unit, way_out=f"It is the {text[0].lower()}{text[1:]}."
         )
-        value = 1.0 if math.isnan(value) else value  # of a wrong value one problem is enough
+        value = 1.0 if math.isnan(value) else value  # one problem is enough for a wrong value
         if both := [key for key in keys if key in drive]:
             problems.add(
                 table.key(word), f"{word} or {', '.join(keys)}", f"{word} and {', '.join(both)}", "Delete one."
@@ -319,7 +319,7 @@ def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") ->
 
 
 def plain_notes(sources: Mapping[str, str]) -> list[str]:
-    """Return a note on each word that a robot's file has, by the sources of its numbers."""
+    """Return a note on the conversion of each plain key in a robot's file, which the sources of its numbers show."""
     words = {text.partition(" = ")[0] for text in sources.values()}
     return [f"{word} was converted: {note}." for word, (*_, note) in PLAIN.items() if word in words]
 

@@ -1,6 +1,6 @@
-"""The units of the package, one file each, as users write theirs: of the shipped systems, and in the folders.
+"""The units of the package, one file each, as users write theirs.
 
-`laws` has the paper's control with adapted parameters. Extras add units.
+Those of the shipped systems are here. `laws` has the paper's control with adapted parameters, and extras add units.
 """
 
 from __future__ import annotations

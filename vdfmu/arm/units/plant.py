@@ -165,7 +165,7 @@ class Plant(Unit):
         states = [option.state for option in getattr(robot, "own_options", ()) if option.state]
         variables = {d.name: d for state in states for d in _own_variables(state)}
         if taken := variables.keys() & cls.declared.keys():
-            raise UnitError(f"{', '.join(sorted(taken))}: the Plant has it already. Rename the state of the drive.")
+            raise UnitError(f"{', '.join(sorted(taken))}: the Plant has one too. Rename the state of the drive.")
         return super().declared_for(robot) | variables
 
     def _x(self, prefix: str = "") -> Any:

@@ -30,10 +30,10 @@ from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 
 _MOST_IN_C = 1_700
-"""Most operations of a function with derivatives, three times as long, in C. Longer: :mod:`.operations`.
+"""Most operations of a function whose derivatives, three times as long, are written in C.
 
-Importers rarely call derivatives, and the derivatives of a feedforward took 4 s to compile. An importer's implicit
-solver may call the derivatives of the paper's plant. These are shorter.
+Longer ones are tables, see :mod:`.operations`: importers rarely call derivatives, and those of a feedforward took 4 s
+to compile. The paper's plant is below the limit, because an importer's implicit solver may call its derivatives.
 """
 _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Definition of a function, with its name."""
@@ -54,7 +54,7 @@ def kernel_files(
 
 
 _TABLES = '#include "operations.h"'
-"""In a file with tables, which need the runner."""
+"""Line of files with tables, which need the runner."""
 
 
 def _written(
@@ -133,7 +133,7 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
 
 
 _RARE = re.compile(r"_(fwd|adj)1_")
-"""In the name of a derivative of a pass, which is compiled quickly: calls in groups would gain little."""
+"""Part of the name of a derivative of a pass. It is compiled quickly, so that grouped calls would gain little."""
 _LONG = 3_000
 """Most operations of a callee without a separate text."""
 
@@ -251,7 +251,7 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             if pattern is None:
                 name = next(key for key, code in vars(ca).items() if key.startswith("OP_") and code == operation)
                 raise KernelError(
-                    f"{function.name()}: CasADi's operation {name} has no text in C. Write it with others, or write "
+                    f"{function.name()}: CasADi's operation {name} cannot be written in C. Use others, or write "
                     'backend = "python" in the class of the unit.'
                 )
             value = pattern.format(*[f"w{i}" for i in source])
@@ -293,7 +293,7 @@ _PRODUCT, _FACTORS = "void", "const double *restrict x, double *restrict y"
 def _matrix(name: str, numbers: npt.NDArray[np.float64]) -> str:
     """Return the C text of a matrix, column by column, and of both products with it.
 
-    The sums have the order of CasADi's, so the bits are the same. Numbers that are single-precision take half the room.
+    The sums have the order of CasADi's, so results are bit-identical. Single-precision numbers take half the space.
     """
     m, n = numbers.shape
     single = np.array_equal(numbers, numbers.astype(np.float32))

@@ -339,7 +339,7 @@ class _UnitGenerator:
 
 
 def _runs(positions: list[int]) -> list[tuple[int, int]]:
-    """Return begin and end of the runs of positions."""
+    """Return start and end of the runs of positions."""
     parts = np.split(np.array(positions, int), np.flatnonzero(np.diff(positions) > 1) + 1) if positions else ()
     return [(int(part[0]), int(part[-1]) + 1) for part in parts]
 

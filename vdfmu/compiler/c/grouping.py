@@ -1,7 +1,7 @@
-"""Calls of an elementary function side by side, as ``elementary.h`` takes four numbers in the time of one.
+"""Calls of an elementary function side by side: ``elementary.h`` evaluates four in the time of one.
 
 In the trace of an arm the calls of each joint follow each other. Operations that do not depend on each other change
-places, so that calls of a function meet. The values are the same bits.
+places, so that calls of a function meet. The values are bit-identical.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 _NUMBER = re.compile(r"(?<![\w.])(?<!\* )(?<![eE][+-])(\d+)(?![\w.]| \*)")
-"""A whole number that may move on; a factor and an exponent do not."""
+"""A whole number that may grow from round to round, as an index does; factors and exponents do not."""
 _INDEX = re.compile(r"\bj\b")
 _MOST = 64
 """Most lines that a loop repeats."""
@@ -15,7 +15,7 @@ _LEAST = 3
 
 
 def rolled(lines: Sequence[str]) -> list[str]:
-    """Return lines with loops over ``j`` for lines that differ in whole numbers alone, by the same from time to time.
+    """Return lines with loops over ``j`` for lines that differ only in whole numbers, by the same amount each time.
 
     The order of the lines stays.
     """

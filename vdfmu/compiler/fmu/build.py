@@ -75,7 +75,7 @@ def choose_backend(backend: str | None) -> str:
     if backend is None and native_available():
         return "native"
     if backend is None:
-        warn_once(f"{WITHOUT_NATIVE}. 'pip install vdfmu[native]' brings the compiler of native ones.")
+        warn_once(f"{WITHOUT_NATIVE}. 'pip install vdfmu[native]' installs the compiler for native FMUs.")
         return "python"
     if backend not in BACKENDS:
         raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
@@ -161,7 +161,7 @@ def _checked_target(
     target = by_name[name]
     if target is None:
         if precision != "double":
-            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Give --target with --precision.")
+            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Give --target efmi too.")
         return None
     if precision not in target.precisions:
         raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")

@@ -26,11 +26,11 @@ from vdfmu.compiler.unit.load import load_units
 
 CONTENT_FILE = "vdfmu.json"
 CONTENT_PLACES = {"native": f"extra/vdfmu/{CONTENT_FILE}", "python": f"resources/{CONTENT_FILE}"}
-"""Backend to the member of an FMU."""
+"""Path of the content in an FMU, by backend."""
 EFMU = "eFMU"
 """Folder of an eFMU in its FMU."""
 _ROBOT_FILES = {"native": "extra/vdfmu/robot", "python": "resources/robot"}
-"""Backend to the folder of the files that a robot names."""
+"""Folder of the files that a robot names, by backend."""
 UNIT_FILE = "unit.py"
 """Source of a unit that is not one of the package, in a Python FMU."""
 _DATA = {"python": ("*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", "icons/*")}

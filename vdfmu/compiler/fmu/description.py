@@ -19,11 +19,12 @@ LOG_CATEGORIES = {
 }
 SAMPLED = "org.vdfmu.sampled"
 """Annotation with ``Sampled`` or ``Continuous``. ``Sampled`` names the parameter with the time between samples: the
-discrete outputs are states that are sampled by the inputs at the begin of a communication step. Their directional
+discrete outputs are states that are sampled by the inputs at the start of a communication step. Their directional
 derivatives belong to the next sample. Without a parameter the unit samples once in each of its steps."""
 FOLDED = "org.vdfmu.folded"
-CHOICES = "org.vdfmu.choices"
 """Annotation that lists the numbers of the robot that are constants of the code: names of arrays and elements."""
+CHOICES = "org.vdfmu.choices"
+"""Annotation with the names of the values of choices."""
 TIME_STAMP = "2026-01-01T00:00:00Z"
 """Fixed, so that the same sources give the same FMU."""
 FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}

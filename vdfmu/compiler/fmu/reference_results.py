@@ -29,7 +29,7 @@ _MOST_SOLVED = 1280
 """Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
-"""Rounding of further digits differs between machines."""
+"""Digits of the results; further ones differ between machines by rounding."""
 
 
 def reference_files(content: Content) -> dict[str, bytes]:
@@ -88,7 +88,7 @@ def _intervals(interface: Interface) -> int:
 
 
 def _time(interface: Interface, k: int) -> float:
-    """Begin of an interval [s]."""
+    """Start of an interval [s]."""
     return interface.unit.experiment_stop * k / INTERVALS
 
 

@@ -114,7 +114,7 @@ def chain_of(
         )
         for trace in traces
     ]
-    # both ends of the chain have their own inputs and passes: those of the last part replace those of the first
+    # the first and the last part have symbols of their own: those of the last part replace those of the first
     outer = ends[1]
     varying = {group for group in outer.inputs if len({each.get(group) for each in places}) > 1}
     common = {group: symbols for group, symbols in outer.inputs.items() if group not in varying}
@@ -139,7 +139,7 @@ def chain_of(
 
 
 def column_of(parts: Iterable[ca.SX]) -> ca.SX:
-    """Return columns or elements as one column; an empty one has its type too."""
+    """Return columns or elements as one column, which may be empty."""
     return ca.vertcat(ca.SX(0, 1), *map(ca.vec, parts))
 
 
@@ -199,7 +199,7 @@ class _Merged:
         return finer
 
     def substituted(self, trace: PartTrace, expressions: list[ca.SX]) -> list[ca.SX]:
-        """Return expressions with one symbol for numbers that are the same."""
+        """Return expressions in which equal values that are passed on have one symbol."""
         old: list[ca.SX] = []
         new: list[ca.SX] = []
         for leaf, same in self._representative.items():
@@ -231,7 +231,7 @@ class _Merged:
 
 
 def _needs(merged: _Merged, trace: PartTrace, leaves: Sequence[_Leaf]) -> dict[_Leaf, list[tuple[_Leaf, int]]]:
-    """Return for each number the numbers that it depends on, with 1 if these passes must have ended."""
+    """Return the values on which each value depends, with 1 if their pass must have ended, else 0."""
     before = ca.vertcat(*(trace.passes[p].before[e] for p, e in leaves))
     last = ca.vertcat(*(trace.passes[p].last[e] for p, e in leaves))
     results = merged.substituted(

@@ -35,7 +35,7 @@ class ChainStages:
 
     def __init__(self, balance: PartChain, states: Sequence[str], order: Sequence[str]) -> None:
         if not set(balance.first) <= {OUTWARD, INWARD}:
-            raise ChainError("the balance has more passes than outward and inward")
+            raise ChainError("expected at most an outward and an inward pass over the chain, got more")
         self._chain, self._n = balance, len(balance.kinds)
         self._states = list(states)
         parts = [_LinearPart(part, self._states) for part in balance.parts]

@@ -14,7 +14,7 @@ import casadi as ca
 from vdfmu.base.files import PACKAGE, source_bytes
 
 _IMPORT = re.compile(r"vdfmu(?<=from vdfmu|port vdfmu)\.?([\w.]*)(?: import (\([^)]*\)|.*))?")
-"""It begins with its text, for speed: 2 ms for the package, 12 ms with the line's begin."""
+"""The pattern starts with fixed text: then it takes 2 ms for the package, and 12 ms if it starts with the line."""
 _NAME = re.compile(r"\w+")
 
 

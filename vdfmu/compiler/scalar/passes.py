@@ -1,7 +1,7 @@
 """Passes along a chain: the values that each part passes to the next, outward to the end or inward to the base.
 
-On floats, and in the trace of a short chain, a pass is a loop. In the trace of one part of a long chain, symbols
-replace these values, so that the part is traced once for all parts that are alike.
+On floats, and in the trace of a short chain, a pass is a loop. In the trace of one part of a long chain, the values
+that it receives are symbols, so that one trace serves all parts that are alike.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def inward(step: Step, carry: Any, n: int) -> tuple[Any, list[Any]]:
 
 
 def total(values: Any, first: Any = None) -> Any:
-    """Return the sum over the parts, from a first term on; a number is the sum already."""
+    """Return the sum over the parts, added to `first` if there is one; a scalar is already the sum."""
     if np.ndim(values) == 0:
         return values if first is None else first + values
     if _recorder.get() is None:
@@ -92,7 +92,7 @@ def _recorded(passes: list[HandedOn], step: Step, carry: Any, inward: bool) -> t
 
 
 def _joined(form: Any, carry: Any) -> Any:
-    """Return a form with the parts that only one of two has: a pass may begin without some, None."""
+    """Return the union of two forms: a pass may start with None in place of some values."""
     if form is None or carry is None:
         return carry if form is None else form
     if isinstance(form, tuple):
@@ -105,7 +105,7 @@ def _made(form: Any, parts: list[Any]) -> Any:
 
 
 def _scalars(form: Any, value: Any) -> Iterator[Any]:
-    """Yield the scalars of a value in a form, zeros for None."""
+    """Yield the scalars of `value`, which is laid out like `form`; zeros where it is None."""
     if isinstance(form, tuple):
         for part, each in zip(form, [None] * len(form) if value is None else value, strict=True):
             yield from _scalars(part, each)
@@ -121,7 +121,7 @@ def _scalars(form: Any, value: Any) -> Iterator[Any]:
 
 
 def _filled(form: Any, scalars: Iterator[Any]) -> Any:
-    """Return a value in a form from its scalars."""
+    """Return the value laid out like `form` from its scalars: the inverse of :func:`_scalars`."""
     if isinstance(form, tuple):
         return _made(form, [_filled(part, scalars) for part in form])
     if form is None:

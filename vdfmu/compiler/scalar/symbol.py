@@ -133,8 +133,8 @@ class Symbol(_Dispatched):
             raise refusal(
                 KernelError(
                     f"{self!r} has no value while equations are traced, so it cannot become a float. "
-                    "Take numpy's functions, np.sin, instead of math's, and interpolate of vdfmu.unit for a table, "
-                    "solve, inv and expm for matrices; an array to put it into is zeros(shape, *like) of vdfmu.unit"
+                    "Use numpy's functions, such as np.sin, instead of math's; of vdfmu.unit, interpolate for tables, "
+                    "solve, inv and expm for matrices, and zeros(shape, *like) for an array that it is put into"
                 )
             )
         return float(self.sx)

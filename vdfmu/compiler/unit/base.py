@@ -36,7 +36,7 @@ ABOUT = ("version", "author", "copyright", "license")
 
 
 class Values:
-    """The values of an instance, `sets`, at a time, `now` [s]; subclasses take others, and record reads and writes."""
+    """The values `sets` of an instance at the time `now` [s]; subclasses use others, and record reads and writes."""
 
     def __init__(self, unit: Any) -> None:
         self.unit, self.now = unit, 0.0
@@ -82,12 +82,12 @@ class BaseUnit:
     elimination: ClassVar[tuple[str, ...]] = ()
     """Order of elimination of the states by the solver; it decides the cost, not the result."""
     exchange: ClassVar[bool] = False
-    """Whether the native FMU has model exchange even without states. A written system then uses it so."""
+    """Whether the native FMU has model exchange even without states. Written systems then use it for model exchange."""
     chain: ClassVar[int | None] = None
-    """Fewest joints with which each joint calls its own functions, see :mod:`.joints`. None: no such number."""
+    """Number of joints from which on each joint calls its own functions, see :mod:`.joints`. None: never."""
     sampled: ClassVar[bool | None] = None
     """True: the unit samples its inputs, every ``period`` or once in each of its steps, and holds its outputs. False: a
-    law in continuous time, which a shorter communication step brings nearer. None: not declared."""
+    law in continuous time, which a shorter communication step approximates better. None: not declared."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}
@@ -95,7 +95,7 @@ class BaseUnit:
     robot_fields: ClassVar[tuple[str, ...] | None] = None
     """Fields of the :class:`RobotParameters`; empty: all; None: no parameters of the robot."""
     in_use: Values
-    """The values that the methods read and set. A run replaces the instance's by others."""
+    """The values that the methods read and set: those of the instance, or during a run others."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -229,7 +229,7 @@ class BaseUnit:
 
     def _check_there(self, declared: Declared) -> None:
         if declared.name not in self.declared:
-            raise UnitError(f"{type(self).__name__}.{declared.name} is there for a robot with {declared.when} only")
+            raise UnitError(f"{type(self).__name__}.{declared.name} exists only for a robot with {declared.when}")
 
     def fitting(self, declared: Declared, value: Any) -> Any:
         """Return a value in the shape of a variable; UsageError if it does not fit."""

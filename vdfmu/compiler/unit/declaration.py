@@ -1,13 +1,15 @@
 """Variables that the class of a unit declares, and the machine that it is for.
 
-class Filter(Unit):
-u = Input("1", text="signal")
-T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
-y = State("1", text="filtered signal")
-y_dot = Derivative(y)
+For example::
 
-def derivatives(self) -> None:
-self.y_dot = (self.u - self.y) / self.T
+    class Filter(Unit):
+        u = Input("1", text="signal")
+        T = Parameter("s", text="time constant", start=0.1, minimum=1e-6)
+        y = State("1", text="filtered signal")
+        y_dot = Derivative(y)
+
+        def derivatives(self) -> None:
+            self.y_dot = (self.u - self.y) / self.T
 """
 
 from __future__ import annotations
@@ -39,12 +41,12 @@ SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))
 PHASES = ("start", "outputs", "derivatives", "update")
 """The methods of every unit. `Declared.set_by` names one of them, or ``events``."""
 AT = "at_"
-"""Begin of the name of a method that runs at an event."""
+"""Start of the name of a method that runs at an event."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attributes:
-    """Attributes of FMI that the elements of a variable share. A model description has them as they are here."""
+    """Attributes of FMI that the elements of a variable share, with their names and values in a model description."""
 
     minimum: float | None = None
     maximum: float | None = None
@@ -79,11 +81,11 @@ class Declared(Attributes, _OnInstance):
     shape : int, :data:`JOINTS`, or tuple of them
         ``()``, the default, is a scalar.
     text : str or sequence of str
-        Its meaning, or one for each element. An element of a joint gets ``Joint 1:`` before it, others their indices
-        behind it.
+        Its meaning, or one for each element. The text of an element is preceded by ``Joint 1:`` if it belongs to a
+        joint, and else followed by its indices.
     start : number, array_like or function
-        Start value, broadcast to the shape. The arguments of a function are the parameters of their names, and the
-        robot, of any other name.
+        Start value, broadcast to the shape. A function is called with the parameters that its arguments name; an
+        argument of any other name gets the robot.
     minimum, maximum : float, optional
     when : str, optional
         Optional section of a robot file: for a robot without it, the unit does not have the variable.
@@ -129,7 +131,7 @@ class Declared(Attributes, _OnInstance):
 
 
 def constant(values: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """Return a read-only copy in a shape; ValueError if it does not fit. Setting an element would be lost."""
+    """Return a read-only copy in a shape; ValueError if it does not fit. A change of an element would be lost."""
     copy = np.broadcast_to(values, shape).copy()
     copy.flags.writeable = False
     return copy
@@ -299,7 +301,7 @@ class Terminal:
 
 
 STRICT = 1e-300
-"""A margin holds from 0 on. If equality must fail this is taken off: it changes no number but zero."""
+"""A requirement holds if its margin is 0 or more. It is subtracted where a margin of 0 must fail: it changes only 0."""
 
 
 @dataclass(frozen=True)
@@ -387,7 +389,7 @@ class Machine(Protocol):
         ...
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
-        """Return it as plain lists, numbers and texts; `looks` with data that no calculation uses."""
+        """Return it as plain lists, numbers and texts; with `looks` also data that no calculation uses."""
         ...
 
     @property

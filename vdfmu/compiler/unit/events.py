@@ -185,6 +185,6 @@ class UnitEvents:
     def _endless(self, t: float, count: str) -> KernelError:
         last = self._names[int(np.argmax(self.above))]
         return KernelError(
-            f"at t = {t:.9g} s events do not end: there are more than {count}, the last of {last}. Let {AT}{last} end "
-            "the motion, such as by a Held state for rest."
+            f"at t = {t:.9g} s events do not end: there are more than {count}, the last of {last}. Let {AT}{last} stop "
+            "the motion, for example with a Held state for rest."
         )

@@ -234,7 +234,7 @@ def _scalar(function: ca.Function) -> ca.Function:
     except RuntimeError:
         scalar = None
     if scalar is None or ca.OP_CALL in map(scalar.instruction_id, range(scalar.n_instructions())):
-        raise UsageError(f"{name} must have scalar operations only, for C. Replace its solver or interpolant.")
+        raise UsageError(f"{name} must use only scalar operations, for C. Replace its solver or interpolant.")
     return scalar
 
 

@@ -168,7 +168,7 @@ class Interface:
         return np.array([0.0 if v.start is None else float(v.start) for v in self])
 
     def memory_of(self, values: Mapping[str, Any]) -> np.ndarray:
-        """Memory with the start values, and instead some by variable."""
+        """Memory with the start values, except for variables that are in `values`."""
         memory = np.zeros(self.size)
         memory[: len(self)] = self.start_values()
         for name, value in values.items():
@@ -199,7 +199,7 @@ class Interface:
     def arrays(self) -> tuple[Array, ...]:
         """Variables of FMI 3 in the order of their positions.
 
-        A group is an array if all its elements are there and differ in start value and description alone. Other groups
+        A group is an array if it is complete and its elements differ only in start value and description. Other groups
         are scalars: parameters of a robot if some are folded, and groups with several units, as ``q`` of an arm with
         revolute and prismatic joints or ``F_e``, because an array of FMI 3 has one unit.
         """
@@ -236,7 +236,7 @@ class Interface:
 
 @cached_per_command
 def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
-    """Return the variables of a unit for a robot, with the start values of its declaration; made once in a job."""
+    """Return the variables of a unit for a robot, with the start values of its declaration; made once in each job."""
     return Interface(unit, robot)
 
 

@@ -35,7 +35,7 @@ def is_long(unit: type[BaseUnit], robot: Machine | None) -> bool:
 
 
 def chain_trace(unit: type[BaseUnit], robot: Machine, name: str, phase: str, fixed: Fixed) -> PartChain:
-    """Return the trace of a method for a long arm. ChainError if its joints do not say how the arm calculates."""
+    """Return the trace of a method for a long arm. ChainError if its joints do not determine how the arm calculates."""
     arm = _Arm(unit(robot), phase, fixed)
     kind_of: dict[str, int] = {}
     texts: dict[str, int] = {}

@@ -30,7 +30,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
 
     UsageError if the file does not exist. UnitError if it fails, declares no unit, or has a name twice. CodeNotRunError
-    if it can be read within `vdfmu.base.trust.reading_only`.
+    within `vdfmu.base.trust.reading_only`, if its text is correct.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")

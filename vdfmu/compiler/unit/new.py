@@ -63,7 +63,7 @@ def _class_and_file(name: str, out: Path | None) -> tuple[str, Path]:
     if path.suffix != ".py" or not stem.isidentifier():
         raise UsageError(f"{path}: expected a Python file that can be imported, such as my_filter.py.")
     if camel in unit.__all__:
-        raise UsageError(f"name: {camel} is a name that units need of vdfmu.unit. Choose another.")
+        raise UsageError(f"name: {camel} is a name that units import from vdfmu.unit. Choose another.")
     if keyword.iskeyword(stem) or keyword.iskeyword(camel) or stem in {*sys.stdlib_module_names, "vdfmu"}:
         raise UsageError(f"{path}: {stem} is a name of Python's own, or of vdfmu. Choose another.")
     return camel, path
@@ -72,8 +72,8 @@ def _class_and_file(name: str, out: Path | None) -> tuple[str, Path]:
 def _write_new(files: Mapping[Path, bytes]) -> None:
     """Write new files into a folder; make it if necessary."""
     if there := [str(file) for file in files if file.exists()]:
-        verb = "is" if len(there) == 1 else "are"
-        raise UsageError(f"{' and '.join(there)} {verb} there already, and not replaced. Choose another name.")
+        verb = "exists and is" if len(there) == 1 else "exist and are"
+        raise UsageError(f"{' and '.join(there)} {verb} not replaced. Choose another name.")
     first = next(iter(files))
     try:
         first.parent.mkdir(parents=True, exist_ok=True)

@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Limit of calls of the right-hand side, ten times that of the shipped robots, because unusual values may never end."""
+"""Limit of calls of the right-hand side, ten times that of the shipped robots. Unusual values might never end."""
 _CLOSE = 1e-9
 """Distance from a sample, relative to the period, within which a time is regarded as that of the sample."""
 MINIMUM_STEP = 1e-12
@@ -30,10 +30,10 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
 _KEPT = 20
-"""Times that LSODA gets a Jacobian. It requests one about every 20 steps; the arms' Jacobians can be reused for 10
+"""How often LSODA gets the same Jacobian. It requests one about every 20 steps; those of arms can be reused for 10
 ms."""
 _DIFFERENCE = 1.5e-8
-"""Difference for slopes over 1 + the size of a state, the square root of rounding."""
+"""Step of finite differences, relative to 1 + the size of a state: the square root of rounding."""
 
 
 class _RunawayError(ArithmeticError):
@@ -50,7 +50,7 @@ class Solver:
     def move(self, t: float, end: float, duration: float | None = None) -> None:
         """Move from `t` to `end` [s]; outputs are not calculated.
 
-        `duration` is the communication step, if the difference of the times has its rounding.
+        `duration` is the exact communication step, from which the difference of the times may differ by rounding.
         """
         for begin, to, sampled in samples(self.unit, self.start, t, end):
             if sampled:
@@ -282,7 +282,7 @@ class Integrator(Solver):
 
 
 def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator[tuple[float, float, bool]]:
-    """Yield the parts of the time from `t` to `end` between switchings: begin, end, and whether it is crossed there.
+    """Yield the parts of the time from `t` to `end` between switchings: start, end, and whether a switching is crossed.
 
     `left` returns the time until the next switching. Move the states to the end of a part before taking the next part.
     The part across a switching is so short that a straight line is exact.
@@ -296,7 +296,7 @@ def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator
 
 
 def samples(unit: Evaluation, start: float, t: float, end: float) -> Iterator[tuple[float, float, bool]]:
-    """Yield the parts of the time from `t` to `end` between samples: begin, end, and whether a sample is at the begin.
+    """Yield the parts of the time from `t` to `end` between samples: start, end, and whether a sample is at the start.
 
     A sample at `end` belongs to the next move. A unit without sampled states has one part.
     """

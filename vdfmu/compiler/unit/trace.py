@@ -28,7 +28,7 @@ from vdfmu.compiler.unit.place import place, shown, source_file
 Fixed = Mapping[str, int]
 """Choice or switch to its value."""
 
-_MEMORY = "Memory from one call to the next is a Sampled state. Within a call use a local variable"
+_MEMORY = "Keep a value for the next call in a Sampled state, and within a call in a local variable"
 _TAKEN = CALLED.union(
     "p x x_dot t h tolerance norm ratio factors given made w null jac hess"
     # keywords of C, and what it defines that traced functions use
@@ -37,7 +37,7 @@ _TAKEN = CALLED.union(
     " volatile while NAN INFINITY NULL memcpy".split()
 )
 _FORMS = re.compile(r"[svw]\d+|(own|d|bar|rate)_.*|.*_(new|out)")
-"""Names of further forms with other uses."""
+"""Other names that traced functions use for other purposes, by their forms."""
 
 
 def argument_name(name: str) -> str:
@@ -158,7 +158,7 @@ class _RobotPart:
 
 
 class Symbols(Recording):
-    """Record of a method that runs on symbols, new or of another record.
+    """Record of a method that runs on symbols, which are new or those of another record.
 
     `symbols` are columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
     """
@@ -293,7 +293,7 @@ def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:
         if not np.array_equal(value, again.sets.get(name, np.nan)):
             raise UnitError(
                 f"{place(type(unit), phase)}: {phase}() of {type(unit).__name__} gives {name} = {value}, then "
-                f"{again.sets.get(name)} from the same values. {_MEMORY}, for noise an input or `normal` of vdfmu.unit."
+                f"{again.sets.get(name)} for the same values. {_MEMORY}. For noise use an input or vdfmu.unit.normal."
             )
 
 
@@ -320,7 +320,7 @@ def run(unit: BaseUnit, phase: str, values: Values) -> Any:
     except _ForkError:
         raise
     except RecursionError as error:
-        _fail(unit, phase, error, "it calls itself without end")
+        _fail(unit, phase, error, "it calls itself endlessly")
     except (KernelError, UnitError, UsageError) as error:
         _fail(unit, phase, error, str(error).rstrip("."), symbols)
     except Exception as error:

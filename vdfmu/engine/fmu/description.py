@@ -86,7 +86,7 @@ class Description:
     """The tool that made it, as it says."""
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
-    states that change by the inputs at the begin of a step; directional derivatives are for the next sample."""
+    states that change by the inputs at the start of a step; directional derivatives are for the next sample."""
     samples: bool | None = None
     """Whether it samples its inputs, from the same annotation: every `period`, else once in each of its steps. None if
     it does not declare whether it is sampled or continuous."""

@@ -57,7 +57,7 @@ class Instance(Library):
     event_needed = False
     """Whether a step has ended at an event."""
     step: tuple[c_double, c_double]
-    """Begin and length of the last step [s]."""
+    """Start and length of the last step [s]."""
     updates = False
     """Whether the inputs follow lines, by intermediate updates."""
     _values: dict[int, list[Value]] | None = None
@@ -226,7 +226,7 @@ class Instance(Library):
         return calculate
 
     def get_all(self, variables: Sequence[FmuVariable]) -> list[Value]:
-        """Get many variables with one call a type."""
+        """Get many variables with one call for each type."""
         values: list[Value] = [0] * len(variables)
         for numbers, places, calls in self._accesses("Get", tuple(variables)):
             self.run(calls)
@@ -235,7 +235,7 @@ class Instance(Library):
         return values
 
     def set_all(self, values: Starts) -> None:
-        """Set many variables with one call a type."""
+        """Set many variables with one call for each type."""
         for variable, value in values:
             if variable.length > 1:
                 self._last_set(variable.reference)[variable.index] = value

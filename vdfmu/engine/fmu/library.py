@@ -85,7 +85,7 @@ class Library:
     def let_go(self) -> None:
         """Release the references of the library of a Python FMU to the data of its instances.
 
-        pythonfmu 0.7.0 counts that down when the library is unloaded or the process ends, after it has been freed.
+        Otherwise pythonfmu 0.7.0 releases the data when the library is unloaded or the process ends, after freeing it.
         """
         with suppress(AttributeError):  # another wrapper
             self.fmu.dll.finalizePythonInterpreter()

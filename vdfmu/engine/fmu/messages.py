@@ -22,7 +22,7 @@ STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _LENGTH = 10_000
 """Bytes of a message that are kept."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
-"""Part of the category of an error, even if the status is lower."""
+"""Part of the category that marks an error, even if the status is lower."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 

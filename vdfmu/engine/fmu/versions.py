@@ -186,11 +186,11 @@ class Instance3(Instance):
     module = fmi3
 
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
-    """Begin and end of a step, its last update, and the time on the line at which the inputs are held [s]."""
+    """Start and end of a step, its last update, and the time on the line at which the inputs are held [s]."""
     _piece, _late = math.inf, 0.0
     """Length of the last internal step [s], and the value of `_lag` up to the last update."""
     _opening = _piece, _late
-    """Both at the begin of the step."""
+    """Both at the start of the step."""
     _failed: CosimError | None = None
     """Error of an intermediate update."""
 

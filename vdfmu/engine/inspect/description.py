@@ -24,7 +24,7 @@ REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
 MANIFEST = "fmi-ls-manifest.xml"
 """Name of the manifest of a layered standard, in its folder."""
 _SCHEMAS = {"1": "fmi1/fmi", "2": "fmi2/fmi2", "3": "fmi3/fmi3"}
-"""Begin of the path of the schema in fmpy by version of FMI."""
+"""Start of the path of the schema in fmpy by version of FMI."""
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _CAUSALITIES = {
     "constant": ("output", "local"),
@@ -85,7 +85,7 @@ def description_faults(root: Any) -> tuple[list[Finding], Any]:
         too_many = [finding("FMI023", f"{line_of(root)}: the model has {excess}", root)] if excess else []
         return [*dangling.faults, *too_many, *_rules(model)], model
     except Exception as error:  # fmpy raises bare exceptions
-        text = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or odd: {error}"
+        text = f"{DESCRIPTION}: cannot be read, an element or attribute is missing or invalid: {error}"
         return dangling.faults or [finding("FMI003", text, root)], None
 
 
@@ -100,21 +100,21 @@ def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield the variables: the element, and the element with the attributes of the type, in FMI 3.0 the same."""
+    """Yield two elements of each variable: its own, and that with the attributes of its type, the same in FMI 3.0."""
     for item in root.iterfind("ModelVariables/*"):
         if item.get("name") is not None:
             yield item, next((c for c in item if item.tag == "ScalarVariable" and c.tag in _TYPES), item)
 
 
 def types_of(root: Any) -> dict[str, Any]:
-    """Return the elements of type definitions with the attributes, by name."""
+    """Return the elements with the attributes of the defined types, by name."""
     three = str(root.get("fmiVersion")).startswith("3")
     items = (item for item in root.iterfind("TypeDefinitions/*") if three or len(item))
     return {item.get("name"): item if three else item[0] for item in items}
 
 
 def _restore_lines(model: Any, root: Any) -> None:
-    """Set the line numbers of the file in fmpy's objects, because its text may have others."""
+    """Set the line numbers of the file in fmpy's objects: the text that fmpy read may have other lines."""
     for variable, (item, _) in zip(model.modelVariables, variables_of(root), strict=False):
         variable.sourceline = item.sourceline
     for name, path in _UNKNOWNS.get(str(root.get("fmiVersion"))[0], {}).items():

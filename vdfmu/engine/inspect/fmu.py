@@ -17,7 +17,8 @@ from urllib.parse import unquote
 import fmpy
 from lxml.etree import QName  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
-from vdfmu.base.errors import SspError, StorageError
+from vdfmu.base.errors import SspError
+from vdfmu.base.files import no_temporary
 from vdfmu.engine.inspect.description import (
     DESCRIPTION,
     MANIFEST,
@@ -68,9 +69,7 @@ def store(archive: Archive, source: str, folder: Path) -> Path:
         with path.open("wb") as file:
             archive.copy(source, file)
     except OSError as error:
-        raise StorageError(
-            f"{path}: cannot be written: {error.strerror}; free space there, or name another folder in TMPDIR"
-        ) from error
+        raise no_temporary(source, error) from error
     return path
 
 

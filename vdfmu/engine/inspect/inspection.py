@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, cast
 from urllib.parse import unquote
 
-from vdfmu.base.errors import SspError, StorageError, UsageError
-from vdfmu.base.files import pack_zip, temporary_folder
+from vdfmu.base.errors import SspError, UsageError
+from vdfmu.base.files import no_temporary, pack_zip, temporary_folder
 from vdfmu.base.standards import SSP_FORMATS
 from vdfmu.engine.inspect.description import REFERENCES
 from vdfmu.engine.inspect.fmu import check_unit, note_run, store
@@ -95,8 +95,7 @@ def inspect_file(
     try:
         return _inspect(path, suffix, run, anyway)
     except OSError as error:
-        way = "The check needs a temporary folder with free space; set TMPDIR to another folder."
-        raise StorageError(f"{path} was not checked: {error}. {way}") from error
+        raise no_temporary(f"{path} was not checked", error) from error
 
 
 def _inspect(path: Path, suffix: str, run: bool, anyway: bool) -> Report:

@@ -25,9 +25,9 @@ import numpy.typing as npt
 from fmpy import fmi1, fmi2
 from fmpy.fmi1 import FMICallException
 
-from vdfmu.base.errors import StorageError, VdfmuError
+from vdfmu.base.errors import VdfmuError
 from vdfmu.base.extras import extra_modules
-from vdfmu.base.files import read_json, temporary_folder
+from vdfmu.base.files import no_temporary, read_json, temporary_folder
 from vdfmu.base.interrupt import listening
 from vdfmu.base.process import Listener, contained, end_group, limit, started
 from vdfmu.engine.algorithms import DELAYED
@@ -99,8 +99,7 @@ def run_apart(
         return findings
     last = output.strip().splitlines()[-1:]
     if code and last == [_FULL_NOTICE]:
-        text = f"{path.name}: the run needs a temporary folder, and {tempfile.gettempdir()} is full"
-        raise StorageError(f"{text}; free space there, or name another folder in TMPDIR")
+        raise no_temporary(path.name, os.strerror(errno.ENOSPC))
     if code:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         findings.report("RUN002", f"the process crashed ({how}) in {phase}{''.join(f': {s}' for s in last)}")

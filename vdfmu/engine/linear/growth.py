@@ -30,14 +30,15 @@ and so do the ends of a motion, because friction falls with speed."""
 _NOTABLE = 1.01
 """Growth of disturbances to be reported."""
 _ROWS, _FEWEST = 200, 60
-"""Most and fewest rows for a linearisation, approximately. Half of the rows left may be used ahead."""
+"""Approximately the most and fewest rows that are linearised. Half of those left may be used ahead of their time."""
 _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
-"""Largest change of loops from row to row: a share of the margin, at least of this margin; and the uncertainty of the
-logarithm of a growth by a change of its rate."""
+"""Largest change of the loops from row to row, as a share of the margin, but at least of the second value; and
+largest uncertainty of the logarithm of a growth because its rate changes."""
 _SHRINK, _GROW = 0.25, 1.5
-"""Limits of the next gap between rows over the last."""
+"""Limits of the next gap between rows, relative to the last."""
 _MINIMA, _NEAR, _HALVINGS = 4, 2.0, 4
-"""Most minima of the margins over the run to refine; largest over the least; halvings of the time around each."""
+"""Most minima of the margins along the run to refine, the largest of them relative to the least, and halvings of the
+time around each."""
 _FINE = 1000
 """Times for the growth; rates are linear between rows."""
 
@@ -361,7 +362,7 @@ class Poses(Tap):
         loops = system.around(opened)
         moving(loops)
         if loops.how.continuous and loops.samples.signals:
-            raise UsageError(f"{loops.algorithm} takes sampled states as continuous")
+            raise UsageError(f"{loops.algorithm} treats sampled states as continuous")
         u, y = (np.flatnonzero(system.links.any(axis=axis)) for axis in (1, 0))
         places = np.arange(len(system.parts.A)), u, y, np.arange(len(system.samples.signals))
         self._linked = system.in_whole(places)

@@ -59,7 +59,7 @@ class Linearisation:
         if blind:
             raise UsageError(
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange. Export them "
-                "so; native FMUs of this project have directional derivatives."
+                "that way; native FMUs of this project have directional derivatives."
             )
         self._derive = _derive(components)
         counts = self._derive("begin", loops)
@@ -220,7 +220,7 @@ class _Linearised:
         return J
 
     def values(self) -> list[Floats]:
-        """Return the values of its groups; one call a type reads them."""
+        """Return the values of its groups; one call for each type reads them."""
         if self._reads is None:
             pairs = [(group, values) for group, values in zip(self.groups, self._values, strict=True) if group]
             self._reads = [call for pair in pairs for call in self.instance.access("Get", *pair)]

@@ -42,8 +42,8 @@ _AROUND = np.array([-6.0, -2.5, -1.0, -0.4, 0.0, 0.4, 1.0, 2.5, 6.0])
 _BETWEEN = np.linspace(-1.0, 1.0, 11)[1:-1]
 """Places for a second calculation, between the neighbours of the frequency with the least modulus."""
 _INSIDE, _ZOOMS = np.linspace(0.0, 1.0, 6)[1:-1], 3
-"""Places for further calculations between two frequencies with a crossing of gain 1 or lag 180 degrees, and how often
-they divide the rest: to 1/125, over which a straight line is exact to 1e-5 of it."""
+"""Frequencies that are added between two with a crossing of gain 1 or lag 180 degrees, and how often this is repeated:
+down to 1/125 of the interval, in which a straight line is exact to 1e-5 of it."""
 _CLOSE = 0.5
 """Logarithm of the gain of peaks and dips that may cross 1 between two frequencies."""
 _SLOWEST = 1e-4

@@ -1,15 +1,16 @@
 """A system of FMUs linearised at a time of its run: its components side by side, and their connections.
 
-Each component is ``x_dot = A x + B u``, ``y = C x + D u`` by its directional derivatives; all together have block
-diagonal matrices. A connected input gets outputs by connections, ``L y``, and a disturbance d: ``u = L y + d``.
+The directional derivatives of a component give ``x_dot = A x + B u``, ``y = C x + D u``; the matrices of all
+components together are block diagonal. A connected input is ``u = L y + d``: the outputs connected to it, ``L y``, and
+a disturbance d.
 
-In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master has it, inputs are held over a step h, over
+In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master steps, inputs are held over a step h, over
 which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
 An input gets ``u[k] = L y[k] + d[k]``, which delays feedthrough by a sample. If an ordered algorithm passes fresh
 values on, it gets ``u[k] = L y[k+1] + d[k]``. The step h is one of the algorithm's substeps.
 
-Sampled states s change at the begin of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it: they are
-further inputs of x and y. A component may sample at every n-th communication point only. Then the system is sampled
+Sampled states s change at the start of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it, so they
+act on x and y like inputs. A component may sample at every n-th communication point only. Then the system is sampled
 at the common period of all samples, see :func:`_over_period`.
 """
 
@@ -31,7 +32,7 @@ from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 _MOST_STEPS = 2000
 """Most steps of a common period: products of so many matrices take 0.1 s for six joints, at each pose of a run."""
 _BEGINS = 8
-"""Begins of a period that are tried for opened inputs: a sample acts some steps late, one for each unit on its way."""
+"""How many starts of the period are tried for opened inputs: each unit on the way of a sample delays it by a step."""
 _ROUNDING = 1e-9
 """Rounding of a product of matrices, as a share of the product of their sizes: 1e-16 for each of up to 1e6 sums."""
 
@@ -39,7 +40,7 @@ Places = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp],
 
 
 class Samples(NamedTuple):
-    """Sampled states of all components: their signals, and how they enter."""
+    """Sampled states of all components: their signals, and how they act on the rest."""
 
     signals: Sequence[Signal]
     E: Floats
@@ -65,13 +66,13 @@ class LinearSystem:
     algorithm: str
     samples: Samples
     constant: tuple[str, ...] = ()
-    """Connected signals that change at communication points only, by unknown derivatives."""
+    """Connected signals that change only at communication points, with unknown derivatives."""
     every: Mapping[str, int] = field(default_factory=dict[str, int])
     """Communication steps between samples, by component; without an entry 1."""
 
     @property
     def period(self) -> float:
-        """Common period [s] of all samples, from whose begin to end the sampled system goes."""
+        """Common period [s] of all samples: a step of the sampled system."""
         return self.step * math.lcm(*self._intervals.tolist())
 
     @property
@@ -82,7 +83,7 @@ class LinearSystem:
 
     @property
     def how(self) -> Algorithm:
-        """The row of the algorithm."""
+        """The algorithm, a row of `ALGORITHMS`."""
         return ALGORITHMS[self.algorithm]
 
     def places(self, inputs: Sequence[str]) -> list[int]:
@@ -204,8 +205,8 @@ class LinearSystem:
             raise UsageError(f"{text} Declare one of them in its Algorithm.")
         if self.constant:
             raise UsageError(
-                f"{', '.join(self.constant)}: expected signals with derivatives, got changes at communication points "
-                "without. The sampled loop is not known. FMUs of this project declare their sampled states."
+                f"{', '.join(self.constant)}: these change at communication points, and their derivatives are not "
+                "known, so neither is the sampled loop. FMUs of this project declare their sampled states."
             )
         if (self._intervals != 1).any():
             return _over_period(self, opened)
@@ -259,8 +260,8 @@ def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
     """Return a system over the common period of its samples; see :meth:`LinearSystem.sampled`.
 
     Sampled states hold until they are due. The matrices of the period are the products of its steps' matrices, and d is
-    constant over it. Opened inputs need a begin of the period with a constant signal until its end: closed by it, the
-    loop equals the loop that runs.
+    constant over it. A loop can only be opened at a signal that is constant over the period, so several starts of the
+    period are tried: the right one is found when the loop, closed again by this signal, equals the loop that runs.
     """
     n = round(system.period / system.step)
     if n > _MOST_STEPS:
@@ -299,7 +300,7 @@ def _steps_of(system: LinearSystem, opened: Sequence[str]) -> list[StateSpace]:
 
 
 def _product(steps: Sequence[StateSpace], of: Any = np.asarray) -> dict[str, Floats]:
-    """Return the matrices A and B of several steps, the first one first, with the same d; `of` is taken of each."""
+    """Return the matrices A and B of several steps, the first one first, with the same d; `of` is applied to each."""
     A, B = of(steps[0].A), of(steps[0].B)
     for step in steps[1:]:
         A, B = of(step.A) @ A, of(step.A) @ B + of(step.B)
@@ -307,9 +308,9 @@ def _product(steps: Sequence[StateSpace], of: Any = np.asarray) -> dict[str, Flo
 
 
 def cut(system: LinearSystem) -> list[str]:
-    """Return connected inputs, as vectors, whose opening cuts all loops of a system; few, chosen one by one.
+    """Return a small set of connected inputs, whole vectors, whose opening cuts all loops of a system.
 
-    Each is the input whose opening leaves the fewest inputs on loops, of several the one with the fewest elements.
+    The choice is greedy: each input leaves the fewest inputs on loops; among equals it has the fewest elements.
     """
     n, names, acts = len(system.parts.A), system.parts.inputs, system.acts.copy()
     groups: dict[str, list[int]] = {}

@@ -15,8 +15,8 @@ from vdfmu.engine.linear.system import LinearSystem
 def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:
     """Return the system with rates of tied states from the rates of their outputs.
 
-    The torque of a spring that stiffens, ``tau_dot = K(tau) (v - w)``, depends on itself by its scale alone: its pole
-    is above 0 while its load grows, for any system. It is a function of the position, and this has the rate v.
+    For a spring that stiffens, ``tau_dot = K(tau) (v - w)``, the linearisation has a pole above 0 while the load grows,
+    in any system, only because K depends on tau. But tau is a function of the position, whose rate is v.
     """
     A, C = system.parts.A.copy(), system.parts.C
     for states, outputs in _tied_places(system.parts.states, system.parts.outputs, tuple(tied)):

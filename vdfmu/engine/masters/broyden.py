@@ -10,10 +10,10 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 
 _LEAST, _EACH = 30, 3
-"""Repetitions at least, and for each unknown: a linear loop needs two, apart from rounding errors (Gay 1979)."""
+"""Least number of repetitions, and number for each unknown: a linear loop needs two but for rounding (Gay 1979)."""
 _HOPELESS = 1e9
-"""Growth of the change over the first that ends repeating, before numbers overflow. On its way the change grows a
-lot: 1e3 is too little for 8 unknowns whose loop has a gain of 40."""
+"""Change divided by the first change at which repeating ends, before numbers overflow. Loops that converge may first
+grow a lot: 1e3 is too little for 8 unknowns whose loop has a gain of 40."""
 _KEPT = 1e-3
 """Bound below which Broyden's formula divides mostly by rounding errors."""
 

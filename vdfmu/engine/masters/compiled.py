@@ -1,4 +1,4 @@
-"""Steps in compiled code: those of `SampledStepper` and its like without the interpreter, with the same bits.
+"""Steps in compiled code: those of `SampledStepper` and its like without the interpreter, bit-identical.
 
 The plan is a list of actions: copies of values and calls of FMUs. Python judges each status, each flag of a step and
 each integer out of range, and handles events. Then the step goes on.

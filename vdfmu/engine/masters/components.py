@@ -18,6 +18,7 @@ import fmpy
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.files import no_temporary
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.algorithms import choice
 from vdfmu.engine.fmu.access import TEXTS
@@ -57,7 +58,7 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
                     foreign = foreign or not is_own(unit)
                     unit.extract(unpacked[source], _needed)
             except OSError as error:
-                raise no_room(str(folder), error) from error
+                raise no_temporary("FMUs", error) from error
             _refuse_escapes(unpacked[source])
     return unpacked, foreign
 
@@ -67,14 +68,9 @@ def _refuse_escapes(folder: Path) -> None:
     uri = folder.as_uri()
     if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
         raise VdfmuError(
-            f"{folder}: the folder of Python FMUs must be ASCII letters, digits and spaces only. Choose another folder "
-            "for temporary files with TMPDIR."
+            f"{folder}: the folder of Python FMUs must be ASCII letters, digits and spaces only. Set TMPDIR to another "
+            "folder."
         )
-
-
-def no_room(folder: str, error: OSError) -> VdfmuError:
-    """Return the error of FMUs that cannot be unpacked."""
-    return VdfmuError(f"{folder}: FMUs cannot be unpacked: {error}. Free space, or choose another folder with TMPDIR.")
 
 
 def _needed(member: str) -> bool:

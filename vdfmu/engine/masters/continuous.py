@@ -93,7 +93,7 @@ class ContinuousStepper(Stepper):
                         "doStep",
                         time,
                         f"the next step, of {left / parts:.3g} s, is below the resolution of time at {time:.9g} s; "
-                        "begin nearer to zero",
+                        "start the run nearer to t = 0",
                     )
                 if self.pressed():
                     raise KeyboardInterrupt

@@ -48,13 +48,13 @@ class Checked:
 
     @property
     def held(self) -> list[str]:
-        """Inputs, without indices, that hold the value of their source at the begin of each step."""
+        """Inputs, without indices, that hold the value of their source at the start of each step."""
         late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
         return [*dict.fromkeys(f"{unit}.{name.partition('[')[0]}" for unit, name in late)] if self.how.substeps else []
 
     @property
     def early(self) -> set[str]:
-        """Components that step at the begin of their step: in an ordered algorithm sources of fresh inputs."""
+        """Components that step at the start of their step: in an ordered algorithm, the sources of fresh inputs."""
         direct = self.schedule.direct
         return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 
@@ -169,7 +169,7 @@ def check_coupling(algorithm: str, adaptive: float | None, convergence: float | 
         if not 0.0 < adaptive < 1.0:
             raise UsageError(f"adaptive: expected a relative error between 0 and 1, got {adaptive:g}")
     if convergence is not None and algorithm in ALGORITHMS and not ALGORITHMS[algorithm].repeats:
-        raise UsageError(f"convergence: {algorithm} repeats nothing; it is for {choice(repeats=True)}")
+        raise UsageError(f"convergence is only for {choice(repeats=True)}, because {algorithm} repeats no steps")
     if convergence is not None and not 0.0 < convergence < 1.0:
         raise UsageError(f"convergence: expected a relative change between 0 and 1, got {convergence:g}")
 

@@ -17,7 +17,7 @@ _CLOSE = 1e-9
 
 
 class Grid(NamedTuple):
-    """Begin, end and communication step of a run [s], and the number of its steps: times are counted, never summed."""
+    """Start, end and communication step of a run [s], and the number of its steps: times are counted, never summed."""
 
     begin: float
     end: float

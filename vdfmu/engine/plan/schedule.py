@@ -83,7 +83,7 @@ def make_schedule(
 ) -> tuple[Schedule, list[str]]:
     """Order a system; `descriptions` are in the order of the SSD.
 
-    FMI 2.0 forbids to read outputs between setting an input and doStep, so a controller computes its output for
+    FMI 2.0 forbids reading outputs between setting an input and doStep, so a controller computes its output for
     [t_k, t_k+1] in its own doStep from t_k, with the inputs at t_k. Hence:
 
     ordered algorithms

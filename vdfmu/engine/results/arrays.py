@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
-from vdfmu.base.errors import StorageError, VdfmuError
-from vdfmu.base.files import write_all
+from vdfmu.base.errors import VdfmuError
+from vdfmu.base.files import no_temporary, write_all
 from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal, group_of
 
 _MOST = 2**25
@@ -58,10 +58,7 @@ def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, I
                     write_all(file, array.tobytes())
             arrays[:] = [arrays[0][:0].copy()]
     except OSError as error:
-        raise StorageError(
-            f"{path}: the folder of temporary files cannot hold its numbers: {error.strerror or error}. Free space, or "
-            "choose another folder with TMPDIR."
-        ) from None
+        raise no_temporary(str(path), error) from None
 
 
 def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:

@@ -1,4 +1,4 @@
-"""Results in CSV: a line of names, a line of units, then a line a communication point."""
+"""Results in CSV: a line of names, a line of units, then a line for each communication point."""
 
 from __future__ import annotations
 

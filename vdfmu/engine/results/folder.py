@@ -256,8 +256,8 @@ def keep(error: CosimError | Interrupted, folder: Path, checks: Iterable[Check] 
     results = error.results
     if results is not None:
         results.summary["error"] = str(error)
-        state = FAILED if isinstance(error, CosimError) else DOUBTFUL
-        failed = f"{error.unit} failed" if isinstance(error, CosimError) else "stopped"
-        end = Check("end", "Runs to its end", state, f"{failed} at {error.time:.3g} s", str(error))
+        failed = isinstance(error, CosimError)
+        sentence = error.sentence if failed else f"run stopped at {error.time:.3g} s"
+        end = Check("end", "Runs to its end", FAILED if failed else DOUBTFUL, sentence, str(error))
         results.summary["verdict"] = verdict_of([*checks, end])
         write_summary(results.summary, folder)

@@ -22,7 +22,7 @@ from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import Recorded, Signal
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
-"""Takes the place of a head with the time of the day, so that the same run has the same bytes."""
+"""Replaces a head that contains the time of day, so that the same run gives the same bytes."""
 _MOST = 2**31 - 2**10
 """Bytes of an array: the format has 32 bits for its size."""
 _LONGEST = 63
@@ -65,8 +65,8 @@ def write_mat(results: Recorded, path: Path) -> None:
         array = results.data[kind][:, [s.column for s in members]]
         if array.nbytes > _MOST:
             raise VdfmuError(
-                f"{path}: {name}: expected at most 2 GB, as MATLAB's version 5 has it, got {array.nbytes / 1e9:.3g} GB."
-                " Write Parquet and read it by MATLAB's parquetread: --format parquet."
+                f"{path}: {name}: must be at most 2 GB in a MATLAB 5 file, got {array.nbytes / 1e9:.3g} GB."
+                " Write Parquet instead, --format parquet, and read it with MATLAB's parquetread."
             )
         content[name] = array.astype(bool) if kind == "boolean" else array
         units = list(dict.fromkeys(s.unit for s in members))

@@ -1,4 +1,4 @@
-"""Results in Parquet: the numbers of CSV in a third of the room, with the summary of the run in the same file.
+"""Results in Parquet: the numbers of CSV in a third of the space, with the summary of the run in the same file.
 
 Columns are ``time`` and the signals. The metadata of a column has its ``unit``, the file's metadata has ``vdfmu``, the
 summary as JSON. Columns are compressed, reals as split bytes (BYTE_STREAM_SPLIT). pyarrow is imported on use.

@@ -133,7 +133,7 @@ class Recorded:
         names = self.members(name)
         shape = self.shape_of(name)
         if shape is None:
-            raise UsageError(f"the signals {', '.join(names)} are not all elements of an array; take them one by one")
+            raise UsageError(f"the signals {', '.join(names)} are not all elements of an array; read them one by one")
         group = self.groups[name]
         listed = [self._signals[group[index]] for index in sorted(group)]
         kinds = {signal.kind for signal in listed}
@@ -147,7 +147,7 @@ class Recorded:
         """Return the signals of a name, of a signal or an array; UsageError for an unknown name."""
         if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise UsageError(
-                f"expected the name of a signal, got {name!r:.60}. Give several names one after the other."
+                f"expected the name of a signal, got {name!r:.60}. Give several names as separate arguments."
             )
         if name in self._signals:
             return [name]

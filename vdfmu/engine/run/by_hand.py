@@ -51,8 +51,8 @@ class ByHand:
         run, ended = self._run, self._components.box.ended
         if count > (left := run.grid.n - run.row):
             raise UsageError(
-                f"step: the run ends at t = {run.grid.end:g} s, {left} steps from t = {self.time:g} s. "
-                "Reset it, with a later stop."
+                f"step: expected at most {left}: the run is at t = {self.time:g} s and ends at {run.grid.end:g} s. "
+                "Reset it with a later stop."
             )
         run.step(run.row + count)
         if ended:

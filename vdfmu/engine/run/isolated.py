@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import mmap
 import pickle
-import signal
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError, FailureKind, VdfmuError
 from vdfmu.base.files import storing
-from vdfmu.base.process import Child
+from vdfmu.base.process import Child, ending
 from vdfmu.engine.fmu.access import DTYPES
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
 from vdfmu.engine.masters.exchange import Exchange, words_of
@@ -36,7 +35,7 @@ from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorder import RowsInMemory
 
 _WORDS = 2**17
-"""Most words of memory for the rows of steps in C, see `windows`, if a row has fewer."""
+"""Words of memory for the rows of steps in C, see `windows`; at least one row fits."""
 CALLS = "calls"
 """File next to the memory: a line for each function of a component, written before its first call. The word `running`
 of the exchange is the number of the line, from 1, during a call, and its negative afterwards."""
@@ -205,21 +204,22 @@ class Isolated(Stepper):
         code, peak = self._end()
         unit, call = self._called()
         time = self.exchange.clock.value if self._stepping else self.box.time
-        if not self._late and code < 0:
-            with suppress(ValueError):
-                code = signal.Signals(-code).name
+        how, killed = ending(code)
         if not unit:
-            why = f"it ended with code {code}"
+            why = f"it ended ({how})"
             return LostProcessError("components", "start of their process", time, why, kind=FailureKind.LOST)
-        if self.exchange.running.value < 0:
-            ending = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({code})"
-            why = f"the process {ending} after this call had returned: it left damage, or vdfmu has a fault"
+        if killed and not self._late:
+            unit = "components"
+            why = f"their process was killed from outside ({how}), as the system does when memory is short"
+        elif self.exchange.running.value < 0:
+            end = f"did not continue within {self.limits.time:g} s" if self._late else f"ended ({how})"
+            why = f"the process {end} after this call had returned: the call did damage, or vdfmu has a fault"
         elif self._late:
-            why = f"no return within {self.limits.time:g} s; a longer wait_limit (run --wait-limit) gives it more"
-        elif isinstance(code, str):
-            why = f"the component crashed the process ({code})"
+            why = f"no return within {self.limits.time:g} s; a longer wait_limit (run --wait-limit) allows more"
+        elif code < 0:
+            why = f"the component crashed the process ({how})"
         else:
-            why = f"the component ended the process (exit code {code})"
+            why = f"the component ended the process ({how})"
         if peak > 0.5 * self.limits.memory:
             why += f"; its memory had reached {peak:.0f} MB of {self.limits.memory:.0f} MB (memory_limit)"
         kind = FailureKind.TIME_LIMIT if self._late else FailureKind.LOST

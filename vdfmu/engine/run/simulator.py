@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -12,20 +11,13 @@ from typing import Any, Unpack
 import numpy as np
 
 from vdfmu.base.errors import CosimError, UsageError
-from vdfmu.base.files import temporary_folder
+from vdfmu.base.files import no_temporary, temporary_folder
 from vdfmu.base.option import checks_types, lists_options, with_options
 from vdfmu.base.process import is_contained
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import DEFAULT
 from vdfmu.engine.fmu.messages import LogMessage, MessageBox
-from vdfmu.engine.masters.components import (
-    CONVERGENCE,
-    Components,
-    failure_message,
-    no_room,
-    report_exits,
-    unpack_units,
-)
+from vdfmu.engine.masters.components import CONVERGENCE, Components, failure_message, report_exits, unpack_units
 from vdfmu.engine.options import Limits, RowOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import FlatSystem, Value
@@ -85,7 +77,7 @@ class Simulator:
         self._checked: Checked | None = None
         self._components: Components | Isolated | None = None
         self._loaded = ExitStack()
-        """Of the components: their folder, and the function that reports that one ends the process."""
+        """Context of the components: their folder, and the report of a component that ends the process."""
         self._box, self._resting = MessageBox(options["log"]), False
         self._lasts = False
         """Whether components may stay loaded after a run, for others."""
@@ -96,7 +88,7 @@ class Simulator:
         self._by_hand: ByHand | None = None
         self._begun: Any = None
         self.owner: object = None
-        """Of the files of the system, such as a temporary folder: it lives as long as the simulator."""
+        """What keeps the files of the system, such as a temporary folder, as long as the simulator exists."""
 
     def __enter__(self) -> Simulator:
         options = self._options
@@ -244,7 +236,7 @@ class Simulator:
     @property
     def _stepped(self) -> ByHand:
         if self._by_hand is None:
-            raise UsageError("Simulator: reset() begins a run by hand, in its block and after each run().")
+            raise UsageError("Simulator: no run by hand has begun. Call reset() in its block, again after each run().")
         return self._by_hand
 
     @contextmanager
@@ -337,7 +329,7 @@ class Simulator:
         try:
             folder = Path(self._loaded.enter_context(temporary_folder("vdfmu-")))
         except OSError as error:
-            raise no_room(tempfile.gettempdir(), error) from error
+            raise no_temporary("FMUs", error) from error
         folders, foreign = unpack_units(checked, folder)
         isolate = self._options["isolate"]
         if isolate or (isolate is None and foreign and not is_contained()):

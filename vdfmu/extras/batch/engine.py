@@ -42,7 +42,7 @@ class BatchProgram:
     course: Floats
     """Their values in the steps, (n, k)."""
     points: Floats
-    """Begin of each step [s], (n,)."""
+    """Start of each step [s], (n,)."""
     sizes: Floats
     """Length of each step [s], (n,)."""
     time: Floats

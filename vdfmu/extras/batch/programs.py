@@ -21,7 +21,7 @@ from vdfmu.system.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.reference import Code
 
 _DIVISION = re.compile(r" / (w\d+);")
-"""End of a line of C that divides: as a product, so that a compiler reuses reciprocals."""
+"""End of a line of C that divides. It becomes a product, so that a compiler reuses reciprocals."""
 _ROUNDS = {ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD}
 
 
@@ -154,7 +154,7 @@ _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-v
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
 """Lanes and flags of the libraries: for any processor, for those with AVX2, for those with AVX-512."""
 FLAGS = ("-ffp-contract=fast-honor-pragmas",)
-"""A product and a sum in one go: the bits differ from an FMU's in any case."""
+"""Allows fused multiply-add: the results are not bit-identical to an FMU's anyway."""
 
 
 def make_program(description: SystemDescription, varied: Iterable[str]) -> BatchProgram:

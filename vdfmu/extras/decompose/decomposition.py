@@ -24,7 +24,7 @@ from vdfmu.system.scenario.system_file import Part, SystemFile
 from vdfmu.system.scenario.values import Values, is_free, system_values
 
 _UNITS = {Plant: "plant", Feedforward: "feedforward"}
-"""Units that are decomposed, to the prefix of the units of their joints, links and end."""
+"""Units that are decomposed, with the prefix of the units of their joints, links and tool."""
 _BOX, _GAP, _ROW = (70.0, 100.0), 130.0, 180.0
 """Size of a component in a diagram, and distances in a row and between rows [mm]."""
 
@@ -86,7 +86,7 @@ def _lacking(robot: Robot) -> Iterator[str]:
 
 
 def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
-    """Return the start of springs and rotors, with all forces, if a plant starts in motion or has rotor coupling."""
+    """Return the equilibrium of rotors and springs, for plants that start in motion or have rotor coupling."""
     groups = ("q_0", "q_dot_0", "F_e")
     q_0, q_dot_0, F_e = (np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in groups)
     if not values.get("equilibrium", True) or not (q_dot_0.any() or robot.rotor_coupling):
@@ -140,7 +140,7 @@ def _joined(
 
 
 def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str]) -> dict[int, str]:
-    """Return the ends that replace an end of a connection by joint, from 1, a single end at 0."""
+    """Return the ends that replace an end of a connection, by joint from 1; an end that belongs to no joint is at 0."""
     component, _, name = end.partition(".")
     if component not in taken:
         return {0: end}

@@ -66,7 +66,7 @@ class SampledBlock:
     def __init__(self, interface: Interface, step: float) -> None:
         self.interface, program = interface, interface.program
         self.start, self.update, self.outputs = map(self._chosen, (program.start, program.update, program.outputs))
-        """Calls at the begin of the first step, and calls of each step."""
+        """Calls at the start of the first step, and calls of each step."""
         self.calls = (*self.start, *self.update, *self.outputs)
         self.has_time = any("t" in call.reads for call in self.calls)
         """Whether a step reads the time: k periods in step k, from 0."""
@@ -171,7 +171,7 @@ class SampledBlock:
 
     @property
     def tunable(self) -> list[tuple[BlockVariable, list[tuple[str, float]]]]:
-        """Tunable parameters with their bounds: the relation of a violation, and its number."""
+        """Tunable parameters with their bounds, each as the comparison that is true beyond it, and its number."""
         return [
             (v, [(sign, bound) for sign, bound in (("<", v.minimum), (">", v.maximum)) if bound is not None])
             for v in self.of("tunableParameter")

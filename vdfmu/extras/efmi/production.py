@@ -151,7 +151,7 @@ def _literal(value: float, precision: Precision, owner: str) -> str:
     size = abs(value)
     if precision.bits == 32 and math.isfinite(size) and size and not _SMALLEST <= size <= _LARGEST:
         raise UsageError(
-            f"{owner}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, which single precision has, "
+            f"{owner}: expected 0 or a size from {_SMALLEST:.3g} to {_LARGEST:.3g}, the range of single precision, "
             f"got {value!r}. Change it, or build it with double precision."
         )
     text = c_constant(value)
@@ -198,8 +198,8 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
     def number(value: float) -> str:
         if precision.bits == 32 and value % 2.0 == 1.0 and float(np.float32(value)) != value:
             raise UsageError(
-                f"{block.interface.name}: its equations have the odd number {value:.0f}, which single precision does "
-                "not hold, such as the generator of random numbers. Build it with double precision."
+                f"{block.interface.name}: its equations have the number {value:.0f}, which single precision cannot "
+                "represent, such as in the generator of random numbers. Build it with double precision."
             )
         return _literal(value, precision, f"{block.interface.name}: a number of its equations")
 

@@ -54,7 +54,7 @@ _ACROSS = ("speed", "load", "position", "histogram", "spectrum", "autocorrelatio
 
 @style.styled
 def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
-    """Draw residuals of torques, then of deformations, a row a joint.
+    """Draw residuals of torques, then of deformations, a row for each joint.
 
     Columns: over the rotor's speed, the load of the drive and the position; the histogram with a normal distribution;
     the share of power by frequency; the autocorrelation, with bounds of 95 % of independent rows.

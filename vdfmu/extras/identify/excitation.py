@@ -15,7 +15,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
 
 _KNOTS = 24
-"""Knots in the shortest period: the spline then has the sine to 1e-7 of its amplitude."""
+"""Knots in the shortest period: the spline then equals the sine to 1e-7 of its amplitude."""
 
 
 @checks_types
@@ -159,7 +159,7 @@ def _about(
     except ValueError:
         most = np.full(q.shape, np.nan)
     if not np.all((most >= 0.0) & np.isfinite(most)) or not np.any(most > 0.0):
-        raise UsageError(f"amplitude: expected one above 0, or {len(q)} of at least 0, got {amplitude}.")
+        raise UsageError(f"amplitude: expected a number above 0, or {len(q)} numbers of at least 0, got {amplitude}.")
     t = np.linspace(0.0, duration, max(int(np.ceil(_KNOTS * highest * duration)), 8 * _KNOTS) + 1)
     envelope = smooth_step(t / ramp) * smooth_step((duration - t) / ramp)
     full = spline(t, q + most / peak * envelope[:, None] * wave(t))

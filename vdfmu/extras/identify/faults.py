@@ -1,4 +1,4 @@
-"""Faults of logs: clocks, gaps, turns that were cut off, columns in another order, other signs and units.
+"""Faults of logs: clocks, gaps, wrapped angles, columns in another order, other signs and units.
 
 Certain faults are problems. Faults with one correction are corrected and noted. Likely faults of ratios, time and
 torques are checks of the verdict.
@@ -33,21 +33,21 @@ _ROUGHER = 1.2
 _CERTAIN = 0.4
 """Share of a turn from row to row below which its sense is certain."""
 _ALIKE, _OFF = 0.1, 0.05
-"""Difference from a ratio within which it is taken for one, and beyond which it is noted."""
+"""Relative difference within which a ratio is taken to be a known one, and beyond which it is noted."""
 _FOLLOWS = 0.95
-"""Correlation of a link's steps with its rotor's below which it does not follow it. Joints may move alike."""
+"""Correlation of the steps of a link and its rotor below which the link does not follow the rotor."""
 _DEVIATIONS = 10.0
-"""Standard deviations of white noise within which work is not certain: five, where four rows in a row are alike."""
+"""Standard deviations of the work below which its sign is uncertain: five, doubled as four rows in a row are alike."""
 _FEWEST_ROWS = 3
 """Rows without which there is no correlation."""
 _ROWS = 1000
 """Rows, at most, at which torques are compared with the motion."""
 _ALMOST = float(np.log(4.0))
-"""Largest logarithm of a ratio of torques over one that has a known cause."""
+"""Largest logarithm of the ratio of torques to the expected ones for which they count as equal."""
 _BETTER = 0.9
-"""Share of the power that torques leave, below which they fit another unit of the positions better."""
+"""Relative residual power of the torques below which another unit of the positions fits better."""
 _FEWER = 0.25
-"""Share of the power that a torque leaves with its own joint, below which it fits another one better."""
+"""Residual power relative to that with the own joint below which a torque fits another joint better."""
 
 
 class LogColumn(NamedTuple):
@@ -59,7 +59,7 @@ class LogColumn(NamedTuple):
 
 
 def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str], problems: list[str]) -> Floats:
-    """Return angles [rad] without jumps by a period: there are such if all lie in one and steps go over half of it."""
+    """Return angles [rad] unwrapped, if they are: all in one of the `periods`, with steps over more than half of it."""
     for period in periods:
         jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.5 * period)
         if not jumps.size or np.ptp(values) > 1.001 * period:
@@ -116,8 +116,8 @@ def even_times(
         t = low + step * np.arange(int((high - low) / step * (1.0 + 1e-12)) + 1)
         notes.append(
             f"{'columns have different times' if apart else 'times are uneven'}, steps of {1e3 * steps.min():.4g} "
-            f"to {1e3 * steps.max():.4g} ms, {np.count_nonzero(steps > 1.5 * step)} gaps: taken every "
-            f"{1e3 * step:.6g} ms, by cubic splines"
+            f"to {1e3 * steps.max():.4g} ms, {np.count_nonzero(steps > 1.5 * step)} gaps: resampled every "
+            f"{1e3 * step:.6g} ms by cubic splines"
         )
         columns = {n: LogColumn(t, CubicSpline(true[id(c.t)], c.values)(t), "") for n, c in columns.items()}
     if any(len(column.values) != len(t) for column in columns.values()):
@@ -152,14 +152,14 @@ def _check_gaps(
             i = int(far[0])
             problems.append(
                 f"{name}, row {i + 1}: expected a row every {step:.4g} s; from {column.t[i]:g} s to "
-                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. A motion of {highest:.3g} Hz can be "
-                f"followed over {_BRIDGED / highest:.3g} s: cut the log there, or, if its clock jitters, take "
-                "means of some rows"
+                f"{column.t[i + 1]:g} s there is a gap, and {far.size - 1} more. A spline follows a motion "
+                f"of {highest:.3g} Hz over at most {_BRIDGED / highest:.3g} s: cut the log there, or, if its clock "
+                "jitters, average some rows"
             )
 
 
 def fastest(rate: Floats) -> int:
-    """Return the periods in a log below which 99.9 % of a velocity's power is, without noise of positions."""
+    """Return the number of periods in a log below which 99.9 % of a velocity's power is, without noise of positions."""
     power = np.abs(np.fft.rfft(rate * np.hanning(len(rate)))) ** 2  # a log may begin and end while the arm moves
     noise = np.sin(np.pi * np.arange(len(power)) / len(rate)) ** 2  # of differences of white noise
     top = slice(len(power) // 2, None)  # where no motion is
@@ -190,13 +190,13 @@ def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], p
         )
     notes.append(
         f"the clock jitters by up to {1e3 * most:.3g} ms, but the motion is {rough / max(smooth, 1e-300):.2g} times as "
-        f"smooth with a row every {1e3 * step:.6g} ms, so these equal times are used"
+        f"smooth with a row every {1e3 * step:.6g} ms, so this even spacing is used"
     )
     return even
 
 
 def _roughness(t: Floats, x: Floats) -> float:
-    """Root mean square of samples about the cubic through two neighbours on both sides, over their span."""
+    """Root mean square of samples about the cubic through two neighbours on both sides, divided by their span."""
     near = [t[k : len(t) - 4 + k] for k in (0, 1, 3, 4)]
     middle, left = t[2:-2], x[2:-2].copy()
     for k, a in zip((0, 1, 3, 4), near, strict=True):
@@ -256,10 +256,10 @@ def check_motion(
         slope = float(alike[a, a] * size["q"][a] / size["kappa"][a])
         causes = {
             -1.0: f"a sign differs: --column 'q[{i + 1}]=NAME [-1 rad]'",
-            np.pi / 180.0: f"the rotor's look like degrees: --column 'kappa[{i + 1}]=NAME [deg]'",
-            180.0 / np.pi: f"the link's look like degrees: --column 'q[{i + 1}]=NAME [deg]'",
-            1.0 / ell: "the rotor's look like the motor's, not divided by the ratio: --column theta=NAME{}",
-            ell: "the link's look like the motor's",
+            np.pi / 180.0: f"the rotor positions look like degrees: --column 'kappa[{i + 1}]=NAME [deg]'",
+            180.0 / np.pi: f"the link positions look like degrees: --column 'q[{i + 1}]=NAME [deg]'",
+            1.0 / ell: "the rotor positions do not look divided by the gear ratio: --column theta=NAME{}",
+            ell: "the link positions look like those of the motor",
         }
         fitting = [text for k, text in causes.items() if abs(slope / k - 1.0) < _ALIKE < abs(k - 1.0)]
         if fitting and follows > _FOLLOWS:
@@ -288,11 +288,11 @@ class _Compared(NamedTuple):
     """
 
     left: Floats
-    """Share of the power of torque i that the motion of joint j leaves, in row j: (n, n)."""
+    """Residual power of torque i by the motion of joint j, relative to its own: (n, n), in row i and column j."""
     drives: npt.NDArray[np.bool_]
     """Whether the friction of a joint would drive it, (n,)."""
     ratio: float
-    """Size of the torques over that of the robot file's."""
+    """Size of the torques relative to those of the robot file."""
 
 
 def _compared(t: Floats, kappa: Floats, tau: Floats, robot: Robot) -> _Compared:
@@ -325,8 +325,8 @@ def _compared(t: Floats, kappa: Floats, tau: Floats, robot: Robot) -> _Compared:
 def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks: Sequence[Check]) -> list[Check]:
     """Return the checks of a log with `checks` of its motion, and those of its torques.
 
-    Torques may fit another joint, have another size, or a friction that would drive. If they fit a motion in degrees,
-    that is the only check: speeds and torques are off by it.
+    Torques may fit another joint, have another size, or show a friction that would drive its joint. If they fit a
+    motion in degrees, that is the only check: speeds and torques are off by it.
     """
     kappa, tau = arrays["kappa"], arrays["tau"]
     read = _compared(t, kappa, tau, robot)
@@ -339,7 +339,7 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks:
     if off_then < _ALMOST < off and (slower or left_then < _BETTER * left):
         columns = " ".join(f"--column '{name}=NAME{{}} [deg]'" for name in ("kappa", "q") if name in arrays)
         text = "the positions look like degrees that were read as rad"
-        return [Check("degrees", "Unit of the positions", FAILED, text, f"say {columns}")]
+        return [Check("degrees", "Unit of the positions", FAILED, text, f"use {columns}")]
     return [*checks, *_torque_checks(read, moved, robot)]
 
 
@@ -351,22 +351,22 @@ def _torque_checks(read: _Compared, moved: npt.NDArray[np.intp], robot: Robot) -
     for i, j in zip(moved, moved[best], strict=True):
         if left[i, j] < _FEWER * left[i, i]:
             more = (
-                f"its motion leaves {100 * left[i, j] ** 0.5:.0f} % of it, that of joint {i + 1} itself "
-                f"{100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
+                f"that motion explains all but {100 * left[i, j] ** 0.5:.0f} % of it, the motion of joint {i + 1} all "
+                f"but {100 * left[i, i] ** 0.5:.0f} %: check the order of the columns"
             )
             text = f"tau[{i + 1}] fits joint {j + 1} better than its own"
             checks.append(Check("order", "Order of the columns", FAILED, text, more))
         elif drives[i]:
             text = f"tau[{i + 1}] has another sign: its friction would drive the joint"
-            checks.append(Check("sign", "Sign", FAILED, text, f"say --column 'tau[{i + 1}]=NAME [-1 N.m]'"))
+            checks.append(Check("sign", "Sign", FAILED, text, f"use --column 'tau[{i + 1}]=NAME [-1 N.m]'"))
     if not len(moved):
         return checks
     ell = float(np.median(robot.ell[moved]))
     causes = {
-        1e3: ("mN.m were read as N.m", "say --column 'tau=NAME{} [mN.m]'"),
-        1e-3: ("kN.m were read as N.m", "say --column 'tau=NAME{} [kN.m]'"),
-        ell: ("they are link-side", "say --column tau_link=NAME{}"),
-        1.0 / ell: ("they are motor-side", "say --column tau=NAME{}"),
+        1e3: ("mN.m were read as N.m", "use --column 'tau=NAME{} [mN.m]'"),
+        1e-3: ("kN.m were read as N.m", "use --column 'tau=NAME{} [kN.m]'"),
+        ell: ("they are link-side", "use --column tau_link=NAME{}"),
+        1.0 / ell: ("they are motor-side", "use --column tau=NAME{}"),
     }
     nearest = min(causes, key=lambda factor: abs(np.log(max(ratio, 1e-300) / factor)))
     cause, way = causes[nearest] if _ALMOST > abs(np.log(max(ratio, 1e-300) / nearest)) else ("check the unit", "")

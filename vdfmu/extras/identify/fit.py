@@ -44,11 +44,11 @@ from vdfmu.extras.identify.rows import Rows, file_torques, rows_of
 from vdfmu.extras.identify.search import Weak, solve, with_links
 
 PRIOR = 0.2
-"""Errors of masses, moments of inertia and, over radii of gyration, centres of mass of a robot file, as a share."""
+"""Relative errors of a robot file: masses, moments of inertia, and centres of mass relative to radii of gyration."""
 NORMAL_95 = 1.96
 """Deviations of a normal error within which 95 % of all errors are."""
 _HELD = 1e-3
-"""Errors of the links of a robot file, as a share, that hold them."""
+"""Relative errors of a robot file so small that its links keep their values."""
 _STILL = 1e-4
 """Range of a joint [rad or m] below which it did not move."""
 _APART = 0.5
@@ -138,15 +138,16 @@ def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float 
 
     The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
     parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
-    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the error of masses, moments
-    of inertia and, over radii of gyration, centres of mass of the robot file, as a share; infinity if nothing is known.
+    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the relative error of the
+    robot file: of masses, moments of inertia, and centres of mass relative to radii of gyration; infinity if nothing is
+    known.
     UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short for the
     band; the split arrangement of friction.
     """
     check_settings(robot, band, prior)
     moved = np.ptp(log.kappa, axis=0)
     if still := _numbers(moved < _STILL):
-        raise UsageError(f"{log.where}: joint {still} did not move: nothing can be told of it. Log a motion of all.")
+        raise UsageError(f"{log.where}: joint {still} did not move, so it is unknown. Log a motion of all joints.")
     if log.q is not None and (apart := _numbers(np.ptp(np.nan_to_num(log.kappa - log.q), axis=0) > _APART * moved)):
         raise UsageError(
             f"{log.where}: joint {apart}: expected rotors, divided by the ratio, and links to move alike. "

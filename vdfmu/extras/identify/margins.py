@@ -43,7 +43,7 @@ class MarginInterval(NamedTuple):
     corner: float
     """At the worst corner of the intervals of 95 %, by the exact loop."""
     factors: Floats
-    """(n,): Stiffness there over the identified."""
+    """(n,): Stiffness at that corner relative to the identified one."""
     assumed: tuple[int, ...]
     """Joints, from 1, whose spring the log does not show."""
 
@@ -60,9 +60,9 @@ class MarginInterval(NamedTuple):
 def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) -> MarginInterval:
     """Return the modulus margin of a scenario over the springs that fit a log.
 
-    The plant of the scenario gets the springs; the model in its controller stays the same. Uncertain are the springs
-    alone, with links and torque constants as far off as the absolute intervals have it. UsageError for a scenario with
-    another arm.
+    The plant of the scenario gets the springs; the model in its controller stays the same. Only the springs
+    are uncertain, by the absolute intervals, which contain the errors of links and torque constants. UsageError for a
+    scenario with another arm.
     """
     system = scenario_of(scenario)
     robot, shown = scaled_robot(fit)[0], fit.identifiable

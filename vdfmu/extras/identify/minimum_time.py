@@ -33,9 +33,9 @@ _LOOKS = 1001
 _NEAR = 1e-3
 """Share of the longest way between points below which a spline misses points by more than 1e-6 of the path."""
 _RESOLVED = 1e-9
-"""Distance of points, over the largest position, whose motion rounding leaves smooth."""
+"""Smallest distance of points, relative to the largest position, at which rounding leaves the motion smooth."""
 _STRETCH = 1.01
-"""Factor of the time until torques hold."""
+"""Factor by which the time is stretched, again and again, until the torques are within their limits."""
 Load = Callable[[Floats, Floats, Floats], Floats]
 """Positions, speeds and accelerations to torques, link-side."""
 
@@ -52,9 +52,9 @@ def fastest(
     """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
 
     The path of two points is straight, the path of more points a natural spline of degree 5 over the distance. Along it
-    toppra finds the shortest time, with jumps of the acceleration. The mean of the place over a fiftieth of it,
-    three times, is continuous up to the fourth derivative and keeps the path. If it breaks a limit the whole motion is
-    slowed down. A note has the lost time.
+    toppra finds the shortest time, with jumps of the acceleration. The place on the path is averaged over a
+    fiftieth of the duration, three times: that keeps the path, and is continuous up to the fourth derivative. If the
+    result breaks a limit, the whole motion is slowed down. A note has the lost time.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def fastest(
     )
     rotors, notes = np.zeros(n), ()
     if most is not None and robot is None:
-        raise UsageError("fastest: limits of torque need the robot.")
+        raise UsageError("fastest: torque limits need a robot. Give robot.")
     if robot is not None and robot.limits and robot.n == n and (speed is None or most is None):
         speed, tau = motor_rectangle(robot, np.inf if speed is None else speed)
         if most is None:
@@ -143,7 +143,7 @@ def _shortest(
 ) -> tuple[Floats, Floats, Floats]:
     """Return times, places and speeds on the path of the shortest motion.
 
-    toppra gets the time over the least time at full speed: its tolerances are absolute.
+    toppra gets times relative to the least time at full speed, because its tolerances are absolute.
     """
     try:
         toppra: Any = import_module("toppra")

@@ -35,7 +35,7 @@ from vdfmu.extras.identify.search import expected_deviations
 _HIGHEST, _PERIODS, _SEEDS = (0.25, 0.5, 1.0, 2.0), (1, 3), 4
 """Highest frequencies [Hz], whole periods and seeds of the candidates."""
 _LINES = 5
-"""Frequencies of each, from one a period to the highest, by equal ratios."""
+"""Number of frequencies of each candidate, at equal ratios from one in a period to the highest."""
 _MARGIN = 0.9
 """Share of ranges, speeds and torques of the robot's limits that is used."""
 _FAR = np.pi
@@ -45,7 +45,7 @@ _DEFAULTS = {"revolute": (1.0, 1.5, 5.0), "prismatic": (0.2, 0.5, 2.0)}
 _OFF = 0.4
 """Largest offset of the poses of candidates from the middle, as a share of the range."""
 _SHRINK = 8
-"""Times that a motion is made smaller until motors have its torques."""
+"""How often a motion is made smaller, at most, until the motors can supply its torques."""
 _SHORTEST = 5.0
 """Shortest useful duration of an experiment [s]."""
 _COARSE, _ROWS = 40.0, 1000.0
@@ -247,7 +247,7 @@ def _limits(robot: Robot, start: npt.ArrayLike | None) -> tuple[Floats, Floats, 
 
 
 def _multisines(robot: Robot, duration: float, middle: Floats, reach: Floats, moves: bool) -> Iterator[_Excitation]:
-    """Yield multisines about a pose, (n,), or if that `moves` about several, all within `reach`, (n,) [rad or m]."""
+    """Yield multisines about `middle` (n,), or if the pose `moves` about several, within `reach` (n,) [rad or m]."""
     for highest, periods, seed in product(_HIGHEST, _PERIODS, range(_SEEDS)):
         pose = middle
         if moves and seed:
@@ -261,7 +261,7 @@ def _multisines(robot: Robot, duration: float, middle: Floats, reach: Floats, mo
 
 
 def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) -> list[_Candidate]:
-    """Return the candidate with amplitudes (n,), reduced until motors have its torques; empty if they cannot."""
+    """Return the candidate with amplitudes (n,), reduced until motors can supply its torques; empty if they cannot."""
     for _ in range(_SHRINK):
         amplitude = np.floor(1e4 * amplitude) / 1e4
         coefficients = tried.unit.coefficients * amplitude
@@ -288,7 +288,7 @@ def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) ->
 def _mean_deviation(
     robot: Robot, log: Log, noise: Floats, sensors: SensorNoise, band: float | None, prior: float
 ) -> float:
-    """Mean logarithm of the deviations of drives, springs and links at the truth, for noise (n,) of torques [N.m]."""
+    """Mean logarithm of the deviations of drives, springs and links at the true values, for torque noise (n,) [N.m]."""
     problem, _, band, _ = rows_of(log if sensors.links else log._replace(q=None), robot, band)
     bent = _turns(robot) * 2.0**-sensors.bits / np.sqrt(12.0) * np.hypot(1.0, 1.0 / robot.ell)
     passed = np.sqrt(2.0 * band * sensors.step)  # of white noise through the filter

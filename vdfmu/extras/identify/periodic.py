@@ -20,7 +20,7 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import Complex
 
 LEVELS = (2.5, 5.0)
-"""RMS of the torques over the breakaway friction f_s: at twice it and above, friction no longer hides the springs."""
+"""RMS of the torques relative to the breakaway friction f_s: from twice it on, friction no longer hides the springs."""
 REALISATIONS, SETTLING, USED = 3, 1, 3
 _PERIODS = REALISATIONS * (SETTLING + USED)
 """Periods of a level."""
@@ -108,7 +108,7 @@ def aligned(log: Log, plan: PeriodicTorques) -> int:
     rate = round(plan.period / log.step)
     if abs(rate * log.step / plan.period - 1.0) > 1e-3:
         raise UsageError(
-            f"{log.where}: expected a step that is a part of the period of {plan.period:g} s, got {log.step:g} s."
+            f"{log.where}: expected a step that divides the period of {plan.period:g} s, got {log.step:g} s."
         )
     t = np.arange(0.0, plan.t[-1], log.step)
     played = np.stack([np.interp(t, plan.t, column) for column in plan.torque.T], axis=1)

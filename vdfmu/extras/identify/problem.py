@@ -155,7 +155,7 @@ def base_parameters(robot: Robot) -> BaseParameters:
 
 
 def link_errors(robot: Robot, share: float) -> Floats:
-    """Return changes (10 n, 10 n) of inertial parameters, one a column, by a standard deviation of a robot file.
+    """Return changes (10 n, 10 n) of inertial parameters, a column each, by a standard deviation of a robot file.
 
     Masses and moments of inertia are off by a share, centres of mass by that share of the link's radius of gyration.
     """
@@ -220,9 +220,9 @@ class IdentificationProblem:
     step: float
     """Time between the samples of the log [s]."""
     torques: TorqueParts
-    """Of all m samples, for the springs, whose law is not linear."""
+    """Torques at all m samples, which the nonlinear law of the springs needs."""
     filtered: TorqueParts
-    """Of the k rows."""
+    """The same at the k rows, filtered."""
     acceleration: Floats
     """(k, n): of rotors, and of the links that carry them [rad/s2 or m/s2]."""
     tau: Floats

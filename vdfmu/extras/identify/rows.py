@@ -19,9 +19,9 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.problem import IdentificationProblem, Regressor, TorqueParts, base_parameters, regressor
 
 _BANDS = 3.0
-"""The band of the second filter: times the frequency below which nearly all of the velocities' power is."""
+"""Band of the second filter, as multiples of the frequency below which nearly all power of the velocities is."""
 _WIDE = 60.0
-"""The band of the first: times the second's. Friction follows speeds above the band into it, so it is wide."""
+"""Band of the first filter, as a multiple of the second's: wide, as friction turns faster motion into slower force."""
 _ORDER = 4
 _TRIM = 3.0
 """Ends of the log that are not used because of the transients of the filters, in periods of the band."""
@@ -30,7 +30,7 @@ _FEWEST = 50
 _ZEROS, _EVEN = 8, 0.05
 """Number of tried zeros of encoders, and largest unevenness of their steps."""
 _ENOUGH = 100
-"""Rows of a short log, by a wider band."""
+"""Rows that a wider band keeps of a short log."""
 
 
 class Rows(NamedTuple):
@@ -147,7 +147,7 @@ def _steps(step: Floats, q: Floats) -> list[Floats]:
 
 
 def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
-    """Return by how much encoders of links are late [s], of springs that give way to the torques of motors."""
+    """Return by how much encoders of links are late [s], for springs that yield to the torques of motors."""
     ones = np.ones(len(tau))
     each = zip(stretch.T, speed.T, tau.T, strict=True)
     return np.array([np.linalg.lstsq(np.stack([v, ones, t], axis=1), s, rcond=None)[0][0] for s, v, t in each])

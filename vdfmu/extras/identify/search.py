@@ -16,7 +16,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.extras.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.7
-"""Standard deviation, over the prior's, above which a parameter is the robot file's."""
+"""Standard deviation relative to the prior's above which a parameter keeps the robot file's value."""
 _RESOLVED = 10.0
 """Steps of an encoder below which the deviation of a deformation is not resolved."""
 _SHARES = {
@@ -34,7 +34,7 @@ _STEPS = 30
 _ALIKE = 0.3
 """Largest difference between a motion and its repetition, as a part of the power of velocities."""
 _LAGS = 1.5
-"""Lags of alike residuals, over the third root of the number of rows."""
+"""Lags up to which residuals are correlated, divided by the cube root of the number of rows."""
 
 
 NO_START = "0 in the robot file, the start of the search; give a value"
@@ -42,7 +42,7 @@ NO_START = "0 in the robot file, the start of the search; give a value"
 
 
 class Weak(NamedTuple):
-    """A parameter that a log hardly determines: deviation over the prior's, and the most correlated parameter."""
+    """A parameter that a log hardly determines: deviation relative to the prior's, and most correlated parameter."""
 
     share: float
     partner: str
@@ -105,7 +105,7 @@ class _Search:
         self.count = problem.places["links"].start
         """Parameters in logarithms, the first ones."""
         self.root = np.zeros((len(self.x), len(self.x)))
-        """By which variables of the search are off the robot file's, in standard deviations."""
+        """Matrix that turns distances from the robot file's values into standard deviations."""
         for name, share in _SHARES.items():
             for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
                 self.root[k, k] = 1.0 / share
@@ -157,7 +157,7 @@ class _Search:
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
     def fit(self) -> float:
-        """Go to the least squares with the weights, take new weights from its residuals, and return the change."""
+        """Solve the least squares with these weights, set new weights by the residuals, and return the change."""
         x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:

@@ -22,8 +22,8 @@ from vdfmu.extras.identify.periodic import PeriodicTorques, Periods, aligned, pe
 SURE, SHARE = 0.025, 0.5
 """Largest standard deviation of an identifiable stiffness, and least share of the link's torque that is explained."""
 ROTOR = 0.3
-"""Largest logarithm of an identified rotor over the robot file's, three deviations of its prior: a log with other signs
-or units is fitted by rotors that are further off."""
+"""Largest logarithm of an identified rotor inertia relative to the robot file's, three deviations of its prior: rotors
+that fit a log with other signs or units are further off."""
 FLOOR = 0.0025
 """Standard deviation of a stiffness by what the linear model leaves out of springs and friction, however small the
 noise is: chosen by fifteen simulated logs with bristles, and tested by others, see `benchmarks/stiffness.py`."""
@@ -32,9 +32,9 @@ GAIN_OFF, LINKS_OFF = 0.05, 0.06
 _PRIOR = {"stiffness": 1.0, "damping": 20.0, "viscous": 1e3, "rotor": 0.1, "delay": 3.0}
 """Standard deviations: logarithms of stiffness and rotor, multiples of damping and viscous friction, ms."""
 _FRICTION = 10.0
-"""Standard deviation of the size of a shape of friction, over f_s."""
+"""Standard deviation of the size of a shape of friction, relative to f_s."""
 _STARTS = (0.0, -0.35, 0.3)
-"""Logarithms of stiffness over the file's at which a fit starts: a factor of 0.7 to 1.35."""
+"""Logarithms of stiffness relative to the file's at which a fit starts: factors of 0.7 to 1.35."""
 _TRIAL, _LONGEST, _TRIES = 12, 40, 6
 """Steps from each start, most steps from the best, and most reductions of a step."""
 _DONE = 1e-4
@@ -64,7 +64,7 @@ class StiffnessLevel:
     share: Floats
     """(n,): Share of the square of the links' torques that the model explains."""
     rotor: Floats
-    """(n,): Inertia of the rotors over the robot file's."""
+    """(n,): Inertia of the rotors relative to the robot file's."""
     antiresonance: Floats
     """(n,) [Hz]: See :meth:`MotorSide.antiresonances`."""
     delay: float
@@ -211,7 +211,7 @@ class _Fit:
         return noise * np.maximum(more, 1.0)
 
     def cost(self, x: Floats, errors: Complex, variance: Floats) -> float:
-        """Return half of twice the negative logarithm of the posterior, with variances held."""
+        """Return the negative logarithm of the posterior, except for a constant, with variances held."""
         return float((np.abs(errors) ** 2 / variance).sum() + (((x - self.middle) / self.prior) ** 2).sum() / 2.0)
 
     def search(self, x: Floats, most: int) -> _Trial:
@@ -300,6 +300,6 @@ def _real(values: Complex) -> Any:
 
 
 def _weighted(state: _Trial) -> tuple[Floats, Floats]:
-    """Return derivatives (2 r f n, p) and residuals (2 r f n,) over their standard deviations."""
+    """Return derivatives (2 r f n, p) and residuals (2 r f n,), divided by their standard deviations."""
     weight = np.sqrt(2.0 / state.variance)
     return _real(state.slopes * weight[..., None]), _real((state.errors * weight)[..., None])[:, 0]

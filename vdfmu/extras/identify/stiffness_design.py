@@ -17,15 +17,15 @@ from vdfmu.extras.identify.periodic import LEVELS, NYQUIST, PERIOD, PeriodicTorq
 STEP = 1e-3
 """Time from row to row of a log [s]."""
 BEYOND = 1.5
-"""Highest line over the highest antiresonance."""
+"""Highest line relative to the highest antiresonance."""
 LEAST = 2.0
-"""Least RMS of a torque over the breakaway friction."""
+"""Least RMS of a torque relative to the breakaway friction."""
 _BENT = 0.3
 """Bend of each joint from the middle [rad]: straight arms hide joints whose axes meet in a point."""
 _OFF = 0.3
-"""Most of half a range that the bend takes."""
+"""Largest share of half a joint's range that this bend uses."""
 _CREST = 4.0
-"""Peak of a multisine with random phases over its RMS."""
+"""Crest factor of a multisine with random phases: its peak divided by its RMS."""
 _MARGIN = 0.9
 """Share of the limits of speed and torque that is used."""
 _FINEST = 2.5e-4
@@ -89,7 +89,7 @@ def stiffness_experiment(
     if q.shape != (robot.n,) or not np.isfinite(q).all():
         raise UsageError(f"pose: expected {robot.n} finite positions, got {pose!r}.")
     if not 0.0 < step < 0.1 or abs(PERIOD / step - round(PERIOD / step)) > 1e-6:
-        raise UsageError(f"step: expected a part of the period of {PERIOD:g} s, less than 0.1 s, got {step:g} s.")
+        raise UsageError(f"step: must divide the period of {PERIOD:g} s and be less than 0.1 s, got {step:g} s.")
     side = MotorSide(robot, q)
     drives = side.start()
     antiresonance = side.antiresonances(drives)

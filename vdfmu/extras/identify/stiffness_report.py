@@ -26,7 +26,7 @@ from vdfmu.extras.identify.stiffness import Stiffness
 from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, missing
 
 _AROUND = 2.0
-"""Ends of the band in which a log without the excitation is judged: the antiresonance over and times this."""
+"""A log without the excitation is judged in the band from the antiresonance divided by this to that times this."""
 HEADS = (
     "joint", "motor torque\nN.m RMS", "spring torque\nRMS", "stiffness", "95 %", "absolute\n95 %", "damping",
     "antires.\nHz",
@@ -41,7 +41,7 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
         level, place = fit.levels[best], f"joint {i + 1}"
         if level.identifiable[i]:
             unit = unit_of("stiffness", robot.joint_types[i])
-            text = f"{place} has {quantity(level.stiffness[i], unit)} +- {_per_cent(level.deviation[i])}"
+            text = f"stiffness of {place}: {quantity(level.stiffness[i], unit)} +- {_per_cent(level.deviation[i])}"
             checks.append(Check("stiffness", "Stiffness", GOOD, text))
         else:
             lacks = missing(level.antiresonance, level.f[-1], level.swing, np.array(robot.f_s) / robot.ell)[i]
@@ -52,19 +52,19 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
                 advice = f"+- {_per_cent(level.deviation[i])}: log more periods, or larger torques"
             else:
                 advice = (
-                    f"{100.0 * max(level.share[i], 0.0):.0f} % of the link's torque explained, by a rotor of "
-                    f"{level.rotor[i]:.2g} times the file's inertia: check the order, signs and units of the columns, "
-                    "and the robot file"
+                    f"the fit explains {100.0 * max(level.share[i], 0.0):.0f} % of the link's torque, with "
+                    f"{level.rotor[i]:.2g} times the file's rotor inertia: check the order, signs and units of the "
+                    "columns, and the robot file"
                 )
             checks.append(Check("stiffness", "Stiffness", DOUBTFUL, text, advice))
     count = int(fit.identifiable.sum())
     if not count:
         checks = [check._replace(state=FAILED) for check in checks]
-    return verdict_of([*checks, *more], [f"stiffness of {count} of {robot.n} joints"])
+    return verdict_of([*checks, *more], [f"stiffness of {count} of {robot.n} joints identified"])
 
 
 def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict[str, Any]:
-    """Return the verdict on a log that is not of the excitation: how well its torques excite each spring.
+    """Return the verdict on a log of other torques than the excitation: how well they excite each spring.
 
     They are compared with Coulomb friction in the octaves around the antiresonance, below the half of the log's rate.
     Faults of the log come first.
@@ -78,7 +78,8 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
         dry = float(robot.f_c[i] / robot.ell[i])
         if size >= LEAST * dry:
             text = f"joint {i + 1} is excited, but not by periodic torques: its stiffness is not identifiable"
-            checks.append(Check("stiffness", "Stiffness", FAILED, text, "give the torques of --design, --excitation"))
+            advice = "apply the torques of --design, and name their file with --excitation"
+            checks.append(Check("stiffness", "Stiffness", FAILED, text, advice))
             continue
         if band[0] < band[1]:
             share = 100.0 * size / max(dry, 1e-300)

@@ -23,7 +23,7 @@ from vdfmu.study.limits import LIMITS, Limit
 
 _DRAWS = 999
 _LEVEL = 0.025
-"""Draws of a bootstrap, and the share of them at either end beyond its interval of 95 %."""
+"""Number of bootstrap draws, and the share of them beyond either end of the 95 % interval."""
 _AS_GOOD = "the file's links are equally good"
 
 
@@ -69,23 +69,23 @@ def _worst(row: Limit, values: Mapping[str, float], more: str = "") -> Check:
 
 
 def _scale(fit: Identified, robot: Robot, score: LogScore, first: str) -> Iterator[Check]:
-    """Yield a check of the scale of the links relative to the robot file's, wrong by a ratio or a torque constant.
+    """Yield a check of the scale of the links, which is off if a gear ratio or a torque constant is wrong.
 
-    It is the factor by which the torques of the file's links fit those of the identified links best, relative to the
-    total torque of each joint. A file with a larger expected uncertainty than usual gives no information on the scale.
+    The scale is the factor on the torques of the file's links that fits those of the identified links best, each joint
+    relative to its total torque. A file that is declared less certain than usual gives no information on the scale.
     """
     p = score.rows.problem
     weighted = p.filtered.Y / score.torque[:, None]
     file, identified = (weighted @ x[p.places["links"]] for x in (p.start, fit.x))
     scale = float((file * identified).sum() / max((file**2).sum(), 1e-300))
-    if scale <= 0.0 or fit.prior > PRIOR:  # without gravity and motion, or with another sign, there is none
+    if scale <= 0.0 or fit.prior > PRIOR:  # there is no scale without gravity and motion, or if the signs differ
         return
     ell = float(robot.ell[0])
     if first:
         cause = first
     elif np.ptp(robot.ell) > 0.0:
         cause = "check the gear ratios"
-    elif any(name in fit.weak for name in fit.base.names):  # near the file's, so the ratio is further off
+    elif any(name in fit.weak for name in fit.base.names):  # they stay near the file's, so the ratio is off by more
         cause = f"check the gear ratio, {ell:.3g}"
     else:
         cause = f"is the gear ratio {ell / scale:.3g}, not {ell:.3g}?"

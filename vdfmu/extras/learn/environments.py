@@ -183,7 +183,7 @@ class Environment(gymnasium.Env[Floats, Floats]):
 
 
 class ArmEnv(Environment):
-    """An arm with an agent's torques, paid for following the motion of a scenario.
+    """An arm with an agent's torques, rewarded for following the motion of a scenario.
 
     Parameters
     ----------

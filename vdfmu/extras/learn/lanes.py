@@ -32,7 +32,7 @@ class SteppedLanes:
 
     def __init__(self, program: BatchProgram, count: int, inputs: Sequence[str], signals: Sequence[str]) -> None:
         if len(program.fed):
-            raise UsageError("inputs: expected none; runs that are stepped take their inputs from who steps them.")
+            raise UsageError("inputs: expected none, because the caller sets the inputs in each step.")
         self._program, (_, self._library) = program, lane_library(program)
         self._lanes, p = int(self._library.lanes()), c_void_p
         self._library.begin_lanes.argtypes, self._library.begin_lanes.restype = [p] * 4, None

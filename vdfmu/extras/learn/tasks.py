@@ -167,7 +167,7 @@ class TrackingTask(Task):
         self.scenario = opened(loaded, [action], seen)
         tables = self.scenario.resolved.tables
         if missing := {*track, *(limits or {})} - {*seen}:
-            raise UsageError(f"{', '.join(sorted(missing))}: expected one of what is seen: {', '.join(seen)}.")
+            raise UsageError(f"{', '.join(sorted(missing))}: expected an observed signal: {', '.join(seen)}.")
 
         def reward(seen: dict[str, Floats], actions: dict[str, Floats]) -> Floats:
             e = (seen[track[0]] - seen[track[1]]) / error
@@ -194,7 +194,7 @@ def episode(stop: float, step: float, hold: int) -> int:
     """Return the number of actions of an episode; UsageError unless it is whole."""
     length = round(stop / (step * hold)) if hold >= 1 and hold % 1 == 0 else 0
     if length < 1 or not math.isclose(length * hold * step, stop, rel_tol=1e-9):
-        raise UsageError(f"hold: expected steps of which {stop:g} s is a whole multiple, got {hold}.")
+        raise UsageError(f"hold: expected a number of steps that divides {stop:g} s into whole actions, got {hold}.")
     return length
 
 
@@ -256,7 +256,7 @@ def _answer(name: str, expected: str, value: Any, shape: tuple[int, ...]) -> Flo
 
 
 def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
-    """Check that a number is finite and above `least`, or `among` what is allowed also that."""
+    """Check that a number is finite and above `least`, or if that is `among` the allowed numbers, at least that."""
     number = value if np.ndim(value) == 0 and isinstance(value, (int, float, np.number)) else math.nan
     if not (math.isfinite(number) and (number > least or (among and number == least))):
         raise UsageError(

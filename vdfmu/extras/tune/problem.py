@@ -58,7 +58,7 @@ class Problem:
     margin: Floats
     """(n,): Required modulus margin of each loop; empty without."""
     rate: float
-    """Largest growth rate [1/s] of a mode: 0, or with the margin of the start the start's."""
+    """Largest growth rate [1/s] of a mode: 0, or that at the start if the margin must stay the same as there."""
 
     @property
     def names(self) -> list[str]:
@@ -106,13 +106,13 @@ class Problem:
 def make_problem(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[ProblemOptions]
 ) -> Problem:
-    """Read and check the problem; for arguments see `tune`. Nothing has run yet when it has faults."""
+    """Read and check the problem; for arguments see `tune`. Faults are raised before anything runs."""
     over, limit, margin = options["combine"], options["limit"], options["margin"]
     changes, parameters = pick(ScenarioOptions, options), options["parameters"] or {}
     if over not in ("mean", "worst"):
         raise UsageError(f"combine: expected mean or worst, got {over}.")
     if isinstance(scenario, (str, os.PathLike)) and os.fspath(scenario).endswith(".ssp"):
-        raise UsageError(f"{scenario}: expected a scenario, whose values are known; a package can be swept.")
+        raise UsageError(f"{scenario}: expected a scenario: a package has no values to start from. Sweep it instead.")
     loaded = prepare(scenario, **changes)
     axes, start = _elements(loaded, vary, parameters, options["together"])
     spread_axes = read_axes(options["spread"])
@@ -158,15 +158,15 @@ def make_problem(
 def _poses(scenario: Scenario, parameters: Mapping[str, Any], varied: Sequence[str]) -> Poses:
     """Return the loops along the run of a scenario, whose components stay until nothing refers to them."""
     if "plant" in varied:
-        raise UsageError("margin: expected parameters of other components than the plant to vary.")
+        raise UsageError("margin: the parameters to vary must not belong to the plant. Omit those that do.")
     stack = ExitStack()
     try:
         poses, *_ = stack.enter_context(run_along(scenario, again=True, parameters=parameters))
         assert poses.components is not None
         if fixed := [name for name in dict.fromkeys(varied) if not can_change(poses.components.exchange.checked, name)]:
             raise UsageError(
-                f"margin: {', '.join(fixed)}: expected native FMUs without sampled states, whose loops are known with "
-                "other values. Tune without a margin; the verdict of a run has it."
+                f"margin: {', '.join(fixed)}: expected native FMUs without sampled states, because only their loops "
+                "are known for other values. Tune without a margin; the verdict of a run reports it."
             )
     except BaseException:
         stack.close()
@@ -241,7 +241,7 @@ def _number(margin: float | str) -> float:
 
 
 _STEEP = 0.1
-"""Excess for each 1/s of a growth, where margins are 0."""
+"""Excess for each 1/s by which a mode grows, where margins are 0."""
 Values = tuple[float, ...]
 
 

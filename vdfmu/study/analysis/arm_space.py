@@ -32,7 +32,7 @@ from vdfmu.system.scenario.values import system_values
 
 
 def without_dry_friction(unit: Evaluation) -> None:
-    """Set parameters of Coulomb and Stribeck friction, and of the mesh's, to 0 or the smallest that they may be."""
+    """Set the parameters of Coulomb, Stribeck and mesh friction to their smallest allowed values, mostly 0."""
     for name in dry_friction(unit.interface.groups):
         unit.group(name)[:] = PARAMETERS[name].smallest
 
@@ -73,12 +73,12 @@ def linearize(
 ) -> StateSpace:
     """Linearise the plant of an arm at rest at a pose, or a whole system at a time of its run.
 
-    Exactly, by differentiation of the equations. Motors and springs hold an arm against gravity; its states are q,
-    q_dot, kappa_dot, tau_s; inputs the motor torques tau and the wrench F_e of the arm on its surroundings; outputs the
-    states, the rotors' positions kappa and the end effector's p_O, all as of the unit Plant.
+    The linearisation is exact. An arm is held against gravity by motors and springs. Its states are q, q_dot, kappa_dot
+    and tau_s; inputs are the motor torques tau and the wrench F_e of the arm on its surroundings; outputs are the
+    states, the rotors' positions kappa and the end effector's p_O, all as in the unit Plant.
 
-    A system is its FMUs, by their directional derivatives, with the connections closed. All inputs of the FMUs are
-    inputs; on a connected one, a disturbance adds to the signal. See :mod:`vdfmu.engine.linear.system`.
+    A system is linearised by the directional derivatives of its FMUs, with the connections closed. All inputs of the
+    FMUs are inputs; for a connected one, a disturbance is added to the signal. See :mod:`vdfmu.engine.linear.system`.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def linearize(
         return linear.sampled(opened) if sampled else linear.continuous(opened)
     options = dict(sampled=sampled, opened=opened, algorithm=algorithm, parameters=parameters, backend=backend)
     if names := [name for name, value in options.items() if value]:
-        raise UsageError(f"linearize: {', '.join(names)}: these are for systems at a time.")
+        raise UsageError(f"linearize: {', '.join(names)}: only for systems at a time.")
     try:
         plant = _at_rest(robot_argument(system), at)
     except UsageError as error:
@@ -159,7 +159,7 @@ def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
             f"joint {i + 1} at {q[i]:g}: expected {robot.q_min[i]:g} to {robot.q_max[i]:g}, between its end stops."
             for i in np.flatnonzero((q < robot.q_min) | (q > robot.q_max))
         ] + [
-            f"joint {i + 1}: expected a motor torque of at most {abs(limited[i]):.4g} N.m, it takes "
+            f"joint {i + 1}: expected a motor torque of at most {abs(limited[i]):.4g} N.m, but it takes "
             f"{abs(tau[i]):.4g} N.m to hold the arm."
             for i in np.flatnonzero(np.abs(tau) > np.abs(limited))
         ]

@@ -31,9 +31,9 @@ EXTREMES = 1000
 FRAMES = 1000
 """Most intervals between equidistant rows, common to the drawing of an arm and all figures."""
 _MORE = 500
-"""Most rows between them that draw a moving arm too."""
+"""Most rows in between that are drawn too while the arm moves."""
 _LEAST = 1e-5
-"""Invisible deviation of a joint [rad], or of the base or a prismatic joint over the arm's reach."""
+"""Invisible deviation of a joint [rad], or of the base or a prismatic joint relative to the arm's reach."""
 
 
 SUMS: Mapping[str, Terms] = {
@@ -124,7 +124,7 @@ def _motion(arm: Mapping[str, Any], sums: Mapping[str, Any], names: Container[st
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:
-    """Return the signals of an array with an element a joint; empty if it was not recorded."""
+    """Return the signals of an array with an element for each joint; empty if it was not recorded."""
     group = results.groups.get(name, {})
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 

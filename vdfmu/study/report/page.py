@@ -53,22 +53,22 @@ class StudyPart(NamedTuple):
 
 
 def study_page(study: StudyPart) -> bytes:
-    """Return the page of a study that simulates nothing."""
+    """Return the page of a study without a run below it."""
     body = "\n".join([study.body, scripts.data_element({"runs": [], "study": study.content})])
     look, code = scripts.look(), scripts.scripts_of("study")
     return page(study.title, study.about, body, 84, look, lead=study.lead, scripts=code)
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
-    """Write the page of one run or of several; `simulate`: it can run them again, by units compiled for it."""
+    """Write the page of one run or of several; with `simulate` its sliders run them again, in units compiled for it."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
 
 
 def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: bool = False) -> Path:
-    """Write the page of runs, by default of the newest in ``results``, or of a folder of runs; for ``.tex`` tables.
+    """Write the page of runs, by default of the newest one in ``results``, or the page that lists a folder of runs.
 
-    `out` without a suffix is a folder for the page.
+    `out` without a suffix is a folder for the page; a name that ends in ``.tex`` gets tables instead.
 
     UsageError without results, or for a file not written by vdfmu. Returns the path.
     """
@@ -214,7 +214,7 @@ def _wired(run: ShownRun) -> dict[str, Any]:
 
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
-    """Return what a single run is for; robots or systems, number of runs, version, and the date of a single run."""
+    """Return the subtitle: robots or systems, number of runs, version; for a single run also description and date."""
     each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
     about = "; ".join(dict.fromkeys(each))
     count, version = "one run" if len(summaries) == 1 else f"{len(summaries)} runs", summaries[0].get("vdfmu", "")
@@ -235,7 +235,7 @@ _OPTIONS = ("stop", "step", "algorithm", "adaptive", "tolerance")
 
 
 def run_command(summary: Mapping[str, Any]) -> str:
-    """Return the command that makes the run of a scenario, with its changes of the scenario.
+    """Return the command that repeats the run of a scenario, with the options that changed the scenario.
 
     It has every option if the scenario's file cannot be read. It is empty for other runs, for runs with inputs from
     outside, and for units that are Python objects.
@@ -300,7 +300,7 @@ _LOADER = (
 
 
 def animate(run: Results | str | os.PathLike[str]) -> Animation:
-    """Let the arm of a run move.
+    """Animate the arm of a run.
 
     Parameters
     ----------

@@ -295,7 +295,7 @@ def sheet_table(sheet: Sheet) -> Table:
 
 
 def verdict_table(summary: Summary, limits: bool = False) -> Table:
-    """Return the checks of a run for the terminal, a line a check; with their `limits` and whose these are."""
+    """Return the checks of a run for the terminal, a line for each; with their `limits` and whose these are."""
     table = plain_table(show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")

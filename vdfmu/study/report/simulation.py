@@ -41,9 +41,9 @@ from vdfmu.system.scenario.check import motions
 ROWS = 100
 """Intervals between the recorded rows that the page compares with its own run."""
 LIMIT = 1e-9
-"""Difference [rad, m] below which the page's own run is the recorded one. Native FMUs have its bits."""
+"""Difference [rad, m] below which the page's own run equals the recorded one. Native FMUs are bit-identical to it."""
 _APART = 3.0
-"""Factor on the distance of a run from itself with a small change: both reach the largest distance, at other times."""
+"""Factor on the distance that a small change causes: two runs reach their largest distance at different times."""
 _UNKNOWN = (
     "Without a reference, the run does not show whether single solutions of this loop separate. Last digits then grow."
 )
@@ -90,7 +90,7 @@ SLIDERS = (
     Slider("Duration of the motion", "Trajectory", ("T",), 0.5, 2.0),
     Slider("Speed of the motion", "", ("speed",), 0.5, 2.0),
 )
-"""Parameters that the sliders may change, if a system has them; an empty model is any."""
+"""Parameters that the sliders may change, if a system has them; an empty model means any."""
 CAUSES: Sequence[tuple[str, tuple[str, ...], Mapping[str, float]]] = (
     ("No friction, and none expected", _scaled_as("friction"), {"value": 0.0}),
     (f"Drives {LESS} times as stiff, and known to be", _scaled_as("stiffness"), {"factor": LESS}),
@@ -100,8 +100,8 @@ CAUSES: Sequence[tuple[str, tuple[str, ...], Mapping[str, float]]] = (
     ("Encoders of 48 bits", ("bits",), {"value": 48.0}),
     ("No noise", ("sigma",), {"value": 0.0}),
 )
-"""Causes of errors that the page can take away: the run without the cause in words; parameters, one of them not 0 in
-any component if the cause is there; their new ``value``, or a ``factor``."""
+"""Causes of errors that the page can remove: the name of the run without the cause; the parameters, one of which is not
+0 in some component if the cause is present; and their new ``value``, or a ``factor``."""
 
 
 def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
@@ -296,9 +296,9 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
 
 
 def facts_of(system: SystemDescription) -> dict[str, Any]:
-    """Return what of a system its verdict needs, ready for JSON.
+    """Return the facts of a system that its verdict needs, ready for JSON.
 
-    ``arms``: the limits of motors and stops; ``motions``: begin and length [s] of each;
+    ``arms``: the limits of motors and stops; ``motions``: start and length [s] of each;
     ``touch``: signals of the wrench at the tool; ``robot``: what errors are compared with, None without a robot.
     """
     scenario = system.scenario

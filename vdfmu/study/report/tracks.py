@@ -38,23 +38,23 @@ from vdfmu.study.analysis.loops import TIED, place_of
 NOTCHES = 100.0
 """Places of a slider to either side of 0. Its factor at 0 is 1."""
 _COARSE, _NEAR, _LIMIT = 12.5, 6.25, 1.5625
-"""Largest distance of two places with figures; the least where these are not on a straight line between two, and where
-stability ends: 4 % of a factor of up to 10."""
+"""Largest distance between places whose figures are calculated; smallest distance to which it is halved where the
+figures are not linear, and where stability ends: 4 % of a factor of up to 10."""
 _STRAIGHT = np.array([2e-3, 2e-2])
 """Largest differences of margin and delay margin [samples] from a straight line."""
 _LATE = 1.5
 """Delay margin [samples] above which no verdict depends on its value."""
 _PROBES, _EVERY = (12.5, 25.0, 50.0, NOTCHES), 2
-"""Places to either side at which every second row is tried, up to an unstable one; others have the rows that are the
-worst there, and in the run."""
+"""Places to either side at which every second row is judged, up to the first unstable one. All other places are judged
+only by the rows that were worst at these places, and in the run."""
 _ROUNDING = 1e-9
-"""Rounding of derivatives that are in proportion, relative."""
+"""Relative rounding of derivatives that are proportional to a gain."""
 
 Names = Mapping[str, Mapping[str, float]]
-"""Component, to parameter, to its value in the run."""
+"""Values in the run, by component and parameter."""
 Track = dict[str, Any]
 Slopes = Mapping[tuple[int, ...], Floats]
-"""Shape of a loop's feedback, to its change."""
+"""Change of the feedback of the loops, by its shape."""
 Figures = dict[str, Any]
 """See :attr:`vdfmu.study.analysis.loops.Judged.figures`."""
 
@@ -76,10 +76,10 @@ def tracks(
     dry: bool = True,
     poses: Poses | None = None,
 ) -> list[Track | None]:
-    """Return the track of each slider; None without.
+    """Return the track of each slider, None for a slider without one.
 
     A track has ``places``; ``figures``, the numbers by which a verdict judges the loops at each; and in ``limits`` the
-    lowest and the highest place with stable loops, or None; ``still`` if arms are taken without dry friction.
+    lowest and the highest place with stable loops, or None; ``still`` if dry friction is omitted.
 
     `span` has start, stop and step of the run [s]. `dry`: the run is judged with the dry friction of its arms. `poses`
     are the loops of the run, taken with `again`; without them, the run is repeated.
@@ -110,7 +110,7 @@ def tracks(
 
 
 class _MovedLoops:
-    """The loops of a run from a begin to an end [s], and with other gains."""
+    """The loops of a run from a start to an end [s], and with other gains."""
 
     def __init__(
         self, poses: Poses, parameters: Names, still: Mapping[str, Mapping[str, float]], span: tuple[float, float]
@@ -131,7 +131,7 @@ class _MovedLoops:
     def slopes(self, slider: Mapping[str, Any]) -> Slopes:
         """Return by how much the feedback changes if a slider adds 1 to its factor.
 
-        Empty if the slider changes more than the feedback, or this not in proportion.
+        Empty if the slider changes anything else than the feedback, or the feedback not in proportion.
         """
         if not all(can_change(self.checked, target["unit"]) for target in slider["targets"]):
             return {}

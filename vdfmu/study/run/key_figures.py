@@ -20,8 +20,8 @@ from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
 _SMALL = 0.1
-"""Size [rad], or share of the arm's length, of the motion of an arm at rest: a tool is off its path by one part in ten,
-1 % of the arm's length."""
+"""Size of motion [rad, or as a share of the arm's length] with which errors of an arm at rest are compared: its tool is
+off its path from a tenth of it on, 1 % of the arm's length."""
 
 
 def key_figures(
@@ -40,7 +40,7 @@ def key_figures(
 
     Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``path``,
     the error of tool or joint that is worst for the ``size`` of its motion; ``contact``, the largest force at the tool
-    [N], and its begin; ``depth``, the largest length that an object shows of a contact [m]. Numbers without signals are
+    [N], and its start; ``depth``, the largest length that an object shows of a contact [m]. Numbers without signals are
     omitted.
     """
     figures: dict[str, Any] = {}

@@ -48,8 +48,8 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
     """Yield a note on the torque that the inverse of an arm with coupled rotors omits over a step.
 
     The rotors after a joint react with at most ``sum I_m (kappa_ddot - q_ddot)`` more than the inverse includes in the
-    motion of the joint's own rotor. D' times it is missing there, and the torque I_m times its second derivative. Rows
-    near rest are omitted, because the third derivative of q_d may jump there.
+    motion of the joint's own rotor. D' times this is missing there, and the torque I_m times its second derivative.
+    Rows near rest are omitted, because the third derivative of q_d may jump there.
     """
     if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
         return

@@ -22,7 +22,7 @@ from vdfmu.system.reference.reference import BLOCK, reference_blocks
 _NUDGE = 1e-9
 """Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
 _SLOW, _LONG = 3.0, 10.0
-"""Time of a reference over the run's, and in s, from which both are named."""
+"""Time of a reference, relative to the run's and in s, from which on both times are reported."""
 
 
 class _Progress:

@@ -21,9 +21,9 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
 _OBJECTS = {"wall": ("plane", "normal", ()), "screw": ("screw", "axis", ("pitch", "turn_seat"))}
-"""Unit to how it is drawn, the parameter of its direction, and more of them."""
+"""Units that are drawn: how, the parameter of the direction, and further parameters."""
 _DENSITY = 2700.0
-"""Of a payload that is drawn as a cube, aluminium [kg/m3]."""
+"""Density of a payload that is drawn as a cube: aluminium [kg/m3]."""
 
 
 def scene_of(system: SystemDescription) -> dict[str, Any]:

@@ -30,7 +30,7 @@ _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6
 """Largest difference [rad, m] between a start and the motion's start that is not noted."""
 FAR = 1e-2
-"""Difference [rad, m] between them whose first torque may be why a run fails: 10 N.m at a gain of 1000 N.m/rad."""
+"""Difference [rad, m] between them at which the first torque may make a run fail: 10 N.m at a gain of 1000 N.m/rad."""
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
@@ -247,7 +247,7 @@ def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
 
     ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1 for each
     joint. Empty without limits, or without their signals. ``key_figures`` has the largest share, ``saturated``, its
-    place, and the time of its begin.
+    place, and its start time.
     """
     shares: dict[str, Any] = {}
     worst: dict[str, Any] = {"value": LIMITED}

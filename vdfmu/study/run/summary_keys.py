@@ -139,7 +139,7 @@ KEYS: Mapping[str, Any] = {
     "format": WHOLE,  # version of the layout of this file
     "versions": Keyed(TEXT),  # versions of Python and of the packages on which the numbers depend
     "adaptive": NUMBER,  # allowed relative error of a coupled signal in a step, if the steps are adapted
-    "start": NUMBER,  # begin of the run [s]
+    "start": NUMBER,  # start of the run [s]
     "stop": NUMBER,  # end of the run [s]
     "step": NUMBER,  # communication step [s]
     "steps": WHOLE,  # number of communication steps

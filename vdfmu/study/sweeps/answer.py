@@ -145,7 +145,7 @@ def _of_search(
     point, demanded = min(search.chosen), study.facts.get("tune", {}).get("margin")
     feasible = not search.chosen & search.infeasible
     if not feasible:
-        missed = "the search found no values within the limits and the margin"
+        missed = "no values that were tried meet the limits and the margin"
         checks.append(Check("feasible", "Limits of the search", DOUBTFUL, missed))
     if demanded:
         pairs = [pair for name, pair in search.compared.items() if name.startswith("modulus[")]
@@ -267,7 +267,8 @@ def _ranking(study: StudyTable, values: Floats, best: float) -> str:
     second = points[allowed][np.argsort(values[allowed], kind="stable")[1]]
     if tied := int(np.sum(finite[1:] - finite[0] <= _TIE * abs(finite[0]))):
         return f"{tied} other point{' ties' if tied == 1 else 's tie'} with it, within {100.0 * _TIE:.0f} %."
-    return f"The ranking is clear: the next, point {second}, has {_per_cent(gap)} more." if gap < np.inf else ""
+    more = f"{_per_cent(gap)} more" if gap < 1.0 or finite[0] < 0.0 else f"{number(1.0 + gap)} times as much"
+    return f"The ranking is clear: the next, point {second}, has {more}." if gap < np.inf else ""
 
 
 def _matters(study: StudyTable) -> tuple[Check, list[str]]:

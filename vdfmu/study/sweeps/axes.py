@@ -31,7 +31,7 @@ _RANGE = re.compile(r"([-+.\de]+):([-+.\de]+)(?::([-+.\de]+))?")
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 MOST_POINTS = 10_000_000
-"""More are refused: a grid of many axes is more than one thinks."""
+"""Most points: a grid of many axes easily has more than intended."""
 OPTIONS = ("robot", "algorithm", "step", "stop")
 """Targets that are options of a run, not parameters."""
 
@@ -114,7 +114,7 @@ def _axis(target: str, form: Any) -> Axis:
     if not isinstance(form, str):
         array = np.atleast_1d(np.array(form, object))
         if array.ndim > 1:
-            raise ValueError(f"expected a value, or several in a row, got the shape {array.shape}.")
+            raise ValueError(f"expected a value or a list of values, got the shape {array.shape}.")
         values = tuple(v.item() if isinstance(v, np.generic) else v for v in array)
         return Axis(target, "values", values=_checked(values))
     factor, text = form.startswith("*"), form.lstrip("*").strip()
@@ -134,7 +134,7 @@ def _axis(target: str, form: Any) -> Axis:
         raise ValueError(f"expected {_FORMS[name]}, got {form}.")
     low, high = float(numbers[0]), float(numbers[1])
     if name == "log" and not 0.0 < low * high:
-        raise ValueError(f"expected two numbers of one sign, neither of them 0, got {form}.")
+        raise ValueError(f"expected two numbers of the same sign, neither of them 0, got {form}.")
     if name == "lognormal" and low == 0.0 or name.endswith("normal") and high < 0.0:
         raise ValueError(f"expected a deviation that is not negative, and a median that is not 0, got {form}.")
     axis = Axis(target, name, (low, high), factor=factor)
@@ -175,7 +175,7 @@ def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0)
 
     The `sample` is ``grid``, all combinations of the values, the last axis running fastest; ``lhs`` (Latin hypercube),
     ``sobol`` (scrambled) or ``random``, `n` points; ``saltelli``, n (2 d + 2) points, or ``morris``, n (d + 1) points,
-    for d axes; or the path of a CSV file: a line of targets, then a line a point. Its axes are returned with the
+    for d axes; or the path of a CSV file: a line of targets, then a line for each point. Its axes are returned with the
     points. UsageError for axes that do not fit the sample, a bad file, or too many points.
     """
     if seed < 0:
@@ -213,7 +213,7 @@ def _grid(axes: Sequence[Axis], n: int | None) -> Points:
 
 
 def shares(d: int, sample: str, n: int, seed: int) -> Floats:
-    """Return points in the unit cube, one a row: for each axis the shares of its distribution, see `Axis.at`."""
+    """Return points in the unit cube, a row each: for each axis the shares of its distribution, see `Axis.at`."""
     from scipy.stats import qmc
 
     drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both

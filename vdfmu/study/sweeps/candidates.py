@@ -17,7 +17,7 @@ from vdfmu.study.sweeps.table import StudyTable
 MOST = 8
 """Best points that run again to find the best good one, before ranks are skipped; and most neighbours of a point."""
 _FARTHER, _BACK = 2, 3
-"""Then the next rank over the last, and most halvings of the skipped ranks before a good point."""
+"""After these the next rank divided by the last, and most halvings of the skipped ranks before a good point."""
 
 
 class JudgedPoint(NamedTuple):
@@ -25,9 +25,9 @@ class JudgedPoint(NamedTuple):
 
     point: int
     value: float
-    """Of the measure that ranks the points."""
+    """Value of the measure that ranks the points."""
     state: str
-    """Of its run; not judged if the study does not say how to run it, such as one of a package."""
+    """State of its run; not judged if the study does not contain how to run it, as for packages."""
     why: str = ""
     """The worst check of a run that is not good, or why it was not judged."""
     margin: float = math.nan
@@ -37,8 +37,8 @@ class JudgedPoint(NamedTuple):
 def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
     """Judge points in the order of their values (n,) until one is good, or not judged.
 
-    After the `MOST` best, more and more ranks are skipped. Half of those before the first good point are then
-    looked back for, so that at most 25 points run of a hundred thousand.
+    After the `MOST` best, more and more ranks are skipped. Those before the first good point are then searched
+    by halving, so that at most 25 points run of a hundred thousand.
     """
     points, finite = study["point"], int(np.isfinite(values).sum())
     places = np.argsort(values, kind="stable")[:finite].tolist()
@@ -73,7 +73,7 @@ def judge_point(study: StudyTable, point: int, value: float, without: Sequence[s
     except CosimError as error:
         figures = getattr(error.results, "summary", {}).get("key_figures", {})
         unstable = [check.sentence for check in loop_checks({"key_figures": figures}) if check.state == FAILED]
-        return JudgedPoint(point, value, FAILED, (unstable or [f"{error.unit} fails at {error.time:.3g} s"])[0])
+        return JudgedPoint(point, value, FAILED, (unstable or [error.sentence])[0])
     except VdfmuError as error:
         return JudgedPoint(point, value, FAILED, str(error).partition(". ")[0])
     checks = [check for check in checks_of(summary) if check.key not in without]

@@ -63,7 +63,7 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
             "Give the command of the study again, with --retry for failed points, or choose axes without failures."
         )
     if np.ptp(values) == 0.0:
-        raise UsageError(f"{study.path}: the measure is {values[0]:g} at all points, so that no axis matters.")
+        raise UsageError(f"{study.path}: the measure is {values[0]:g} at all points, so no axis matters.")
     if sample == "saltelli":
         return sobol_indices(values, study.axes)
     base = n // (d + 1)

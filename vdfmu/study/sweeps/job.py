@@ -1,4 +1,4 @@
-"""The job of a worker of a parameter study: runs of systems that it has loaded, one a point."""
+"""The job of a worker of a parameter study: runs of systems that it has loaded, one for each point."""
 
 from __future__ import annotations
 

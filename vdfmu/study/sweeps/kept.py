@@ -1,4 +1,4 @@
-"""The answer and page of a study, kept in the user's cache: the same study again gets neither anew."""
+"""The answer and page of a study, kept in the user's cache: a repeated study does not make them again."""
 
 from __future__ import annotations
 

@@ -345,6 +345,6 @@ def _locked(path: Path) -> int:
     except OSError:
         closed(handle)
         raise UsageError(
-            f"{path.parent}: another process is at work on this study. Wait for it, or choose another with --out."
+            f"{path.parent}: another process runs this study. Wait for it, or choose another folder with --out."
         ) from None
     return handle

@@ -126,7 +126,7 @@ class Measure:
                 with np.errstate(all="ignore"):
                     array = np.asarray(_read(self.text).of(results), dtype=float)
             if array.ndim > 1 or not array.size:
-                raise ValueError(f"expected a number, or some, got the shape {array.shape}")
+                raise ValueError(f"expected a number or a vector of numbers, got the shape {array.shape}")
         except Exception as error:  # the user's function may raise any
             plain = isinstance(error, VdfmuError) or self.function is None and isinstance(error, ValueError)
             kind = "" if plain else f"{type(error).__name__}: "

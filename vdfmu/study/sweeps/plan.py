@@ -82,8 +82,8 @@ def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
         over = {later.get(name, later.get(name.partition("[")[0], "")) for name in names}
         if "" not in over:
             problems.append(
-                f"{target}: has no effect, as {', '.join(sorted(over))} after it sets the same; leave one out, or give "
-                "the axis of more elements first."
+                f"{target}: has no effect, because {', '.join(sorted(over))} comes after it and sets the same. Remove "
+                "one, or put the axis with more elements first."
             )
         later |= dict.fromkeys(names, target)
     if problems:
@@ -139,7 +139,7 @@ def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[s
 
 
 _FEW = 16
-"""Fewest points of a system for a program by default."""
+"""Fewest points of a system for which the batch engine is the default."""
 _MOST_SYSTEMS = 200
 
 
@@ -165,7 +165,7 @@ class Plan:
 
     @property
     def key(self) -> str:
-        """A digest of `facts`, except for places of files and the course of a search: the same runs have the same."""
+        """Digest of `facts` except for places of files and the course of a search: equal if the runs are equal."""
         apart = ("source", "options", "engine", "search")
         facts = {name: fact for name, fact in self.facts.items() if name not in apart}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
@@ -173,7 +173,7 @@ class Plan:
 
 @with_options
 def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
-    """Plan a study; for arguments see `vdfmu.sweep`. Nothing has run yet when it has faults."""
+    """Plan a study; for arguments see `vdfmu.sweep`. Faults are raised before anything runs."""
     engine, measure, keep = options["engine"], options["measure"], options["record"]
     sample = os.fspath(options["sample"])
     if engine not in (None, *ENGINES):
@@ -195,7 +195,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
     start, variant = options["start"], options["variant"]
     if not is_package and (start is not None or variant != DEFAULT):
         wrong = "start" if start is not None else "variant"
-        raise UsageError(f"{wrong}: expected a package or FMUs, got the scenario {name_of(scenario)}. Leave it out.")
+        raise UsageError(f"{wrong} is only for packages and FMUs, got the scenario {name_of(scenario)}. Omit it.")
     wire = partial(_of_package, start, variant) if is_package else of_scenario
     if engine is None:
         engine = "fmu" if count < _FEW * len(combinations) or options["backend"] == "python" else ""

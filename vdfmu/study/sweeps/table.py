@@ -1,4 +1,4 @@
-"""The table of a parameter study, a row a point, on disk; and its axes and measures as figures have them."""
+"""The table of a parameter study, a row for each point, on disk; and its axes and measures as figures have them."""
 
 from __future__ import annotations
 
@@ -344,7 +344,7 @@ def view(study: StudyTable, measure: str | None = None) -> View:
         if np.ptp(side.values) > 0.0:
             sides.append(side)
     if not sides:
-        raise UsageError(f"{study.path}: expected an axis with two values at least to draw {name} over.")
+        raise UsageError(f"{study.path}: expected an axis with at least two values to draw {name} over.")
     sides.sort(key=lambda side: -np.ptp([mean for _, mean in groups(side, value)]))
     return View(sides, value)
 

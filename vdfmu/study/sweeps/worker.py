@@ -129,8 +129,8 @@ class Worker:
                     continue
                 why = elided(shown(str(rows.get("disk"))))
                 raise VdfmuError(
-                    f"point {left[0][0]}: the disk fails: {why}. Finished points are kept: free space, or choose "
-                    "another folder with TMPDIR, and repeat the command."
+                    f"point {left[0][0]}: the disk fails: {why}. Finished points are kept. Free space, or set "
+                    "TMPDIR to another folder, and repeat the command."
                 )
             if not isinstance(rows, str):
                 rows = _rows(rows, [point for point, *_ in group])

@@ -23,7 +23,7 @@ STUB, LANE, EDGE = 124.0, 9.0, 14.0
 _GAP = 30.0
 """Distance of cards in a column."""
 LETTER = 0.62
-"""Width of a letter of a wide sans-serif over its size."""
+"""Width of a letter of a wide sans-serif relative to its size."""
 
 
 class Net(NamedTuple):

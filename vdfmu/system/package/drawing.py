@@ -136,7 +136,7 @@ def system_diagram(package: Path, held: Container[str] = (), coupling: Coupling 
 
 
 def _boxes(links: Iterable[tuple[Port, Port]]) -> dict[str, list[str]]:
-    """Return the pieces of each arm, joined by their velocities, by the common begin of their names."""
+    """Return the pieces of each arm, joined by their velocities, by the common start of their names."""
     arms = list[list[str]]()
     for link in links:
         if all(name.partition("[")[0] in _CUTS for _, name in link):

@@ -158,8 +158,8 @@ def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_
 <div class="wide">
 {draw_system(description, icons)}
 </div>
-<p>A wire is an array, with its size, or a scalar. Free are outputs to record, and inputs, which have the values of the
-parameter sets.</p>
+<p>A wire is a scalar, or an array with its size. Connectors without a wire are outputs to record, and inputs that keep
+the values of the parameter sets.</p>
 <h2>Components</h2>
 {_components(description)}
 <h2>Run</h2>
@@ -197,12 +197,12 @@ def _binding(file: str, mapping: Sequence[tuple[str, str]]) -> str:
 def _run(description: SystemDescription) -> str:
     scenario = description.scenario
     step, stop = f"{scenario.step:g}", f"{scenario.stop:g}"
-    text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The numbers of the scenario are for the
-<code>{scenario.algorithm}</code> algorithm; solver tolerance {description.tolerance:g}. The annotations
-of the default experiment say the same.</p>
-<p>Values apply in the order of the bindings of a component. An importer that applies one set of a component applies
-<code>scenario</code>; the rest are start values of the FMUs in this package, if it was made by
-<code>vdfmu ssp</code>.</p>"""
+    text = f"""<p>From 0 to {stop} s with a communication step of {step} s. The scenario is designed for the
+<code>{scenario.algorithm}</code> algorithm and a solver tolerance of {description.tolerance:g}, which the annotations
+of the default experiment contain too.</p>
+<p>The parameter sets of a component apply in the order of its bindings. An importer that applies only one of them
+applies <code>scenario</code>; the other values are also start values of the FMUs, if <code>vdfmu ssp</code> made this
+package.</p>"""
     if not description.arrays:
         outputs = [f"{name}.{s.name}" for name in description.tables for s in description.signals(name, "output")]
         shown = next((name for name in ("plant.q[1]", *outputs) if name in outputs), "time")

@@ -42,12 +42,12 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
             f"--ssp {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
-            f"Leave out --backend python, or take --ssp {SSP_1.name}."
+            f"Omit --backend python, or use --ssp {SSP_1.name}."
         )
     if version != PYTHON_FMI.name and not native_available():
         raise UsageError(
             f"--ssp {form}: holds native units of FMI {version}, whose compiler is not installed. "
-            f"Install it (pip install vdfmu[native]), or take --ssp {SSP_1.name}."
+            f"Install it (pip install vdfmu[native]), or use --ssp {SSP_1.name}."
         )
     return version
 

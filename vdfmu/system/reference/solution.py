@@ -27,7 +27,7 @@ from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSette
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances between communication points: 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances over the whole time, as errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+"""Tolerances for the whole time, because errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 SCIPY_ALONE = 10.0
 """Longest run [s] whose sampled reference is solved only by scipy."""
 _CLOSE = 1e-9
@@ -85,7 +85,7 @@ class _Mover(Solver):
             self._solver = ode._integrator
             self._solver.reset(unit.x.size, False)
         self.steps = 1
-        """Steps of the last interval. The next begins with a step of this part of it."""
+        """Number of steps of the last interval. The first step of the next is its length divided by this number."""
 
     def sample(self, t: float) -> None:
         """Update the sampled states at `t` [s]."""
@@ -282,7 +282,7 @@ class ContinuousReference:
         run(t)
 
     def _parts(self, stop: float) -> Iterator[tuple[float, float, list[str]]]:
-        """Yield the intervals between samples, jumps and bends: begin, end, and units with a sample at the begin."""
+        """Yield the intervals between samples, jumps and bends: start, end, and units with a sample at the start."""
         points: list[tuple[float, float, list[str]]] = [
             (begin, _CLOSE * float(self._system.units[name].group("period")[0]), [name])
             for name in self._updates

@@ -225,7 +225,7 @@ class WiredUnits:
             return list(TopologicalSorter(graph).static_order())
         except CycleError as error:
             raise UsageError(
-                f"there is no sampled reference: each of {' -> '.join(error.args[1])} has to step before the next."
+                f"there is no sampled reference: {' -> '.join(error.args[1])} would each have to step before the next."
             ) from None
 
     def start(self) -> None:

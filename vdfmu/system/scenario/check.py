@@ -83,7 +83,7 @@ def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
 
 
 def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, float, float]]:
-    """Yield the desired motions: name of the unit, begin and length [s], of those that repeat the first time."""
+    """Yield the desired motions: name of the unit, start and length [s], of those that repeat the first cycle."""
     for name, unit in scenario.resolved.units.items():
         begin = values[name].get("t_start", 0.0)
         if issubclass(unit, Played) and unit.rows is not None:

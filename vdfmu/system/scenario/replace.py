@@ -62,10 +62,10 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
 def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connections = ()) -> Scenario:
     """Return the scenario with other units for some components, without connections and values that these cannot have.
 
-    A new input is connected to the output of the same name, shape and unit of measurement, if of the components that
-    were connected with its own a single one has it. Last come the `connections`, output to input or inputs; these
-    inputs lose the connections that they had. UsageError or UnitError for an unknown component or signal, or a value
-    that is not a unit.
+    A new input is connected to the output of the same name, shape and unit of measurement, if exactly one
+    of the components that were connected with the replaced one has it. Last come the `connections`, output to input or
+    inputs; these inputs lose the connections that they had. UsageError or UnitError for an unknown component or signal,
+    or a value that is not a unit.
     """
     before, parts = scenario.resolved, dict(scenario.system.parts)
     for name, unit in units.items():

@@ -227,7 +227,7 @@ def optional(table: Variables, name: str) -> str:
     group = name.partition("[")[0]
     if not isinstance(table, Interface) or group in table.groups or group not in table.unit.declared:
         return ""
-    return f"It is there for a robot with {table.unit.declared[group].when} only."
+    return f"It exists only for a robot with {table.unit.declared[group].when}."
 
 
 def _signals(

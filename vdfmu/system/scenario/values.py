@@ -210,7 +210,7 @@ def _has_parameter(table: Variables, name: str) -> bool:
 def _set(resolved: ResolvedSystem, component: str, name: str, key: str, value: Any) -> Values:
     """Return variable to value for a setting of a component."""
     if component not in resolved.tables or not name:
-        raise UsageError(f"{key}: expected component.parameter, a component of {', '.join(resolved.tables)}.")
+        raise UsageError(f"{key}: expected component.parameter, with a component of {', '.join(resolved.tables)}.")
     variables = _named(resolved.tables[component], name, key)
     for variable in variables:
         if variable.causality != "parameter" and not is_free(resolved.system, component, variable):

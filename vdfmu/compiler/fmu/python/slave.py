@@ -37,7 +37,7 @@ _WHEN = {
 }
 """Phases to their names in messages."""
 _SAVED = ("h", "tolerance", "start")
-"""Attributes of a solver that decide the future."""
+"""Attributes of a solver that determine how it continues."""
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -101,8 +101,8 @@ class UnitSlave(Fmi2Slave):
         described = built and description.is_file()  # some importers do not unpack it
         if described and content.guid not in read_text(description):
             raise FmuError(
-                f"{self.unit}.fmu was built with another vdfmu, or other sources of it, than this Python has, "
-                f"{__version__}, or has lost its content file. Build the FMU again."
+                f"{self.unit}.fmu does not match the vdfmu of this Python, {__version__}: it was built with another "
+                "version or other sources, or has lost its content file. Build the FMU again."
             )
         return content
 

@@ -32,7 +32,7 @@ from vdfmu.base.errors import FmuError
 _logger = logging.getLogger("vdfmu.compiler.fmu")
 
 _SPARE = 8
-"""References held to the objects of an instance: as many failures that Python does not see may precede its end."""
+"""References held to the objects of an instance: so many failures that Python does not see may occur in its life."""
 _held: list[tuple[Any, ...]] = []
 _for_ever: list[Any] = []
 _libraries: set[str] = set()

@@ -63,7 +63,7 @@ DESIRED_FORCE = (
         *six("Desired force, rotors moving on their springs", "Desired moment, rotors moving on their springs"),
     ],
 )
-"""The desired force with two derivatives, while rotors turn as their links do; then that with their own motion."""
+"""The desired force and two derivatives if rotors turn with their links; the force if they move on their springs."""
 
 
 def six_vector(kind: type[D], measure: tuple[tuple[str, ...], int], linear: str, angular: str, at: str) -> D:

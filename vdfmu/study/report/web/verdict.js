@@ -88,8 +88,8 @@ export function judge(simulation, { figures, loops, why, failure, end }) {
     stability = kept.filter(({ key }) => key === "stability");
   const ofLoops = stability.length ? stability : [...loopChecks(simulation, loops, why)];
   if (failure) {
-    const unit = /^(\w+): /.exec(failure)?.[1] ?? "the run",
-      stopped = end === null ? failure : `${unit} failed at ${at(end)}`;
+    const link = /^\w+: /.test(failure) ? " in" : ":",
+      stopped = end === null ? failure : `run ended at ${at(end)}${link} ${failure}`;
     const ran = plain("end", "Runs to its end", FAILED, stopped, failure);
     return verdictOf([...(loops?.unstable ? ofLoops : []), ran], [], longest, cut);
   }
@@ -189,7 +189,7 @@ function* resultsOf(simulation, figures, loops, checks) {
     { contact, path, tool_error: tool, joint_error: worst } = figures;
   const excused = checks.filter((one) => one.excused);
   for (const { by, sentence } of excused)
-    yield `only by ${by}, ${sentence.replace(` by ${by}`, "")}`;
+    yield `only because of ${by}: ${sentence.replace(` by ${by}`, "")}`;
   if (stateAt("margin") === GOOD && excused.every(({ key }) => key !== "margin"))
     yield `modulus margin ${text(loops.margin.value, 2)}`;
   if (contact) yield `in contact ${since(contact.at_s)}, ${quantity(contact.value, "N")} at most`;
