@@ -182,7 +182,7 @@ def test_the_part_that_the_ssd_asks_for(pack, xml, built):
     assert results["a.x"][-1] == pytest.approx(np.exp(-1.0), abs=1e-8)  # not what Euler's method of the FMU gives
     other = xml.component("a", "LagME_3", "", attributes='implementation="CoSimulation"')
     path = pack([other], extra={"resources/LagME_3.fmu": built(LAG, "3.0")})
-    with pytest.raises(SspError, match=r"the SSD asks for CoSimulation, resources/LagME_3.fmu has ModelExchange"):
+    with pytest.raises(SspError, match=r"the SSD requires CoSimulation, resources/LagME_3.fmu has ModelExchange"):
         simulate(path, stop=1.0, step=0.5)
 
 
