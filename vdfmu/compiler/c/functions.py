@@ -49,8 +49,16 @@ def kernel_files(
     """
     key = source_digest("compiler"), function.serialize(), sorted(apart), derivative is not None
     place = cache_folder() / "texts" / sha256(repr(key).encode()).hexdigest()
-    files = load_or_make(place, lambda: json.dumps(_written(function, apart, derivative)).encode(), json.loads)
+    files = load_or_make(place, lambda: json.dumps(_written(function, apart, derivative)).encode(), _texts)
     return files | (c_operations() if any(_TABLES in text for text in files.values()) else {})
+
+
+def _texts(content: bytes) -> dict[str, str]:
+    """Return file name to text of an entry of the cache; ValueError for anything else."""
+    texts = json.loads(content)
+    if not isinstance(texts, dict) or not all(isinstance(text, str) for text in texts.values()):
+        raise ValueError("no texts of files")
+    return texts
 
 
 _TABLES = '#include "operations.h"'
