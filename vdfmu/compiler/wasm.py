@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 
 import casadi as ca
 
@@ -36,6 +37,7 @@ BASE_PAGES, BASE_SLOTS = 2, 1
 """Pages of memory and slots of the table that the shipped module has without units."""
 
 
+@cache
 def unsigned(n: int) -> bytes:
     """Return an unsigned integer in LEB128."""
     return bytes([n & 0x7F | 0x80]) + unsigned(n >> 7) if n > 0x7F else bytes([n])
@@ -55,6 +57,7 @@ def number(x: float) -> bytes:
     return b"\x44" + struct.pack("<d", x)
 
 
+@cache
 def local(k: int) -> bytes:
     """Return the instruction that pushes a local."""
     return b"\x20" + unsigned(k)

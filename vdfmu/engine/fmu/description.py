@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from hashlib import sha256
 from typing import Any
 
 import fmpy
@@ -18,8 +21,9 @@ from fmpy.model_description import (
     read_model_description,
 )
 
-from vdfmu.base.cache import built_as
+from vdfmu.base.cache import built_as, cache_folder, load, store
 from vdfmu.base.errors import SspError
+from vdfmu.base.files import PACKAGE, source_bytes
 from vdfmu.base.standards import FMI_1, FMI_2, MASTER_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
@@ -35,6 +39,9 @@ _TRUE = {"true", "1"}
 _SAMPLED, _CONTINUOUS = (f".//{{urn:org.vdfmu.sampled}}{tag}" for tag in ("Sampled", "Continuous"))
 _CHOICES = "{urn:org.vdfmu.choices}"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
+_READ_BY = """base/domain base/measure base/standards engine/fmu/description engine/fmu/variables
+engine/package/elements engine/package/parse engine/package/system"""
+"""Modules that decide what a description has."""
 
 
 @dataclass(frozen=True)
@@ -139,18 +146,33 @@ def inspect_description(
     """Read an FMU as far as possible, with all problems; None if the model description cannot be understood.
 
     `source` is its name in messages, `implementation` the type of FMU in the SSD. `sizes` replace start values of
-    structural parameters and so decide the shapes of arrays.
+    structural parameters and so decide the shapes of arrays. The cache keeps a description without problems, by all
+    that decides it.
     """
     try:
-        return _inspect(unit, source, implementation, sizes or {})
+        xml, sizes = unit.read("modelDescription.xml"), sizes or {}
+        facts = fmpy.__version__, fmpy.platform_tuple, source, implementation, sizes, unit.names
+        path = cache_folder() / "descriptions" / sha256(_code() + repr(facts).encode() + xml).hexdigest()
+        if (kept := load(path, pickle.loads)) is not None:
+            return kept, []
+        description, problems = _inspect(unit, xml, source, implementation, sizes)
     except SspError as error:
         return None, error.problems
+    if not problems:
+        store(path, pickle.dumps(description))
+    return description, problems
+
+
+@cache
+def _code() -> bytes:
+    """Return the code that reads a description."""
+    return b"".join(source_bytes(PACKAGE / f"{name}.py") for name in _READ_BY.split())
 
 
 def _inspect(
-    unit: Archive, source: str, implementation: str, sizes: Mapping[str, Value]
+    unit: Archive, xml: bytes, source: str, implementation: str, sizes: Mapping[str, Value]
 ) -> tuple[Description | None, list[Finding]]:
-    xml, names = unit.read("modelDescription.xml"), unit.names
+    names = unit.names
     root = parse_xml(xml, f"{source}: modelDescription.xml")
     version = MASTER_VERSIONS.get(root.get("fmiVersion") or "")
     if version is None or (version is FMI_1 and root.find("Implementation") is None):

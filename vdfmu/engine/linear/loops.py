@@ -211,13 +211,13 @@ class _Stack:
     def _crossings(self, *, lag: bool) -> tuple[tuple[Any, Any], Floats, Any]:
         """Return loops, frequencies [rad/s] and ``log -L``, (c,) each, where a lag is 180 degrees, or a gain 1."""
         w, inverse = self._grid
-        log = _log_of(inverse - 1.0)
-        if self._sampled:  # at half the sampling frequency a loop is real
-            log[:, -1].imag[np.abs(log[:, -1].imag) < np.pi / 2.0] = 0.0
-        row, k, loop = np.nonzero(_crosses(log, lag) | (False if lag else _may_cross(log.real)))
-        w, log = (
-            np.stack(each, axis=1) for each in ((w[row, k], w[row, k + 1]), (log[row, k, loop], log[row, k + 1, loop]))
-        )
+        L = inverse - 1.0
+        log: Any = _log_of(L) if lag else np.log(np.maximum(np.abs(L), _NONE))  # the phase takes ten times as long
+        # at half the sampling frequency a loop is real
+        (log if lag else L)[:, -1].imag[self._sampled & (L[:, -1].real < 0.0)] = 0.0
+        row, k, loop = np.nonzero(_crosses(log, lag) | (False if lag else _may_cross(log)))
+        at = row[:, None], np.stack([k, k + 1], axis=1), loop[:, None]
+        w, log = w[at[:2]], log[at] if lag else _log_of(L[at])
         for _ in range(_ZOOMS):
             inside = w[:, :1] + (w[:, 1:] - w[:, :1]) * _INSIDE
             log = np.hstack(

@@ -72,6 +72,8 @@ class _Mover(Solver):
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None, is_compiled: bool) -> None:
         super().__init__(system.units[name])
         self._name, self._update, unit = name, update, self.unit
+        self.is_undivided = not (unit.interface.is_sampled or unit.switches or unit.at_events)
+        """Whether nothing divides an interval."""
         self.is_compiled = is_compiled and run is not None
         if self.is_compiled:
             self._compiled = CompiledDop853(run, unit.x, unit.x_dot, **SHORT)
@@ -157,7 +159,7 @@ class SampledReference:
             _Mover(self._system, name, rates[i], run.get(f"update_{i}"), compiled) for i, name in enumerate(self.moving)
         ]
         self._parts = [run[f"part_{i}"] for i in range(len(movers) + 1)]
-        self._moves = [mover.move for mover in movers]
+        self._moves = [mover.solve if mover.is_undivided else mover.move for mover in movers]
         kept = self._kept = KeptIntervals(self._system, movers, block, SHORT) if compiled else None
         yield
         for k, (begin, end) in enumerate(pairwise(t.tolist()), 1):
