@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.importer_worker import fmpy_timed, timed
 from benchmarks.importers import PACKAGES, ask, missing
 from benchmarks.report import Report, Table
-from benchmarks.system import Clock, container_run, least, median, packed, quiet_run, write_emptied
+from benchmarks.system import container_run, packed, quiet_run, write_emptied
+from benchmarks.timing import Clock, least, median
 from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Results
 from vdfmu.system.scenario import Scenario, load_scenario
@@ -31,7 +34,7 @@ class Native:
     Attributes
     ----------
     wall, processor : dict of case to list of (100,) arrays
-        Blocks of each round, see :class:`benchmarks.system.Clock`; all cases take turns.
+        Blocks of each round, see :class:`benchmarks.timing.Clock`; all cases take turns.
     differences : dict of case to float [rad]
         Largest difference of the plant's positions to those of the same algorithm in another form.
     """
@@ -107,10 +110,13 @@ def study(
             _note(times, case, clock.wall, clock.processor)
 
         def elsewhere(case: str, path: Path, importer: str) -> None:
-            chosen = {"parameter_set": "scenario"} if importer == "ecos" else {}
-            chosen["run"] = "fmpy-timed" if importer == "fmpy" else "timed"
-            answer = ask({"importer": importer, "path": str(path), "step": step, "steps": n, **chosen})
-            _note(times, case, *(np.divide(answer[clock], n) for clock in ("wall", "processor")))
+            whole: dict[str, Any] = {"path": str(path), "step": step, "steps": n}
+            if importer == "fmpy":
+                answer = ask(fmpy_timed, **whole)
+            else:
+                chosen = {"parameter_set": "scenario"} if importer == "ecos" else {}
+                answer = ask(timed, importer=importer, **whole, **chosen)
+            _note(times, case, *map(np.array, answer))
 
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
         quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import logging
 import tempfile
-import time
 import zipfile
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
 
 from vdfmu.base.compile import compile_library
 from vdfmu.base.files import pack_zip
@@ -87,45 +83,6 @@ def quiet_run(
         package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
         parameters=parameters, progress=progress, log=quiet, isolate=isolate, stepper=stepper,
     )  # fmt: skip
-
-
-@dataclass
-class Clock:
-    """Takes the time of a run block by block; give its :meth:`progress` to the run.
-
-    A block is a hundredth of the run. Its least time over several runs is the same work without what other programs
-    took meanwhile.
-
-    Attributes
-    ----------
-    marks : list of (steps done, wall time, processor time)
-    """
-
-    marks: list[tuple[int, float, float]] = field(default_factory=list)
-
-    def progress(self, done: int, total: int) -> None:
-        """Note the times of the end of a block."""
-        self.marks.append((done, time.perf_counter(), time.process_time()))
-
-    @property
-    def wall(self) -> np.ndarray:
-        """Wall time of each block over the steps of the run [s]; their sum is the time of a step."""
-        return np.diff([wall for _, wall, _ in self.marks]) / self.marks[-1][0]
-
-    @property
-    def processor(self) -> np.ndarray:
-        """The same of the processor time of all threads [s]."""
-        return np.diff([processor for _, _, processor in self.marks]) / self.marks[-1][0]
-
-
-def least(rounds: Sequence[np.ndarray]) -> float:
-    """Time of a step [s] from the least time of each block over the rounds."""
-    return float(np.sum(np.min(rounds, axis=0)))
-
-
-def median(rounds: Sequence[np.ndarray]) -> float:
-    """Median over the rounds of the time of a step [s]."""
-    return float(np.median(np.sum(rounds, axis=1)))
 
 
 def container_run(

@@ -13,8 +13,7 @@ from benchmarks.__main__ import main
 from benchmarks.chains import random_motion, repeated_link
 from benchmarks.importers import PACKAGES, missing
 from benchmarks.report import Report, Table
-from benchmarks.system import Clock, least, median
-from benchmarks.timing import Case, measure
+from benchmarks.timing import Case, Clock, least, measure, median
 from vdfmu.arm.robot import check_robot, load_robot
 from vdfmu.base.platforms import native_available
 from vdfmu.system.scenario import load_scenario
@@ -126,13 +125,13 @@ def test_work_precision_engines_and_the_whole(report):
         # a hundred times the tolerance: the local error is controlled, of all states
         assert tight.error < 1e-5
         assert tight.error < loose.error
-    work_precision.tabulate(precision, report)
+    work_precision.tabulate(precision, report, "fall")
     precision = engines.study(load_robot("planar_2dof"), 0.02, 1, report.say)
     for integrator, order in (("RK4", 4), ("implicit", 1)):
         first, *_, last = precision.of(f"mujoco {integrator}")
         # its own order between the steps: the models are the same, for the error of another one would stay
         assert last.error < 10.0 * first.error * (last.level / first.level) ** order + 1e-10
-    work_precision.tabulate(precision, report)
+    work_precision.tabulate(precision, report, "fall")
     whole.run(report, quick=True)
     commands, runs = report.tables[-2:]
     assert {row[0] for row in commands.rows} > {"vdfmu --help", "vdfmu run, references kept"}
@@ -141,7 +140,7 @@ def test_work_precision_engines_and_the_whole(report):
 
 def test_time_at_an_error_is_interpolated():
     points = [work_precision.Point("A", 1e-4, 1.0, 1e-4), work_precision.Point("A", 1e-8, 100.0, 1e-8)]
-    precision = work_precision.WorkPrecision("", 1.0, points)
+    precision = work_precision.WorkPrecision(points)
     assert precision.time_at("A", 1e-6) == pytest.approx(10.0, rel=1e-12)
     assert precision.time_at("A", 1e-3) is None
     assert precision.time_at("B", 1e-6) is None
