@@ -103,14 +103,14 @@ IMPORTERS: dict[str, type[Ecos] | type[Libcosim]] = {"ecos": Ecos, "libcosim": L
 
 
 def timed(importer: str, path: str, step: float, steps: int, parameter_set: str | None = None) -> Any:
-    """Return wall and processor times of the steps in a hundred blocks; no signal is read or observed."""
+    """Return the processor times of the steps in a hundred blocks; no signal is read or observed."""
     running, clock = IMPORTERS[importer](path, step, parameter_set), Clock()
     clock.progress(0, steps)
     for first, last in itertools.pairwise(steps * k // 100 for k in range(101)):
         running.advance(first, last)
         clock.progress(last, steps)
     running.close()
-    return clock.wall, clock.processor
+    return clock.blocks
 
 
 def rows(
@@ -194,7 +194,7 @@ def fmpy_timed(path: str, step: float, steps: int) -> Any:
         path, start_time=0.0, stop_time=steps * step, output_interval=step, output=[output], step_finished=finished
     )
     # of a hundred blocks the first has no begin, and takes the time of the second
-    return [[times[0], *times] for times in (clock.wall, clock.processor)]
+    return [clock.blocks[0], *clock.blocks]
 
 
 def fmpy_ssp(path: str, step: float, steps: int, signals: Sequence[str]) -> Any:

@@ -100,38 +100,23 @@ def measure(cases: Sequence[Case], rounds: int, *, batch: float = 2e-3, limit: f
 
 @dataclass
 class Clock:
-    """Takes the time of a run block by block; give its :meth:`progress` to the run.
+    """Takes the processor time of a run block by block; give its :meth:`progress` to the run.
 
     A block is a hundredth of the run. Its least time over several runs is the same work without what other programs
     took meanwhile.
 
     Attributes
     ----------
-    marks : list of (steps done, wall time, processor time)
+    marks : list of (steps done, processor time)
     """
 
-    marks: list[tuple[int, float, float]] = field(default_factory=list)
+    marks: list[tuple[int, float]] = field(default_factory=list)
 
     def progress(self, done: int, total: int) -> None:
-        """Note the times of the end of a block."""
-        self.marks.append((done, time.perf_counter(), time.process_time()))
+        """Note the time of the end of a block."""
+        self.marks.append((done, time.process_time()))
 
     @property
-    def wall(self) -> np.ndarray:
-        """Wall time of each block over the steps of the run [s]; their sum is the time of a step."""
-        return np.diff([wall for _, wall, _ in self.marks]) / self.marks[-1][0]
-
-    @property
-    def processor(self) -> np.ndarray:
-        """The same of the processor time of all threads [s]."""
-        return np.diff([processor for _, _, processor in self.marks]) / self.marks[-1][0]
-
-
-def least(rounds: Sequence[np.ndarray]) -> float:
-    """Time of a step [s] from the least time of each block over the rounds."""
-    return float(np.sum(np.min(rounds, axis=0)))
-
-
-def median(rounds: Sequence[np.ndarray]) -> float:
-    """Median over the rounds of the time of a step [s]."""
-    return float(np.median(np.sum(rounds, axis=1)))
+    def blocks(self) -> np.ndarray:
+        """Time of each block over the steps of the run [s]; their sum is the time of a step."""
+        return np.diff([seconds for _, seconds in self.marks]) / self.marks[-1][0]
