@@ -18,7 +18,7 @@ from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Results
 from vdfmu.system.scenario import Scenario, load_scenario
 
-TITLE = "Native FMUs: real-time factor, and what of a step is the master's"
+TITLE = "Native FMUs in all forms, and what of a step is the master's"
 PYTHON, NATIVE, JACOBI, CONTAINER = (
     "Python FMUs", "native FMUs, gauss-seidel", "native FMUs, jacobi", "container FMU",
 )  # fmt: skip

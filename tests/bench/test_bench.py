@@ -67,21 +67,17 @@ def test_repeated_link_is_a_valid_chain_of_equal_links():
 
 @pytest.mark.heavy
 def test_arms_are_measured_by_their_names_and_the_growth_of_the_fmus(report, monkeypatch):
-    asked = []
-    ran = {"build": 1.0, "second": 0.1, "largest": 1e-5, "final": 1e-6}
-    monkeypatch.setattr(arms, "_child", lambda name: asked.append(name) or ran)
     arms.run(report, quick=True)
     (table,) = report.tables
-    assert [row[0] for row in table.rows] == asked == ["planar_2dof", "scara_4dof"]
-    assert [row[1] for row in table.rows] == [2, 4]
-    assert table.rows[0][3] == pytest.approx(0.9)  # m, links of 0.5 and 0.4 m
+    assert [row[:2] for row in table.rows] == [["planar_2dof", 2], ["scara_4dof", 4]]
+    assert all(0.0 < row[-1] < 1e-5 for row in table.rows)
     monkeypatch.setattr(fmu_growth, "_JOINTS", (1, 2, 7))
     fmu_growth.run(report, quick=True)
     *_, table = report.tables
     assert [row[0] for row in table.rows] == [1, 2]
-    # seconds and memory of the builds, C, times of a step
+    # seconds of the builds, C, times of a step
     assert all(value > 0.0 for row in table.rows for value in row[1:])
-    assert table.rows[0][3] < table.rows[1][3]
+    assert table.rows[0][2] < table.rows[1][2]
 
 
 def test_least_of_blocks_leaves_out_what_disturbed_a_round_and_the_clock_divides_by_the_steps():
