@@ -48,7 +48,12 @@ def run(report: Report, quick: bool = False) -> None:
     with packed(scenario, "native") as package:
         for algorithm, adaptive, step in cases:
             results = quiet_run(
-                package, step=step, stop=stop, algorithm=algorithm, adaptive=adaptive, tolerance=TOLERANCE
+                package,
+                step=step,
+                stop=stop,
+                algorithm=algorithm,
+                adaptive=adaptive,
+                parameters={"plant.tolerance": TOLERANCE},
             )
             error = float(np.max(np.abs(results["plant.q"][:: round(GRID / step)] - exact)))
             steps = results.summary["steps"]

@@ -117,7 +117,7 @@ def study(
             note(case, answer)
 
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")
-        quiet_run(python, step=step, stop=20 * step)  # loads what is loaded once
+        quiet_run(python, step=step, stop=20 * step, algorithm="gauss-seidel")  # loads what is loaded once
         for _ in range(rounds):
             under_master(PYTHON, python, stop_python)
             under_master(NATIVE, package, stop)

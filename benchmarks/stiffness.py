@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 
 import vdfmu
 from benchmarks.report import Table
@@ -188,7 +189,7 @@ def summary(logs: Sequence[Identified]) -> bool:
             error, inside = of_called(here, "error"), of_called(here, "inside")
             percents = 100.0 * np.array([np.abs(error).max(), error.mean(), error.std()])
             table.add(name, len(here), len(error), sum(log.called.size for log in here), *percents, inside.mean())
-    print(table.to_markdown())
+    table.show(Console())
     counts = np.array([[log.inside[log.called].sum(), log.called.sum()] for log in logs])
     dice = np.random.default_rng(0).integers(0, len(logs), (9999, len(logs)))
     shares = counts[dice].sum(axis=1)

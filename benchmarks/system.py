@@ -7,12 +7,12 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from vdfmu.base.compile import compile_library
 from vdfmu.base.files import pack_zip
 from vdfmu.base.platforms import this_platform
-from vdfmu.engine.options import AUTO
 from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.run import LogMessage, Results, simulate
 from vdfmu.system.package.write import build_parts, write_ssp
@@ -57,32 +57,8 @@ def quiet(message: LogMessage) -> None:
         logging.getLogger("benchmarks").error("%s", message)
 
 
-def quiet_run(
-    package: Path,
-    *,
-    step: float,
-    stop: float,
-    algorithm: str = "gauss-seidel",
-    adaptive: float | None = None,
-    tolerance: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    isolate: bool | None = None,
-    stepper: str = AUTO,
-) -> Results:
-    """Run a package; messages of the units other than errors are dropped.
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Of the plant's solver, instead of the package's.
-    adaptive, progress, isolate, stepper : optional
-        See :func:`vdfmu.engine.run.simulate`.
-    """
-    parameters = None if tolerance is None else {"plant.tolerance": tolerance}
-    return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
-        parameters=parameters, progress=progress, log=quiet, isolate=isolate, stepper=stepper,
-    )  # fmt: skip
+quiet_run = partial(simulate, start=0.0, log=quiet)
+"""Run a package, see :func:`vdfmu.engine.run.simulate`; messages of the units other than errors are dropped."""
 
 
 def container_run(
@@ -93,8 +69,8 @@ def container_run(
         package, member = Path(folder) / "container.ssp", f"resources/{container.name}"
         pack_zip(package, {member: container.read_bytes()})
         only = Component("container", member, "CoSimulation", {})
-        results = simulate(
-            FlatSystem(package, "container", (only,), (), {}), start=0.0, stop=stop, step=step, algorithm="jacobi",
-            progress=progress, log=quiet, isolate=False,
+        results = quiet_run(
+            FlatSystem(package, "container", (only,), (), {}), stop=stop, step=step, algorithm="jacobi",
+            progress=progress, isolate=False,
         )  # fmt: skip
     return results.renamed(lambda name: name.removeprefix("container."))

@@ -32,8 +32,6 @@ class Case:
     ----------
     name : str
     run : callable without arguments
-    owner : object, optional
-        Kept alive with the case: `run` of a KernelFunction works on the memory of its object and does not keep it.
     calls : int
         Calls in one sample.
     best : float [s]
@@ -45,7 +43,6 @@ class Case:
 
     name: str
     run: Callable[[], Any]
-    owner: Any = field(default=None, repr=False)
     calls: int = 1
     best: float = math.inf
     samples: int = 0

@@ -43,17 +43,21 @@ def test_every_case_gets_samples_and_a_slow_one_one():
     assert slow.samples == 1
 
 
-def test_table_in_all_forms_without_rows_of_wrong_length():
+def test_a_table_is_markdown_without_rows_of_wrong_length():
     table = Table("t", "Title [us]", [("name", ""), ("time [us]", ".1f")], notes=["a note"])
     table.add("x", 1.25)
     table.add("y", None)
-    assert table.to_markdown().splitlines() == [
-        "### Title [us]", "", "| name | time [us] |", "| --- | ---: |", "| x | 1.2 |", "| y | - |", "", "- a note",
-    ]  # fmt: skip
     stream = io.StringIO()
-    Console(file=stream, width=80).print(table.to_rich())
-    assert "Title [us]" in stream.getvalue()
-    assert "time [us]" in stream.getvalue()
+    table.show(Console(file=stream, width=80))
+    lines = [line.rstrip() for line in stream.getvalue().splitlines() if line.strip()]
+    assert lines == [
+        "### Title [us]",
+        "| name | time [us] |",
+        "|------|-----------|",
+        "| x    |       1.2 |",
+        "| y    |         - |",
+        "- a note",
+    ]
     with pytest.raises(ValueError, match="t: expected 1 values, got 2"):
         Table("t", "", [("a", "")]).add(1, 2)
 
@@ -149,12 +153,15 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(coupling, "ERRORS", (1e-4,))
     assert main(["coupling", "--quick", "--out", str(tmp_path / "out")]) == 0
     page = (tmp_path / "out" / "coupling.md").read_text(encoding="utf-8")
-    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith(("| jacobi", "| iterative"))]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in page.splitlines()
+        if line.startswith(("| jacobi", "| iterative"))
+    ]
     assert [row[0] for row in rows] == ["jacobi"] * 2 + ["iterative"] * 2 + ["iterative, adaptive"]
     errors = [float(row[3]) for row in rows]
     assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1) and errors[3] < errors[2] < errors[0]  # first order
     assert [row[-1] for row in rows[:2]] == ["4000", "8000"]  # steps of four units
-    assert page in (tmp_path / "out" / "bench.md").read_text(encoding="utf-8")
 
 
 def test_work_at_an_error_is_the_least_of_the_points_and_between_them():
@@ -172,7 +179,7 @@ def test_sweeps_and_verdict(report, monkeypatch):
     monkeypatch.setattr(verdict, "CASES", verdict.CASES[:1])
     verdict.run(report, quick=True)
     (row,) = report.tables[-1].rows
-    assert row[1] == sum(row[2:6]) == 3
+    assert row[1] == 3 and all(0 <= count <= 3 for count in row[2:])
 
 
 def test_folders_of_measurements_are_asked_for(capsys):
