@@ -83,6 +83,10 @@ def mujoco_spec(robot: Robot) -> Any:
     with rigid_file(robot) as path:
         spec = mujoco.MjSpec.from_file(path)
     spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    for i in range(robot.n):  # not SciPy's of the file: a fit near the robot file depends on the last bits
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, np.array(robot.rotation[i]).ravel())
+        spec.body(f"link_{i + 1}").quat = quaternion
     return spec
 
 

@@ -175,8 +175,9 @@ class _Arm:
                 self.spec, model, name, inertia_type=kind, modifier=self._link(name), **limits
             )
             self.parameters.add(body)
-            for attribute in ("armature", "damping", "frictionloss"):
-                self._add(joint, attribute)
+            values = {"armature": robot.I_m[i] * robot.ell[i], "damping": robot.f_v[i], "frictionloss": robot.f_c[i]}
+            for attribute, value in values.items():
+                self._add(joint, attribute, float(value))
             kind = mujoco.mjtSensor.mjSENS_JOINTACTFRC
             self.spec.add_sensor(name=joint, type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=joint)
             bound = float(robot.ell[i])  # 1 N.m of the motor
@@ -210,16 +211,14 @@ class _Arm:
 
         return modify
 
-    def _add(self, name: str, attribute: str) -> None:
+    def _add(self, name: str, attribute: str, value: float) -> None:
         """Fit a number of a joint."""
 
         def modify(spec: Any, parameter: Any) -> None:
             joint = spec.joint(name)
-            value = np.array(getattr(joint, attribute), dtype=float)
-            value.flat[0] = parameter.value[0]  # damping is a polynomial
-            setattr(joint, attribute, value if value.ndim else float(value))
+            fitted = float(parameter.value[0])
+            setattr(joint, attribute, [fitted, 0.0, 0.0] if attribute == "damping" else fitted)  # a polynomial
 
-        value = float(np.ravel(getattr(self.spec.joint(name), attribute))[0])
         bounds = self._bounds(attribute, value)
         self.parameters.add(self.sysid.Parameter(f"{name} {attribute}", value, *bounds, modifier=modify))
 
