@@ -263,14 +263,14 @@ def drive(
     connections = load_ssp(tracking.package("native")).connections
     differences: dict[str, float] = {}
     for unit in UNITS:
-        own = {name.removeprefix(f"{unit}."): x for name, x in recorded.items() if name.startswith(f"{unit}.")}
-        inputs = {c.end[1]: own.pop(c.end[1]) for c in connections if c.end[0] == unit}
+        signals = {name.removeprefix(f"{unit}."): x for name, x in recorded.items() if name.startswith(f"{unit}.")}
+        inputs = {c.end[1]: signals.pop(c.end[1]) for c in connections if c.end[0] == unit}
         rows = ask(
-            importer_worker.fmpy_fmu, path=tracking.fmu(unit, kind, fmi), step=step, signals=[*own],
+            importer_worker.fmpy_fmu, path=tracking.fmu(unit, kind, fmi), step=step, signals=[*signals],
             steps=round((tracking.stop if stop is None else stop) / step),
             recorded={"time": recorded["time"], **inputs},
         )  # fmt: skip
-        expected = np.stack([*own.values()], axis=1)[: len(rows)]
+        expected = np.stack([*signals.values()], axis=1)[: len(rows)]
         differences[unit] = float(np.abs(rows - expected).max())
     return differences
 

@@ -164,7 +164,6 @@ class _Arm:
         self.sysid, self.robot, self.near = sysid, robot, near
         self.method = "MuJoCo, its law given" + near * ", robot file near"
         self.spec = mujoco_spec(robot)
-        self.models: dict[bytes, Any] = {}
         self.parameters = sysid.ParameterDict()
         self.transform = sysid.SignalTransform(normalize=True)
         model, joints = self.spec.compile(), [joint.name for joint in self.spec.joints]
@@ -190,7 +189,7 @@ class _Arm:
     def fit(self, motions: Sequence[Motion], iterations: int) -> Fit:
         """Fit to the first motion, and return the residual of the second."""
         residual = self.sysid.build_residual_fn(
-            models_sequences=[self._whole(motions[0])], build_model=self._model,
+            models_sequences=[self._whole(motions[0])], build_model=self.sysid.apply_param_modifiers,
             modify_residual=self.transform.apply, resample_true=False, custom_rollout=self._rollout(motions[0]),
         )  # fmt: skip
         lower, upper = self.parameters.get_bounds()
@@ -199,7 +198,7 @@ class _Arm:
         )
         bias = np.array([values[f"bias{i}"].value[0] for i in range(self.robot.n)])
         tau = motions[1].rows.problem.tau
-        left = tau - bias - self._torques(self._model(values, self.spec), values, motions[1])
+        left = tau - bias - self._torques(self.sysid.apply_param_modifiers(values, self.spec), values, motions[1])
         return Fit(self.method, rms(left) / rms(tau))
 
     def _link(self, name: str) -> Callable[[Any, Any], None]:
@@ -232,15 +231,6 @@ class _Arm:
         reach = np.sqrt(np.trace(self.robot.inertia[i]) / (2.0 * self.robot.mass[i]))
         mass = {"mass_bound_mult": factors, "stretch_bound_mult": factors}
         return {**mass, "shear_bound_off": both, "ipos_bound_off": reach * both}
-
-    def _model(self, parameters: Any, spec: Any) -> Any:
-        """Compile the model of some values once, for all pieces of the log."""
-        key = parameters.as_vector().tobytes()
-        if key not in self.models:
-            if len(self.models) > parameters.size:
-                self.models.clear()
-            self.models[key] = self.sysid.apply_param_modifiers(parameters, spec)
-        return self.models[key]
 
     def _torques(self, model: Any, parameters: Any, moved: Motion) -> Floats:
         """Torques of the motors in the rows (k, n) [N.m], link-side."""

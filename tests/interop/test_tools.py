@@ -4,7 +4,6 @@ Each is held against scipy's sampled-delayed reference and against our own ``jac
 against what docs/interop.md says of it.
 """
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -150,4 +149,3 @@ def test_the_container_has_the_values_of_the_package(tracking, package, tmp_path
 
 def test_words_have_no_folders():
     assert interop._words("No such FMU '/tmp/libcosim_7ef6/resources/Plant.fmu'\nmore") == "No such FMU 'Plant.fmu'"
-    assert re.search("/tmp", interop._words("a 'resources/Plant.fmu'")) is None

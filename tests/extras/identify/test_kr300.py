@@ -10,7 +10,6 @@ import pytest
 import scipy.io
 
 from benchmarks import kr300
-from benchmarks.engines import mujoco_spec
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.files import data_path
@@ -35,41 +34,15 @@ def rigid_log(robot, seed):
     return Log("made up", T, q, tau / robot.ell, None)
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return load_robot("planar_2dof")
-
-
-@pytest.fixture(scope="module")
-def kr():
-    return load_robot(data_path("examples") / "kr300" / "nominal.toml")
-
-
-def test_mujoco_has_the_same_rigid_arm(kr):
-    log = rigid_log(kr.with_parameters(f_c=0.0), 1)
-    moved = kr300.Motion(log, None, log.kappa, np.gradient(log.kappa, H, axis=0), None, None)
-    moved = moved._replace(q_ddot=np.gradient(moved.q_dot, H, axis=0))
-    spec = mujoco_spec(kr.with_parameters(f_c=0.0))
-    inner = slice(2, -2)
-    # differences of second order of sines of at most 0.5 Hz: (2 pi 0.5 H)^2 / 3 of each acceleration, 3.3e-4
-    tau = log.tau * kr.ell
-    off = np.abs(kr300.inverse_dynamics(spec.compile(), moved) - tau)[inner].max(axis=0)
-    assert np.all(off < 1e-3 * np.abs(tau).max(axis=0))
-
-
-@pytest.fixture
-def guess(robot):
-    return robot.with_parameters(mass=1.1 * robot.mass, f_v=0.8 * robot.f_v)
-
-
 @pytest.mark.heavy
-def test_the_toolbox_finds_the_arm(robot, guess, monkeypatch):
+def test_the_toolbox_finds_the_arm(monkeypatch):
     """With stand-ins for two packages with which the toolbox prints, which the tests do not install."""
     for name in [name for name in sys.modules if name.startswith("mujoco.sysid")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "absl", SimpleNamespace(logging=logging))
     monkeypatch.setitem(sys.modules, "tabulate", SimpleNamespace(tabulate=str))
-    said = []
+    robot, said = load_robot("planar_2dof"), []
+    guess = robot.with_parameters(mass=1.1 * robot.mass, f_v=0.8 * robot.f_v)
     fits = kr300.study(guess, rigid_log(robot, 1), rigid_log(robot, 2), said.append, 5)
     assert said == [fit.method for fit in fits[-2:]]
     # the true arm leaves 2.4e-3 in MuJoCo, whose friction has another slope about standstill than the log
