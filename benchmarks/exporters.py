@@ -7,12 +7,12 @@ fourth-order method, as its user would write.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
 import zipfile
 from collections.abc import Callable
+from contextlib import chdir
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -193,13 +193,9 @@ def _casadi(folder: Path, subject: Subject) -> Path:
     (folder / "headers").mkdir()
     for name, content in fmi_headers("3.0").items():
         (folder / "headers" / name).write_bytes(content)
-    here = Path.cwd()
-    os.chdir(folder)
-    try:
+    with chdir(folder):
         files = dae.export_fmu({"no_warning": True})
         return Path(dae.pack_fmu(dae.compile_fmu(files, {"include_dirs": [str(folder / "headers")]}), {})).resolve()
-    finally:
-        os.chdir(here)
 
 
 EXPORTERS: dict[str, Callable[[Path, Subject], Path]] = {

@@ -11,6 +11,7 @@ import pickle
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import files
+from pathlib import Path
 from typing import Any
 
 import fmpy
@@ -90,7 +91,7 @@ class Libcosim:
 
     def _place(self, unit: str) -> tuple[int, dict[str, int]]:
         if unit not in self._places:
-            index = self._execution.slave_index_from_instance_name(unit)
+            index: Any = self._execution.slave_index_from_instance_name(unit)
             variables = self._execution.slave_variables(index)
             self._places[unit] = index, {v.name.decode(): v.reference for v in variables}
         return self._places[unit]
@@ -209,7 +210,7 @@ def pyssp(path: str) -> tuple[int, int]:
     """Check the files of a package against the schemas of pyssp_standard; count connections and parameter sets."""
     from pyssp_standard.ssp import SSP
 
-    with SSP(path, mode="r") as package:
+    with SSP(Path(path), mode="r") as package:
         with package.system_structure as structure:
             structure.__check_compliance__()
             connections = len(structure.connections())

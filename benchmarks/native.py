@@ -112,8 +112,8 @@ def study(
             if importer == "fmpy":
                 answer = ask(fmpy_timed, **whole)
             else:
-                chosen = {"parameter_set": "scenario"} if importer == "ecos" else {}
-                answer = ask(timed, importer=importer, **whole, **chosen)
+                whole["parameter_set"] = "scenario" if importer == "ecos" else None
+                answer = ask(timed, importer=importer, **whole)
             note(case, answer)
 
         say(f"{rounds} rounds of all forms: {stop:g} s at {step * 1e3:g} ms, Python FMUs {stop_python:g} s")

@@ -71,9 +71,10 @@ def count(name: str, algorithm: str, motion: float, end: float, factors: tuple[f
         changed: dict[str, Any] = {**options, "algorithm": algorithm, "log": lambda _: None}
         with Simulator(package, isolate=False, **changed) as simulator:
             for _ in range(sets):
+                low, high = np.log(factors)
                 chosen: dict[str, Any] = {"trajectory.T": motion}
                 for key, values in gains.items():
-                    scaled = values * np.exp(generator.uniform(*np.log(factors), n))
+                    scaled = values * np.exp(generator.uniform(low, high, n))
                     chosen |= {f"controller.{key}[{i + 1}]": float(scaled[i]) for i in range(n)}
                 truth = is_unstable(simulator, n, end, chosen)
                 try:
