@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.report import Report, machine
+from benchmarks.report import Report
 from benchmarks.timing import processor_time
 from vdfmu.base.platforms import native_available
 
@@ -41,13 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"there is no benchmark {unknown[0]!r}; there are {', '.join(NAMES)}")  # exits with 2
     if not native_available():
         parser.error("the compiler of native FMUs is not installed (pip install .[native])")
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        parser.error(f"--out {options.out}: {error.strerror}")
-
+    options.out.mkdir(parents=True, exist_ok=True)
     console = Console(width=None if sys.stdout.isatty() else 120)
-    pages = ["# Benchmarks", "", *[f"- {key}: {value}" for key, value in machine().items()], ""]
     for name in options.names or NAMES:
         module = import_module(f"benchmarks.{name}")
         report = Report(name, module.TITLE, options.out, console)
@@ -56,11 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         module.run(report, options.quick)
         report.write()
         wall, cpu = time.perf_counter() - began, processor_time() - cpu_began
-        pages.append((options.out / f"{name}.md").read_text(encoding="utf-8"))
-        report.say(f"{name}: {wall:.0f} s, files {options.out / name}.*")
+        report.say(f"{name}: {wall:.0f} s, file {options.out / name}.md")
         if cpu < 0.9 * wall:
             report.say(f"The machine was busy: {cpu:.0f} s of processor time in {wall:.0f} s. Wall times are too long.")
-    (options.out / "bench.md").write_text("\n".join(pages), encoding="utf-8")
     return 0
 
 

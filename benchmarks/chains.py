@@ -41,6 +41,7 @@ def repeated_link(n: int, seed: int = 1) -> Robot:
         tool_offset=np.array([0.05, -0.1, 0.2]),
         tool_rotation=np.eye(3),
         sources={},
+        joint_names=(),
         **{name: np.repeat(np.asarray(value, dtype=float)[None], n, axis=0) for name, value in fields.items()},
     )
 

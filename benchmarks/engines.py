@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,22 +14,23 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Report
-from benchmarks.work_precision import COSIM, INTERVAL, CoSimulation, Motion, WorkPrecision, compare, tabulate
+from benchmarks.work_precision import COSIM, INTERVAL, Fall, Motion, WorkPrecision, compare, tabulate
 from vdfmu.arm.equations.plant import equilibrium_torque
+from vdfmu.arm.export import export_robot
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
 
 TITLE = "Work and precision: the plant beside engines of robot simulation"
-MUJOCO = ("RK4", "discrete", "implicit", "implicitfast")
+MUJOCO = ("RK4", "implicit", "implicitfast")
 DRAKE = ("runge_kutta3", "runge_kutta5")
 _AXIS = [0.0, 0.0, 1.0]
 
 
 def run(report: Report, quick: bool = False) -> None:
     """Measure and tabulate."""
-    robot = load_robot("manipulator_6dof")
-    precision = study(robot, 0.05 if quick else 0.5, 1 if quick else 5, report.say)
-    tabulate(precision, report, "free fall, linear springs and viscous friction")
+    robot, stop = load_robot("manipulator_6dof"), 0.05 if quick else 0.5
+    precision = study(robot, stop, 1 if quick else 5, report.say)
+    tabulate(precision, report, f"{robot.name}, {stop:g} s of free fall, linear springs and viscous friction")
 
 
 def linear_robot(robot: Robot) -> Robot:
@@ -44,60 +46,71 @@ def linear_robot(robot: Robot) -> Robot:
 def study(robot: Robot, stop: float, rounds: int, say: Callable[[str], None]) -> WorkPrecision:
     """Solve the fall of the arm from rest in equilibrium, its motors free, with every method at every precision."""
     robot = linear_robot(robot)
-    times = np.linspace(0.0, stop, round(stop / INTERVAL) + 1)
     K = 1.0 / (1.0 / robot.K_f0 + 1.0 / (robot.ell**2 * robot.K_w0))  # flexspline and wave generator in series
     steps = [INTERVAL / k for k in (10, 30, 100, 300, 1000, 3000)]
     accuracies = [10.0 ** (-k / 2) for k in range(6, 15)]
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
-        cosim = CoSimulation(
-            build_fmus(robot, Path(name), units=["plant"], backend="native", folded=True)["plant"], times, robot.n
-        )
-        methods: dict[str, tuple[Motion, Sequence[float]]] = {COSIM: (cosim, [10.0**-k for k in range(2, 10)])}
+        fmu = build_fmus(robot, Path(name), units=["plant"], backend="native", folded=True)["plant"]
+        cosim = Fall(fmu, robot.n, stop)
+        levels = [10.0**-k for k in range(2, 10)]
+        methods: dict[str, tuple[Motion, Sequence[float]]] = {COSIM: (cosim.own_solver, levels)}
         for package, integrators, make, levels in (
             ("mujoco", MUJOCO, mujoco_motion, steps), ("pydrake", DRAKE, drake_motion, accuracies),
         ):  # fmt: skip
             if find_spec(package) is None:
                 say(f"without {package}, which is not installed")
                 continue
-            methods |= {f"{package} {each}": (make(robot, K, times, each), levels) for each in integrators}
+            methods |= {f"{package} {each}": (make(robot, K, cosim.times, each), levels) for each in integrators}
         if "mujoco RK4" in methods:
             methods["mujoco RK4"] = methods["mujoco RK4"][0], [INTERVAL / k for k in (10, 20, 50, 100, 200)]
-        precision = compare(robot, stop, methods, rounds)
+        precision = compare(methods, rounds)
         cosim.close()
     return precision
 
 
-def mujoco_spec(robot: Robot, K: np.ndarray | None = None) -> Any:
-    """Return the same links for MuJoCo, rigid, or with springs and rotors.
+@contextmanager
+def rigid_file(robot: Robot) -> Generator[str]:
+    """Write the rigid arm as MJCF, with rotors as armature, and friction."""
+    with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
+        path = str(Path(folder, "arm.xml"))
+        export_robot(dataclasses.replace(robot, limits=False), path, rigid=True)
+        yield path
 
-    Then every link has two hinges on one axis: the rotor's, with the rotor's inertia as armature and its friction, and
-    the spring's. Their angles add up to the link's, and the kinetic energy is that of the plant.
-    """
+
+def mujoco_spec(robot: Robot) -> Any:
+    """Return the rigid arm for MuJoCo, without contacts."""
     mujoco: Any = import_module("mujoco")
-    spec = mujoco.MjSpec()
-    spec.option.gravity = -np.array(robot.gravity)  # Eq. (62) has g upward
-    off = mujoco.mjtDisableBit
-    spec.option.disableflags = int(off.mjDSBL_CONTACT) | int(off.mjDSBL_CONSTRAINT)
-    body, hinge = spec.worldbody, {"type": mujoco.mjtJoint.mjJNT_HINGE, "axis": _AXIS}
-    for i in range(robot.n):
+    with rigid_file(robot) as path:
+        spec = mujoco.MjSpec.from_file(path)
+    spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    for i in range(robot.n):  # not SciPy's of the file: a fit near the robot file depends on the last bits
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, np.array(robot.rotation[i]).ravel())
-        I_B = np.array(robot.inertia[i])
-        body = body.add_body(
-            name=f"body{i}", pos=robot.offset[i], quat=quaternion, mass=float(robot.mass[i]), ipos=robot.centroid[i],
-            fullinertia=[*np.diag(I_B), I_B[0, 1], I_B[0, 2], I_B[1, 2]], explicitinertial=True,
-        )  # fmt: skip
-        if K is not None:
-            J = float(robot.I_m[i] * robot.ell[i])
-            body.add_joint(name=f"rotor{i}", armature=J, damping=float(robot.f_v[i]), **hinge)
-        body.add_joint(name=f"link{i}", stiffness=0.0 if K is None else float(K[i]), **hinge)
+        spec.body(f"link_{i + 1}").quat = quaternion
     return spec
 
 
-def mujoco_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: str) -> Motion:
-    """Fall in MuJoCo at fixed steps."""
+def passive_spec(robot: Robot) -> Any:
+    """Return the rigid arm without motors and constraints."""
     mujoco: Any = import_module("mujoco")
-    model = mujoco_spec(robot, K).compile()
+    spec = mujoco_spec(robot)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    for part in [*spec.actuators, spec.body("tool")]:
+        spec.delete(part)
+    return spec
+
+
+def mujoco_motion(robot: Robot, K: np.ndarray, times: Sequence[float], integrator: str) -> Motion:
+    """Fall in MuJoCo at fixed steps.
+
+    Every link has two hinges on one axis: the rotor's, with the rotor's inertia as armature and its friction, and the
+    spring's. Their angles add up to the link's, and the kinetic energy is that of the plant.
+    """
+    mujoco: Any = import_module("mujoco")
+    spec = passive_spec(robot)
+    for i in range(robot.n):
+        spec.body(f"link_{i + 1}").add_joint(name=f"spring_{i + 1}", axis=_AXIS, stiffness=float(K[i]))
+    model = spec.compile()
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     start = np.asarray(equilibrium_torque(robot, np.zeros(robot.n)), dtype=float) / K
 
@@ -114,8 +127,8 @@ def mujoco_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: st
     return motion
 
 
-def drake_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: str) -> Motion:
-    """Fall in Drake under error control: joints as in :func:`mujoco_spec`, with a body of no mass between them."""
+def drake_motion(robot: Robot, K: np.ndarray, times: Sequence[float], integrator: str) -> Motion:
+    """Fall in Drake under error control: joints as in :func:`mujoco_motion`, with a body of no mass between them."""
     tree, mathematics, analysis, plants = (
         import_module(f"pydrake.{name}") for name in ("multibody.tree", "math", "systems.analysis", "multibody.plant")
     )
@@ -150,7 +163,7 @@ def drake_motion(robot: Robot, K: np.ndarray, times: np.ndarray, integrator: str
         simulator.Initialize()
         rows = [np.zeros(robot.n)]
         for time in times[1:]:
-            simulator.AdvanceTo(float(time))
+            simulator.AdvanceTo(time)
             angles = plant.GetPositions(context)
             rows.append(angles[0::2] + angles[1::2])
         return np.array(rows)

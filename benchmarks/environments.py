@@ -14,13 +14,7 @@ TITLE = "Environments for learning"
 
 def run(report: Report, quick: bool) -> None:
     """Measure actions of 10 ms with random torques, least processor time of some rounds."""
-    columns = [
-        ("scenario", ""),
-        ("environment", ""),
-        ("µs an action", ".1f"),
-        ("actions/s", ".0f"),
-        ("real-time factor", ".0f"),
-    ]
+    columns = [("scenario", ""), ("environment", ""), ("µs an action", ".1f")]
     table = Table("environments", "Actions of 10 ms, random torques", columns)
     for scenario, limit in (("planar_tracking", 0.3), ("tracking", 0.3)):
         rng = np.random.default_rng(0)
@@ -40,7 +34,6 @@ def run(report: Report, quick: bool) -> None:
                 many.step(each)
             best = np.minimum(best, [(between - began) / steps, (process_time() - between) / (64 * steps)])
         single.close()
-        step = single.task.hold * single.task.scenario.step
         for form, each in zip(("ArmEnv", "ArmVectorEnv, 64 arms"), best.tolist(), strict=True):
-            table.add(scenario, form, 1e6 * each, 1.0 / each, step / each)
+            table.add(scenario, form, 1e6 * each)
     report.show(table)

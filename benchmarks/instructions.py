@@ -15,6 +15,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 from fmpy import read_model_description
+from rich.console import Console
 
 import vdfmu
 from benchmarks.report import Table
@@ -97,7 +98,7 @@ def main() -> None:
     for tolerance, (accepted, rejected) in taken.items():
         falls.add(tolerance, accepted / STEPS, rejected / STEPS)
     for table in (parts, falls):
-        print(table.to_markdown())
+        table.show(Console())
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import re
 import shutil
 import subprocess
@@ -15,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks import importers
-from benchmarks.importers import ImporterError, ask, ask_rows
+from benchmarks import importer_worker, importers
+from benchmarks.importers import ImporterError, ask
 from benchmarks.report import Report, Table
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
@@ -42,7 +42,6 @@ PACKAGES = importers.PACKAGES | {
 }
 """Tool to the Python packages that install it."""
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "interop.md"
 SSP_OF_FMI = {"2.0": "1.0", "3.0": "2.0"}
 UNITS = tuple(load_scenario("tracking").system.parts)
 EXACT_STEP = 2.0**-10
@@ -123,63 +122,61 @@ class Tracking:
         """Build, solve and run all that the cases are held against."""
         scenario, values = self.scenario, system_values(self.scenario)
         for kind, fmi in (each for each in (_PYTHON, _NATIVE, _NATIVE_3) if each[0] in self.kinds):
-            fmus = build_fmus(
-                scenario.arm, self.fmus(kind, fmi), parameters=values, backend=kind, fmi_version=fmi, folded=True
-            )
+            folder = self.package(kind, fmi).with_suffix("")
+            fmus = build_fmus(scenario.arm, folder, parameters=values, backend=kind, fmi_version=fmi, folded=True)
             write_ssp(scenario, fmus, self.package(kind, fmi), version=SSP_OF_FMI[fmi])
         for step in (self.step, EXACT_STEP):
             stop = round(self.stop / step) * step
             solved = reference("sampled-delayed", SystemDescription(scenario, values), step=step, stop=stop)
-            np.save(self._reference(step), solved["plant.q"])
-        for kind in self.kinds:
-            for step in (self.step, EXACT_STEP):
-                steps = round(self.stop / step)
-                results = simulate(self.package(kind), step=step, stop=steps * step, algorithm="jacobi", record=["*"])
+            np.savez(self._file("reference", step), **dict(zip(self.signals, solved["plant.q"].T, strict=True)))
+            for kind in self.kinds:
+                results = simulate(self.package(kind), step=step, stop=stop, algorithm="jacobi", record=["*"])
                 arrays: dict[str, Any] = {name: results[name] for name in results.names}
-                np.savez(self.recorded(kind, step), time=results.time, **arrays)
+                np.savez(self._file(kind, step), time=results.time, **arrays)
         return self
-
-    def fmus(self, kind: str, fmi: str = "2.0") -> Path:
-        """Folder of the FMUs."""
-        return self.folder / f"{kind}-{fmi}"
 
     def package(self, kind: str, fmi: str = "2.0") -> Path:
         """Return the package of the system: SSP 1.0 with FMI 2.0, SSP 2.0 with FMI 3.0."""
         return self.folder / f"{kind}-{fmi}.ssp"
 
-    def recorded(self, kind: str, step: float) -> Path:
-        """All signals of our own ``jacobi`` run; an input has the value of the step that ends at a row."""
-        return self.folder / f"jacobi-{kind}-{round(1e9 * step)}.npz"
+    def fmu(self, unit: str, kind: str, fmi: str = "2.0") -> str:
+        """Return the FMU of a unit."""
+        return str(self.package(kind, fmi).with_suffix("") / f"{shipped_units()[unit].__name__}.fmu")
 
-    def _reference(self, step: float) -> Path:
-        return self.folder / f"reference-{round(1e9 * step)}.npy"
+    def _file(self, run: str, step: float) -> Path:
+        return self.folder / f"{run}-{round(1e9 * step)}.npz"
 
-    def reference(self, step: float | None = None) -> np.ndarray:
-        """Link positions of the sampled-delayed reference, (rows, joints) [rad]."""
-        return np.load(self._reference(self.step if step is None else step))
+    def recorded(self, run: str, step: float | None = None) -> dict[str, NDArray[np.float64]]:
+        """Return the signals of our own run of a kind of FMUs: an input has the value of the step that ends at a row.
 
-    def jacobi(self, kind: str, step: float | None = None) -> np.ndarray:
-        """Link positions of our own run, (rows, joints) [rad]."""
-        with np.load(self.recorded(kind, self.step if step is None else step)) as file:
-            return np.stack([file[name] for name in self.signals], axis=1)
+        Of the ``reference`` they are the link positions.
+        """
+        with np.load(self._file(run, step or self.step)) as file:
+            return dict(file)
 
-    def request(self, **more: Any) -> dict[str, Any]:
-        """Return a request for the whole run and the link positions, see :func:`benchmarks.importers.ask`."""
-        return {"step": self.step, "steps": self.steps, "signals": self.signals} | more
+    def positions(self, run: str = "reference", step: float | None = None) -> NDArray[np.float64]:
+        """Link positions of a run or of the sampled-delayed reference, (rows, joints) [rad]."""
+        recorded = self.recorded(run, step)
+        return np.stack([recorded[name] for name in self.signals], axis=1)
 
-    def judge(self, tool: str, kind: str, rows: np.ndarray) -> Seen:
+    def judge(self, tool: str, kind: str, rows: Any) -> Seen:
         """Compare rows with the reference and with our own run: every row, but those that a tool does not have.
 
         Without a row at the start, and only there, a tool gives nan.
         """
-        jacobi = self.jacobi(kind)
+        jacobi, rows = self.positions(kind), np.asarray(rows)
         if rows.shape != jacobi.shape:
             return Seen(DEVIATES, words=f"{rows.shape[0]} rows, expected {jacobi.shape[0]}")
         if np.isnan(rows[1:]).any():
             return Seen(DEVIATES, words="values are nan")
         first = 1 if np.isnan(rows[0]).any() else 0
-        to_reference, to_jacobi = (float(np.abs(rows - other)[first:].max()) for other in (self.reference(), jacobi))
+        to_reference, to_jacobi = (float(np.abs(rows - other)[first:].max()) for other in (self.positions(), jacobi))
         return Seen(RUNS if to_jacobi <= self.allowed(tool) else DEVIATES, to_reference, to_jacobi)
+
+    def run(self, tool: str, kind: str, run: Callable[..., Any], path: Path, **more: Any) -> Seen:
+        """Judge the rows that a function of :mod:`benchmarks.importer_worker` returns of the whole run."""
+        rows = ask(run, path=str(path), step=self.step, steps=self.steps, signals=self.signals, **more)
+        return self.judge(tool, kind, rows)
 
     def allowed(self, tool: str) -> float:
         """Largest difference to our own run that the rounding of a tool's time explains [rad].
@@ -193,7 +190,7 @@ class Tracking:
         late = 2.0 * float(np.spacing(self.stop))
         if tool == "ecos":
             late = float(np.abs(np.cumsum(np.full(self.steps, self.step)) - time[1:]).max())
-        q = self.reference()
+        q = self.positions()
         speed = float(np.abs(np.diff(q, axis=0)).max()) / self.step
         return 2.0 * speed * late + 8.0 * float(np.spacing(np.abs(q).max()))
 
@@ -222,27 +219,22 @@ def _in_importer(tracking: Tracking, case: Case) -> Seen:
     """Run a package in ecos or libcosim."""
     if case.form == "plant alone":
         return _alone(tracking, case)
-    path = str(tracking.package(case.kind, case.fmi))
-    request = tracking.request(run="rows", importer=case.tool, path=path)
-    return tracking.judge(case.tool, case.kind, ask_rows(request))
+    path = tracking.package(case.kind, case.fmi)
+    return tracking.run(case.tool, case.kind, importer_worker.rows, path, importer=case.tool)
 
 
 def _alone(tracking: Tracking, case: Case) -> Seen:
     """Let the arm fall for half a second and compare the energy, a scalar, with that of the FMU of FMI 2.0 in fmpy."""
-    plant = shipped_units()["plant"].__name__
-    request = {"step": tracking.step, "steps": 500}
-    signals = ["E_pot", "q"]
-    answer = ask(request | {
-        "run": "single", "importer": case.tool, "signals": signals,
-        "path": str(tracking.fmus(case.kind, case.fmi) / f"{plant}.fmu"),
-    })  # fmt: skip
-    expected = ask_rows(request | {
-        "run": "fmpy-fmu", "signals": ["E_pot"], "path": str(tracking.fmus(case.kind) / f"{plant}.fmu"),
-    })[-1, 0]  # fmt: skip
-    if abs(answer["E_pot"] - expected) > 1e-9 * abs(expected):
-        return Seen(DEVIATES, words=f"E_pot = {answer['E_pot']!r} J, expected {expected!r} J")
-    if answer["q"] == answer["E_pot"]:
-        return Seen(DEVIATES, words="scalars are right; reading an array returns the value that was read before it")
+    step, steps, path = tracking.step, 500, tracking.fmu("plant", case.kind, case.fmi)
+    E_pot, q = ask(
+        importer_worker.single, importer=case.tool, path=path, step=step, steps=steps, signals=["E_pot", "q"]
+    )
+    path = tracking.fmu("plant", case.kind)
+    [*_, [expected]] = ask(importer_worker.fmpy_fmu, path=path, step=step, steps=steps, signals=["E_pot"])
+    if abs(E_pot - expected) > 1e-9 * abs(expected):
+        return Seen(DEVIATES, words=f"E_pot = {E_pot!r} J, expected {expected!r} J")
+    if q == E_pot:
+        return Seen(DEVIATES, words="scalars are right; an array reads as the value that was read before it")
     return Seen(RUNS, words="scalars are right")
 
 
@@ -250,15 +242,14 @@ def _in_fmpy(tracking: Tracking, case: Case) -> Seen:
     """Run the container of the system, or every unit by itself with the inputs of our own run."""
     if case.form == "one FMU":
         with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
-            path = write_container(
-                tracking.package(case.kind, case.fmi), Path(folder) / "system.fmu", step=tracking.step
-            )
-            return tracking.judge(case.tool, case.kind, ask_rows(tracking.request(run="fmpy-fmu", path=str(path))))
+            package = tracking.package(case.kind, case.fmi)
+            path = write_container(package, Path(folder) / "system.fmu", step=tracking.step)
+            return tracking.run(case.tool, case.kind, importer_worker.fmpy_fmu, path)
     largest = max(drive(tracking, case.kind, case.fmi).values())
-    recorded = tracking.jacobi(case.kind, EXACT_STEP) - tracking.reference(EXACT_STEP)
+    off = tracking.positions(case.kind, EXACT_STEP) - tracking.positions(step=EXACT_STEP)
     return Seen(
         RUNS if largest == 0.0 else DEVIATES,
-        reference=float(np.abs(recorded).max()) + largest,
+        reference=float(np.abs(off).max()) + largest,
         jacobi=largest,
         words=f"at a step of 2^-10 s, all outputs over {tracking.stop:g} s" if not largest else "",
     )
@@ -268,37 +259,24 @@ def drive(
     tracking: Tracking, kind: str, fmi: str = "2.0", step: float = EXACT_STEP, stop: float | None = None
 ) -> dict[str, float]:
     """Drive each unit by itself with recorded inputs; largest difference of its outputs to the recorded ones."""
-    with np.load(tracking.recorded(kind, step)) as file:
-        arrays = {name: file[name] for name in file.files}
+    recorded = tracking.recorded(kind, step)
     connections = load_ssp(tracking.package("native")).connections
     differences: dict[str, float] = {}
-    with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
-        folder = Path(name)
-        outputs: dict[str, list[str]] = {}
-        for unit in UNITS:
-            of_unit = [name.removeprefix(f"{unit}.") for name in arrays if name.startswith(f"{unit}.")]
-            fed = [c.end[1] for c in connections if c.end[0] == unit]
-            outputs[unit] = [name for name in of_unit if name not in fed]
-            inputs = {name: arrays[f"{unit}.{name}"] for name in fed}
-            np.savez(folder / f"{unit}.npz", time=arrays["time"], **inputs)
-        ask({
-            "run": "fmpy-fmus", "step": step, "steps": round((tracking.stop if stop is None else stop) / step),
-            "fmus": [{
-                "path": str(tracking.fmus(kind, fmi) / f"{shipped_units()[unit].__name__}.fmu"),
-                "signals": outputs[unit],
-                "inputs": str(folder / f"{unit}.npz"), "out": str(folder / f"{unit}.npy"),
-            } for unit in UNITS],
-        })  # fmt: skip
-        for unit, names in outputs.items():
-            rows = np.load(folder / f"{unit}.npy")
-            expected = np.stack([arrays[f"{unit}.{name}"] for name in names], axis=1)[: len(rows)]
-            differences[unit] = float(np.abs(rows - expected).max())
+    for unit in UNITS:
+        signals = {name.removeprefix(f"{unit}."): x for name, x in recorded.items() if name.startswith(f"{unit}.")}
+        inputs = {c.end[1]: signals.pop(c.end[1]) for c in connections if c.end[0] == unit}
+        rows = ask(
+            importer_worker.fmpy_fmu, path=tracking.fmu(unit, kind, fmi), step=step, signals=[*signals],
+            steps=round((tracking.stop if stop is None else stop) / step),
+            recorded={"time": recorded["time"], **inputs},
+        )  # fmt: skip
+        expected = np.stack([*signals.values()], axis=1)[: len(rows)]
+        differences[unit] = float(np.abs(rows - expected).max())
     return differences
 
 
 def _in_fmpy_ssp(tracking: Tracking, case: Case) -> Seen:
-    request = tracking.request(run="fmpy-ssp", path=str(tracking.package(case.kind, case.fmi)))
-    return tracking.judge(case.tool, case.kind, ask_rows(request))
+    return tracking.run(case.tool, case.kind, importer_worker.fmpy_ssp, tracking.package(case.kind, case.fmi))
 
 
 def _in_fmucontainer(tracking: Tracking, case: Case) -> Seen:
@@ -310,13 +288,12 @@ def _in_fmucontainer(tracking: Tracking, case: Case) -> Seen:
         said = _command("fmucontainer", *options, folder=folder)
         if not made.is_file():
             return Seen(REFUSED, words=_words(said.strip().splitlines()[-1].partition("|")[2]))
-        rows = ask_rows(tracking.request(run="fmpy-fmu", path=str(made)))
-        return tracking.judge(case.tool, case.kind, rows)
+        return tracking.run(case.tool, case.kind, importer_worker.fmpy_fmu, made)
 
 
 def _in_fmutool(tracking: Tracking, case: Case) -> Seen:
-    fmus = sorted(tracking.fmus(case.kind, case.fmi).glob("*.fmu"))
-    said = "\n".join(_command("fmutool", "-input", str(path), "-check", folder=str(tracking.folder)) for path in fmus)
+    fmus = [tracking.fmu(unit, case.kind, case.fmi) for unit in UNITS]
+    said = "\n".join(_command("fmutool", "-input", path, "-check", folder=str(tracking.folder)) for path in fmus)
     verdicts = [line.strip() for line in said.splitlines() if "compliant" in line or "semantic error" in line]
     kinds = dict.fromkeys(line.partition("|")[2].strip() for line in verdicts)
     good = all("seems to be compliant" in kind or kind.startswith("No semantic error") for kind in kinds)
@@ -333,8 +310,8 @@ def _command(name: str, *arguments: str, folder: str) -> str:
 
 
 def _in_pyssp(tracking: Tracking, case: Case) -> Seen:
-    counts = ask({"run": "pyssp", "path": str(tracking.package(case.kind, case.fmi))})
-    return Seen(READS, words=f"{counts['connections']} connections, {counts['sets']} parameter sets, schemas kept")
+    connections, sets = ask(importer_worker.pyssp, path=str(tracking.package(case.kind, case.fmi)))
+    return Seen(READS, words=f"{connections} connections, {sets} parameter sets, schemas kept")
 
 
 _EXAMINERS: Mapping[str, Callable[[Tracking, Case], Seen]] = {
@@ -348,24 +325,6 @@ _EXAMINERS: Mapping[str, Callable[[Tracking, Case], Seen]] = {
 }
 
 
-def write_page(rows: Sequence[Sequence[Any]], versions: str) -> None:
-    """Write the rows, and the versions they are of, into the page of the documentation."""
-
-    def cell(value: Any) -> str:
-        return "-" if value is None else f"{value:.1e}" if isinstance(value, float) else str(value)
-
-    begin, rule, end = "| tool | form |", "| --- |", "\n\n"
-    page = PAGE.read_text(encoding="utf-8")
-    head = page.index(begin)
-    first = page.index("\n", page.index(rule, head)) + 1
-    last = page.index(end, first)
-    after = page.index("\n", last + len(end))
-    lines = "\n".join(f"| {' | '.join(map(cell, row))} |" for row in rows)
-    machine = f"{platform.system()}, {platform.machine()}"
-    system = f"These results are from {machine}, with {versions.removeprefix('Versions: ')}"
-    PAGE.write_text(f"{page[:first]}{lines}\n\n{system}{page[after:]}", encoding="utf-8")
-
-
 def run(report: Report, quick: bool = False) -> None:
     """Examine all cases whose tool is installed, and tabulate."""
     absent = {tool: text for tool in PACKAGES if (text := missing(tool))}
@@ -376,8 +335,8 @@ def run(report: Report, quick: bool = False) -> None:
         table = Table(
             "interop",
             f"The tracking system, {tracking.stop:g} s at {1e3 * tracking.step:g} ms",
-            [("tool", ""), ("form", ""), ("FMUs", ""), ("FMI", ""), ("result", ""),
-             ("difference to reference [rad]", ".1e"), ("difference to jacobi [rad]", ".1e"), ("remark", "")],
+            [("tool", ""), ("form", ""), ("FMUs", ""), ("FMI", ""), ("seen", ""), ("to reference [rad]", ".1e"),
+             ("to jacobi [rad]", ".1e"), ("words", "")],
         )  # fmt: skip
         for case in CASES:
             if case.tool not in absent:
@@ -395,6 +354,3 @@ def run(report: Report, quick: bool = False) -> None:
         ) + ".",
     ]  # fmt: skip
     report.show(table)
-    if not quick and not absent:
-        write_page(table.rows, str(table.notes[-1]))
-        report.say(f"written to {PAGE.name}")

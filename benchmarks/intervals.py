@@ -1,6 +1,6 @@
 """How often the intervals of `identify` hold the truth: simulated logs of several arms with white and coloured noise.
 
-    python benchmarks/intervals.py [LOGS]
+    python -m benchmarks.intervals [LOGS]
 
 LOGS simulated logs (default 40) of three arms, half with white noise on the torques, half with noise that a low-pass
 filter of 0.1 s has coloured. For each kind of parameter the table has the share of intervals, of parameters that are
@@ -14,9 +14,11 @@ import sys
 from collections import defaultdict
 
 import numpy as np
+from rich.console import Console
 from scipy.signal import lfilter
 
 import vdfmu
+from benchmarks.report import Table
 from vdfmu.arm.motion import Motion
 from vdfmu.arm.robot import Robot
 from vdfmu.extras.identify.excitation import multisine
@@ -87,12 +89,15 @@ def main(logs: int) -> int:
             weak[kind] += [value is None for value in each]
             if strong := [value for value in each if value is not None]:
                 shares[kind].append(float(np.mean(strong)))
-    print(f"{'parameter':10} {'logs':>5} {'inside':>8} {'95 %':>16} {'weak':>7}")
+    table = Table(
+        "intervals", "Intervals that hold the truth",
+        [("parameter", ""), ("logs", "d"), ("inside", ".1%"), ("from", ".1%"), ("to", ".1%"), ("weak", ".0%")],
+    )  # fmt: skip
     missed = False
     for kind, marks in weak.items():
         each = np.array(shares[kind])
         if not len(each):
-            print(f"{kind:10} {0:5d} {'':8} {'':16} {np.mean(marks):7.0%}")
+            table.add(kind, 0, None, None, None, np.mean(marks))
             continue
         dice = np.random.default_rng(0)
         means = dice.choice(each, (2000, len(each))).mean(axis=1)
@@ -100,7 +105,8 @@ def main(logs: int) -> int:
         # logs that all hold the truth say no more than that less than 3 / logs miss it
         high = max(high, 1.0) if each.min() == 1.0 else high
         missed |= each.mean() < 0.85 or high < 0.95
-        print(f"{kind:10} {len(each):5d} {each.mean():8.1%} {low:7.1%} {high:7.1%} {np.mean(marks):7.0%}")
+        table.add(kind, len(each), each.mean(), low, high, np.mean(marks))
+    table.show(Console())
     return int(missed)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import vdfmu
-from benchmarks.judge_kinds import PERIODS, Case, House
+from benchmarks.judge_kinds import PERIODS, Case, House, solved
 from benchmarks.judge_units import (
     BLOCK,
     DICE,
@@ -47,11 +47,6 @@ def by_events(rates: Any, guard: Any, after: Any, start: Any, mode: Any, times: 
             return states, modes
         t = solved.t[-1]
         x, mode = after(t, solved.y[:, -1], mode)
-
-
-def solved(rates: Any, start: Any, times: Any) -> Any:
-    """Return a smooth solution at times, with relative errors of 1e-12 in a step."""
-    return solve_ivp(rates, (0.0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-13).y.T
 
 
 def bounce(rng: Any, folder: Path) -> Case:
@@ -158,8 +153,7 @@ def sampled_thermostat(rng: Any, folder: Path) -> Case:
     )  # fmt: skip
 
     def exact(times: Any, results: Any) -> Any:
-        rows = room.held(lambda x, on: 1.0 if x[1] < low else 0.0 if x[1] > high else on, times, period)
-        return np.column_stack([rows[:, :2], rows[:, 2]])
+        return room.held(lambda x, on: 1.0 if x[1] < low else 0.0 if x[1] > high else on, times, period)
 
     return Case(system, ["room.z", "room.y", "relay.y"], room.stop, exact, (100, 400))
 
@@ -207,7 +201,7 @@ def sampled_noise(rng: Any, folder: Path) -> Case:
         drawn = iter([*results["noise.y"][middle], 0.0])
         rows = room.held(lambda x, u: next(drawn), times, room.stop / PERIODS)
         shown = np.column_stack([results[name] for name in states])[:: (len(results.time) - 1) // (len(times) - 1)]
-        return np.column_stack([rows[:, :2], rows[:, 2], shown])
+        return np.column_stack([rows, shown])
 
     return Case(system, ["room.z", "room.y", "noise.y", *states], room.stop, exact, (100, 400))
 

@@ -26,17 +26,6 @@ class Block(Unit):
         self.x_dot = self.A @ self.x + self.B @ self.u
 
 
-class Lag(Unit):
-    """First-order lag, with its rate as output."""
-
-    u, y = Input("1", text="input"), State("1", text="output")
-    a, y_dot = Parameter("1/s", text="rate", start=1.0), Derivative(y)
-
-    def derivatives(self) -> None:
-        """``y_dot = a (u - y)``."""
-        self.y_dot = self.a * (self.u - self.y)
-
-
 class Lags(Unit):
     """Two lags in a row."""
 

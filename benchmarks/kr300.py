@@ -12,7 +12,6 @@ from scipy.linalg import block_diag
 
 from benchmarks.engines import mujoco_spec
 from benchmarks.report import Report, Table
-from benchmarks.timing import processor_time
 from vdfmu.arm.drive.counterbalance import counterbalance_torque
 from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot, load_robot
@@ -24,17 +23,11 @@ from vdfmu.extras.identify.problem import base_parameters, link_covariance, regr
 from vdfmu.extras.identify.rows import Rows
 
 TITLE = "A measured arm: the KR 300, identified in several ways"
-COUNTERBALANCES = ("no counterbalance", "a spring for it", "its law given")
-"""What MuJoCo has in place of the gas spring: nothing; a linear spring between the two pivots, of which stiffness and
-free length are fitted; or the torque of the robot file's law, applied from outside, of which the size is fitted, except
-in simulations."""
-REGRESSIONS = ("ordinary least squares", "weighted least squares", f"weighted, robot file within {100 * PRIOR:.0f} %")
-"""Of a rigid arm; weighted, each axis is divided by what the first solution leaves of it. In the last, errors of the
-robot file are the unknowns, of the size that vdfmu takes for them."""
+REGRESSIONS = ("ordinary least squares", f"weighted, robot file within {100 * PRIOR:.0f} %")
+"""Of a rigid arm; weighted, each axis is divided by what the first solution leaves of it, and errors of the robot file
+are the unknowns, of the size that vdfmu takes for them."""
 ITERATIONS = 20
 """Of the toolbox, at most; the sum of squares falls by less than 3e-3 of itself in twenty more."""
-PIECE = 0.5
-"""Length of the pieces of the log that MuJoCo simulates from their measured start on [s]."""
 _DEPENDENT = 1e-8
 """Singular value, over the largest, of combinations of parameters that move no torque."""
 _WIDE = 10.0
@@ -47,12 +40,8 @@ class Fit(NamedTuple):
     """One way to identify, and what it leaves."""
 
     method: str
-    parameters: int
-    """Numbers that were fitted; of a regression the rank of its matrix."""
-    seconds: float | None
-    """Processor time [s]."""
-    residuals: list[Floats]
-    """Residual torques on the fitted log and on the other, root mean squares (n,) over those of the torques."""
+    residual: Floats
+    """Residual torques on a log that was not fitted, root mean squares (n,) over those of the torques."""
 
 
 class Motion(NamedTuple):
@@ -68,20 +57,16 @@ class Motion(NamedTuple):
 
 
 def run(report: Report, quick: bool = False) -> None:
-    """Identify from one log in all ways, and show the residuals of both."""
+    """Identify from one log in all ways, and show the residuals of the other."""
     folder = data_path("examples") / "kr300"
     robot = load_robot(folder / "nominal.toml")
     logs = [read_log(folder / f"{name}.parquet", robot) for name in "ab"]
-    fits = study(robot, logs[0], logs[1], report.say, 2 if quick else ITERATIONS)
     axes = [(f"{i + 1}", ".1f") for i in range(robot.n)]
-    for k, text in enumerate(("on A, to which they were fitted", "on B, to which they were not")):
-        table = Table(
-            f"kr300_{'ab'[k]}", f"Residual torque {text}, % of each axis's",
-            [("method", ""), *axes, ("parameters", "d"), ("processor time [s]", ".2f")],
-        )  # fmt: skip
-        for fit in fits:
-            table.add(fit.method, *100.0 * fit.residuals[k], fit.parameters, fit.seconds)
-        report.show(table)
+    table = Table("kr300", "Residual torque on B, to which they were not fitted, % of each axis's",
+                  [("method", ""), *axes])  # fmt: skip
+    for fit in study(robot, logs[0], logs[1], report.say, 2 if quick else ITERATIONS):
+        table.add(fit.method, *100.0 * fit.residual)
+    report.show(table)
 
 
 def study(robot: Robot, fitted: Log, other: Log, say: Callable[[str], None], iterations: int) -> list[Fit]:
@@ -89,28 +74,22 @@ def study(robot: Robot, fitted: Log, other: Log, say: Callable[[str], None], ite
     fits: list[Fit] = []
     scores: list[LogScore] = []
     for text, prior in ((f"robot file within {100 * PRIOR:.0f} %", PRIOR), ("links unknown", np.inf)):
-        began = processor_time()
         model = identify(fitted, robot, prior=prior)
-        spent = processor_time() - began
         scores = [score(model, robot, fitted, log) for log in (fitted, other)]
-        count = sum(name not in model.held for name in model.names)
-        fits.append(Fit(f"vdfmu, elastic, {text}", count, spent, [each.torque_left / each.torque for each in scores]))
+        fits.append(Fit(f"vdfmu, elastic, {text}", scores[1].torque_left / scores[1].torque))
     motions = [motion(robot, log, each.rows) for log, each in zip((fitted, other), scores, strict=True)]
     fits += [_regression(robot, motions, each) for each in REGRESSIONS]
-    fits.append(Fit("five terms an axis", 5 * robot.n, None, [each.rigid_left / each.torque for each in scores]))
     if (sysid := toolbox()) is None:
         say("without MuJoCo's toolbox, which is not installed (pip install 'mujoco[sysid]>=4')")
         return fits
-    ways = [(balance, False, False) for balance in (COUNTERBALANCES if robot.counterbalance else COUNTERBALANCES[:1])]
-    for balance, near, simulated in [*ways, (ways[-1][0], True, False), (ways[-1][0], False, True)]:
-        fits.append(_Arm(sysid, robot, balance, near, simulated).fit(motions, iterations))
-        say(f"{fits[-1].method}: {fits[-1].seconds:.0f} s of processor time")
+    for near in (False, True):
+        fits.append(_Arm(sysid, robot, near).fit(motions, iterations))
+        say(fits[-1].method)
     return fits
 
 
 def _regression(robot: Robot, motions: Sequence[Motion], method: str) -> Fit:
     """Least squares of a rigid arm, in whose parameters torques are linear (Gautier and Khalil 1990; Gautier 1997)."""
-    began = processor_time()
     base = base_parameters(robot)
     tables = [_columns(robot, base.columns, moved) for moved in motions]
     torques = [moved.rows.problem.tau for moved in motions]
@@ -120,18 +99,18 @@ def _regression(robot: Robot, motions: Sequence[Motion], method: str) -> Fit:
     drive_errors = np.diag(np.concatenate([share * each for share, each in zip(shares, drives, strict=True)]))
     link_errors: Any = link_covariance(robot, base, PRIOR)
     errors: Any = block_diag(np.linalg.cholesky(link_errors), drive_errors)
-    x, rank, weights = file, 0, np.ones(robot.n)
-    for _ in range(1 if method == REGRESSIONS[0] else 2):
-        A = (tables[0] * weights[:, None]).reshape(-1, len(x)) @ errors
+
+    def solved(weights: Floats, *near: Floats) -> Floats:
+        A = (tables[0] * weights[:, None]).reshape(-1, len(file)) @ errors
         b = ((torques[0] - tables[0] @ file) * weights).ravel()
-        rank = np.linalg.matrix_rank(A, rtol=_DEPENDENT)
-        if method == REGRESSIONS[2] and weights[0] != 1.0:
-            A, b = np.vstack([A, np.eye(len(x))]), np.append(b, 0.0 * x)
-        x = file + errors @ np.linalg.lstsq(A, b, rcond=_DEPENDENT)[0]
-        weights = 1.0 / rms(torques[0] - tables[0] @ x)
-    spent = processor_time() - began
-    residuals = [rms(tau - table @ x) / rms(tau) for tau, table in zip(torques, tables, strict=True)]
-    return Fit(f"rigid, {method}", int(rank), spent, residuals)
+        for identity in near:
+            A, b = np.vstack([A, identity]), np.append(b, 0.0 * file)
+        return file + errors @ np.linalg.lstsq(A, b, rcond=_DEPENDENT)[0]
+
+    x = solved(np.ones(robot.n))
+    if method == REGRESSIONS[1]:
+        x = solved(1.0 / rms(torques[0] - tables[0] @ x), np.eye(len(file)))
+    return Fit(f"rigid, {method}", rms(torques[1] - tables[1] @ x) / rms(torques[1]))
 
 
 def _columns(robot: Robot, base: list[int], moved: Motion) -> Floats:
@@ -165,30 +144,6 @@ def motion(robot: Robot, log: Log, rows: Rows) -> Motion:
     return Motion(log, rows, log.kappa, speed, np.gradient(speed, log.step, axis=0), balance)
 
 
-def rigid_spec(robot: Robot, balance: str = COUNTERBALANCES[0]) -> Any:
-    """Return the rigid arm for MuJoCo, with rotors as armature, Coulomb and viscous friction of the robot file."""
-    mujoco: Any = import_module("mujoco")
-    spec = mujoco_spec(robot)
-    spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    for i in range(robot.n):
-        joint = spec.joint(f"link{i}")
-        joint.armature = float(robot.I_m[i] * robot.ell[i])
-        joint.damping, joint.frictionloss = [float(robot.f_v[i]), 0.0, 0.0], float(robot.f_c[i])
-        spec.add_actuator(name=f"motor{i}", target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        if balance == COUNTERBALANCES[1] and robot.F_cb[i] > 0.0:
-            D, r, angle = robot.D_cb[i], robot.r_cb[i], robot.delta_cb[i]
-            before = spec.body(f"body{i - 1}") if i else spec.worldbody
-            before.add_site(name=f"pivot{i}", pos=robot.offset[i] + robot.rotation[i] @ [D, 0.0, 0.0])
-            spec.body(f"body{i}").add_site(name=f"crank{i}", pos=[r * np.cos(angle), r * np.sin(angle), 0.0])
-            stiffness = robot.F_cb[i] / robot.L_cb[i]  # of the gas at dead centre
-            short = D - r - robot.L_cb[i]
-            tendon = spec.add_tendon(name=f"gas{i}", stiffness=[stiffness, 0.0, 0.0], springlength=[short, short])
-            tendon.wrap_site(f"pivot{i}")
-            tendon.wrap_site(f"crank{i}")
-    return spec
-
-
 def inverse_dynamics(model: Any, moved: Motion) -> Floats:
     """Torques of a motion (m, n) [N.m], as MuJoCo has them."""
     mujoco: Any = import_module("mujoco")
@@ -204,57 +159,47 @@ def inverse_dynamics(model: Any, moved: Motion) -> Floats:
 class _Arm:
     """The arm with what the toolbox may change, and the log as the toolbox takes it."""
 
-    def __init__(self, sysid: Any, robot: Robot, balance: str, near: bool, simulated: bool) -> None:
+    def __init__(self, sysid: Any, robot: Robot, near: bool) -> None:
         mujoco: Any = import_module("mujoco")
-        self.sysid, self.robot, self.near, self.simulated = sysid, robot, near, simulated
-        self.method = f"MuJoCo, {'positions' if simulated else 'torques'}, {balance}" + near * ", robot file near"
-        self.spec = rigid_spec(robot, balance)
-        self.models: dict[bytes, Any] = {}
+        self.sysid, self.robot, self.near = sysid, robot, near
+        self.method = "MuJoCo, its law given" + near * ", robot file near"
+        self.spec = mujoco_spec(robot)
         self.parameters = sysid.ParameterDict()
-        # its division by the size of what was measured gives all weight to an axis whose position is near 0
-        self.transform = sysid.SignalTransform(normalize=not simulated)
-        model = self.spec.compile()
-        for i in range(robot.n):
+        self.transform = sysid.SignalTransform(normalize=True)
+        model, joints = self.spec.compile(), [joint.name for joint in self.spec.joints]
+        for i, joint in enumerate(joints):
             kind, limits = sysid.InertiaType.Pseudo, self._limits(i) if near else {}
-            name, modifier = f"body{i}", self._link(f"body{i}")
-            body = sysid.body_inertia_param(self.spec, model, name, inertia_type=kind, modifier=modifier, **limits)
+            name = f"link_{i + 1}"
+            body = sysid.body_inertia_param(
+                self.spec, model, name, inertia_type=kind, modifier=self._link(name), **limits
+            )
             self.parameters.add(body)
-            for attribute in ("armature", "damping", "frictionloss"):
-                self._add("joint", f"link{i}", attribute)
-            kind = mujoco.mjtSensor.mjSENS_JOINTPOS if simulated else mujoco.mjtSensor.mjSENS_JOINTACTFRC
-            self.spec.add_sensor(name=f"link{i}", type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=f"link{i}")
-            if not simulated:
-                bound = float(robot.ell[i])  # 1 N.m of the motor
-                self.parameters.add(sysid.Parameter(f"bias{i}", 0.0, -bound, bound))
-                self.transform.bias(f"link{i}", self.parameters[f"bias{i}"], target="predicted")
-        for tendon in self.spec.tendons:
-            self._add("tendon", tendon.name, "stiffness")
-            self._add("tendon", tendon.name, "springlength")
-        if balance == COUNTERBALANCES[2]:  # a simulation takes the torque from outside as it is
-            self.parameters.add(sysid.Parameter("balance", 1.0, *self._bounds("balance"), frozen=simulated))
-        self.names = [sensor.name for sensor in self.spec.sensors]
+            values = {"armature": robot.I_m[i] * robot.ell[i], "damping": robot.f_v[i], "frictionloss": robot.f_c[i]}
+            for attribute, value in values.items():
+                self._add(joint, attribute, float(value))
+            kind = mujoco.mjtSensor.mjSENS_JOINTACTFRC
+            self.spec.add_sensor(name=joint, type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=joint)
+            bound = float(robot.ell[i])  # 1 N.m of the motor
+            self.parameters.add(sysid.Parameter(f"bias{i}", 0.0, -bound, bound))
+            self.transform.bias(joint, self.parameters[f"bias{i}"], target="predicted")
+        if robot.counterbalance:
+            self.parameters.add(sysid.Parameter("balance", 1.0, *self._bounds("balance")))
+        self.names = joints
 
     def fit(self, motions: Sequence[Motion], iterations: int) -> Fit:
-        """Fit to the first motion, and return the residuals of all."""
-        began = processor_time()
-        fitted = motions[0]
+        """Fit to the first motion, and return the residual of the second."""
         residual = self.sysid.build_residual_fn(
-            models_sequences=[self._pieces(fitted) if self.simulated else self._whole(fitted)],
-            build_model=self._model, modify_residual=self.transform.apply, resample_true=False,
-            custom_rollout=None if self.simulated else self._rollout(fitted),
+            models_sequences=[self._whole(motions[0])], build_model=self.sysid.apply_param_modifiers,
+            modify_residual=self.transform.apply, resample_true=False, custom_rollout=self._rollout(motions[0]),
         )  # fmt: skip
         lower, upper = self.parameters.get_bounds()
-        fitted_values, _ = self.sysid.optimize(
+        values, _ = self.sysid.optimize(
             self.parameters, residual, verbose=False, max_iters=iterations, x_scale=upper - lower, output=io.StringIO()
         )
-        spent = processor_time() - began
-        bias = np.array([0.0 if self.simulated else fitted_values[f"bias{i}"].value[0] for i in range(self.robot.n)])
-        model = self._model(fitted_values, self.spec)
-        residuals: list[Floats] = []
-        for moved in motions:
-            tau = moved.rows.problem.tau
-            residuals.append(rms(tau - bias - self._torques(model, fitted_values, moved)) / rms(tau))
-        return Fit(self.method, fitted_values.size, spent, residuals)
+        bias = np.array([values[f"bias{i}"].value[0] for i in range(self.robot.n)])
+        tau = motions[1].rows.problem.tau
+        left = tau - bias - self._torques(self.sysid.apply_param_modifiers(values, self.spec), values, motions[1])
+        return Fit(self.method, rms(left) / rms(tau))
 
     def _link(self, name: str) -> Callable[[Any, Any], None]:
         """Write the ten parameters of a body, in a form in which all values are physical."""
@@ -265,17 +210,14 @@ class _Arm:
 
         return modify
 
-    def _add(self, kind: str, name: str, attribute: str) -> None:
-        """Fit a number of a joint or tendon."""
+    def _add(self, name: str, attribute: str, value: float) -> None:
+        """Fit a number of a joint."""
 
         def modify(spec: Any, parameter: Any) -> None:
-            part = getattr(spec, kind)(name)
-            value = np.array(getattr(part, attribute), dtype=float)
-            # damping and stiffness are polynomials; a spring has a range of free lengths
-            value.flat[: 2 if attribute == "springlength" else 1] = parameter.value[0]
-            setattr(part, attribute, value if value.ndim else float(value))
+            joint = spec.joint(name)
+            fitted = float(parameter.value[0])
+            setattr(joint, attribute, [fitted, 0.0, 0.0] if attribute == "damping" else fitted)  # a polynomial
 
-        value = float(np.ravel(getattr(getattr(self.spec, kind)(name), attribute))[0])
         bounds = self._bounds(attribute, value)
         self.parameters.add(self.sysid.Parameter(f"{name} {attribute}", value, *bounds, modifier=modify))
 
@@ -289,15 +231,6 @@ class _Arm:
         reach = np.sqrt(np.trace(self.robot.inertia[i]) / (2.0 * self.robot.mass[i]))
         mass = {"mass_bound_mult": factors, "stretch_bound_mult": factors}
         return {**mass, "shear_bound_off": both, "ipos_bound_off": reach * both}
-
-    def _model(self, parameters: Any, spec: Any) -> Any:
-        """Compile the model of some values once, for all pieces of the log."""
-        key = parameters.as_vector().tobytes()
-        if key not in self.models:
-            if len(self.models) > parameters.size:
-                self.models.clear()
-            self.models[key] = self.sysid.apply_param_modifiers(parameters, spec)
-        return self.models[key]
 
     def _torques(self, model: Any, parameters: Any, moved: Motion) -> Floats:
         """Torques of the motors in the rows (k, n) [N.m], link-side."""
@@ -328,20 +261,3 @@ class _Arm:
             return trajectories
 
         return rollout
-
-    def _pieces(self, moved: Motion) -> Any:
-        """Positions in pieces that follow from the measured torques and from the measured start of each."""
-        sysid, h = self.sysid, moved.log.step
-        self.spec.option.timestep = h
-        model, count = self.spec.compile(), round(PIECE / h)
-        t = h * np.arange(count + 1)
-        tau = moved.log.tau * self.robot.ell + ("balance" in self.parameters) * moved.balance
-        weights = 1.0 / np.std(moved.q, axis=0)
-        self.transform.set_sensor_weights(dict(zip(self.names, weights, strict=True)))
-        pieces = [slice(k, k + count + 1) for k in range(0, len(tau) - count, count)]
-        return sysid.ModelSequences(
-            "arm", self.spec, [f"{k.start}" for k in pieces],
-            [sysid.create_initial_state(model, moved.q[k.start], moved.q_dot[k.start]) for k in pieces],
-            [sysid.TimeSeries.from_control_names(t, tau[k], model) for k in pieces],
-            [sysid.TimeSeries.from_names(t, moved.q[k], model, self.names) for k in pieces],
-        )  # fmt: skip

@@ -16,12 +16,10 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.fmi2 import FMU2Slave
 from numpy.typing import NDArray
 
 from benchmarks import masters_worker
 from benchmarks.interop import Tracking
-from vdfmu.arm.units import shipped_units
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run.once import simulate
 
@@ -40,33 +38,34 @@ ALIKE = {"pathsim": "gauss-seidel"}
 def specification(tracking: Tracking, fmi: str) -> dict[str, Any]:
     """Return what a tool is told; inputs start with the values of our own run."""
     connections = [(c.start, c.end) for c in load_ssp(tracking.package("native")).connections]
-    with np.load(tracking.recorded("native", tracking.step)) as file:
-        start = {u: {q: float(file[f"{u}.{q}"][0]) for _, (b, q) in connections if b == u} for u in ORDER}
-    fmus = {unit: str(tracking.fmus("native", fmi) / f"{shipped_units()[unit].__name__}.fmu") for unit in ORDER}
-    return tracking.request(connections=connections, fmus=fmus, start=start)
+    recorded = tracking.recorded("native")
+    start = {u: {q: float(recorded[f"{u}.{q}"][0]) for _, (b, q) in connections if b == u} for u in ORDER}
+    fmus = {unit: tracking.fmu(unit, "native", fmi) for unit in ORDER}
+    whole = {"step": tracking.step, "steps": tracking.steps, "signals": tracking.signals}
+    return whole | {"connections": connections, "fmus": fmus, "start": start}
 
 
 def plain_loop(spec: Mapping[str, Any], groups: Sequence[Sequence[str]]) -> NDArray[np.float64]:
     """Return the rows of a loop of FMPy's calls, group after group."""
     sources = {tuple(end): tuple(start) for start, end in spec["connections"]}
     values: dict[tuple[str, str], float] = {}
-    units: dict[str, tuple[FMU2Slave, dict[str, int], list[str], list[str]]] = {}
+    fmus: dict[str, Any] = {}
+    references: dict[tuple[str, str], int] = {}
+    outputs: dict[str, list[tuple[str, str]]] = {}
+
+    def read(unit: str) -> dict[tuple[str, str], float]:
+        read = fmus[unit].getReal([references[signal] for signal in outputs[unit]])
+        return dict(zip(outputs[unit], read, strict=True))
+
     for unit, path in spec["fmus"].items():
         model = fmpy.read_model_description(path)
-        assert model.coSimulation
-        fmu = FMU2Slave(
-            guid=model.guid, unzipDirectory=fmpy.extract(path), instanceName=unit,
-            modelIdentifier=model.coSimulation.modelIdentifier,
-        )  # fmt: skip
-        fmu.instantiate()
-        fmu.setupExperiment(startTime=0.0)
-        fmu.enterInitializationMode()
-        fmu.exitInitializationMode()
-        references = {v.name: v.valueReference for v in model.modelVariables}
-        outputs = [v.name for v in model.modelVariables if v.causality == "output"]
-        units[unit] = fmu, references, outputs, [q for b, q in sources if b == unit]
-        read = fmu.getReal([references[name] for name in outputs])
-        values |= {(unit, name): value for name, value in zip(outputs, read, strict=True)}
+        fmus[unit] = fmpy.instantiate_fmu(fmpy.extract(path), model, "CoSimulation")
+        fmus[unit].setupExperiment(startTime=0.0)
+        fmus[unit].enterInitializationMode()
+        fmus[unit].exitInitializationMode()
+        references |= {(unit, v.name): v.valueReference for v in model.modelVariables}
+        outputs[unit] = [(unit, v.name) for v in model.modelVariables if v.causality == "output"]
+        values |= read(unit)
     signals = [tuple(name.split(".", 1)) for name in spec["signals"]]
     rows = [[values[signal] for signal in signals]]
     values |= {sources[unit, q]: value for unit, starts in spec["start"].items() for q, value in starts.items()}
@@ -74,12 +73,10 @@ def plain_loop(spec: Mapping[str, Any], groups: Sequence[Sequence[str]]) -> NDAr
         for group in groups:
             new: dict[tuple[str, str], float] = {}
             for unit in group:
-                fmu, references, outputs, inputs = units[unit]
-                if inputs:
-                    fmu.setReal([references[q] for q in inputs], [values[sources[unit, q]] for q in inputs])
-                fmu.doStep(k * spec["step"], spec["step"])
-                read = fmu.getReal([references[name] for name in outputs])
-                new |= {(unit, name): value for name, value in zip(outputs, read, strict=True)}
+                fed = [end for end in sources if end[0] == unit]
+                fmus[unit].setReal([references[end] for end in fed], [values[sources[end]] for end in fed])
+                fmus[unit].doStep(k * spec["step"], spec["step"])
+                new |= read(unit)
             values |= new
         rows.append([values[signal] for signal in signals])
     return np.array(rows)
@@ -90,7 +87,7 @@ def main(tool: str, python: str) -> None:
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         tracking = Tracking(Path(folder)).prepare()
         expected = {"a plain loop of the same order": plain_loop(specification(tracking, "2.0"), GROUPS[tool])}
-        expected["our jacobi"] = tracking.jacobi("native")
+        expected["our jacobi"] = tracking.positions("native")
         if algorithm := ALIKE.get(tool):
             package = tracking.package("native")
             run = simulate(package, step=tracking.step, stop=tracking.stop, algorithm=algorithm)

@@ -96,11 +96,6 @@ def as_log(robot: Robot, t: Floats, q: Floats, tau: Floats, factors: Floats) -> 
         return read_log(path, robot, columns)
 
 
-def _table(name: str, title: str, n: int, *more: tuple[str, str]) -> Table:
-    joints = [(f"joint {i + 1}", ".1f") for i in range(n)]
-    return Table(name, f"{title}: residual torque [%]", [("model", "s"), ("motion", "s"), *joints, *more])
-
-
 def panda(report: Report, folder: Path) -> None:
     """Panda of Gaz and others 2019, 21 s at nearly 1 kHz: fitted on a part of the period, scored on another."""
     robot = vdfmu.load_robot("panda_7dof")
@@ -118,26 +113,24 @@ def panda(report: Report, folder: Path) -> None:
         inside = (t[:, 0] >= begin) & (t[:, 0] <= end)
         return as_log(robot, t[inside, 0], q[inside], tau[inside], np.ones(robot.n))
 
-    table = _table("panda", "Panda", robot.n, ("all", ".2f"))
-    whole, begun, rest = part(0.0, 21.0), part(0.0, 9.0), part(9.0, 13.4)
+    table = Table(
+        "panda",
+        "Panda: residual torque of all joints [%]",
+        [("fitted", ""), ("model", ""), ("motion", ""), ("", ".2f")],
+    )
     theirs = rigid(robot.with_parameters(I_m=np.full(robot.n, 1e-9)), friction=sigmoid)
-    for model, name, log, motion in (
-        (fitted(whole, robot), "fitted to 0 to 21 s", whole, "0 to 21 s"),
-        (theirs, "the authors' links and friction", whole, "0 to 21 s"),
-        (early := fitted(begun, robot), "fitted to 0 to 9 s", begun, "0 to 9 s"),
-        (early, "fitted to 0 to 9 s", rest, "9 to 13.4 s, not fitted"),
-        (theirs, "the authors' links and friction", rest, "9 to 13.4 s"),
-    ):
-        measured, residual, _ = torques(model, log)
-        all_joints = 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
-        table.add(name, motion, *percent(residual, measured), all_joints)
+    for begin, end in ((9.0, 13.4), (0.0, 21.0)):
+        fit, motion = part(0.0, 9.0 if begin else end), part(begin, end)
+        for name, model in (("fitted", fitted(fit, robot)), ("the authors' links and friction", theirs)):
+            measured, residual, _ = torques(model, motion)
+            all_joints = 100.0 * float(np.linalg.norm(residual) / np.linalg.norm(measured))
+            table.add(f"to {fit.t[-1]:.0f} s", name, f"{begin:g} to {end:g} s", all_joints)
     report.show(table)
 
 
 UR10E = {
     "12 harmonics, 30 s": ("identification_data/ur-20_02_10-30sec_12harm.csv", 635, 3510),
     "10 points": ("validation_data/ur-20_01_17-ptp_10_points.csv", 700, 4200),
-    "8 harmonics, 20 s": ("identification_data/ur-20_02_05-20sec_8harm.csv", 320, 2310),
     "14 harmonics": ("identification_data/ur-20_02_19_14harm50sec.csv", 195, 4966),
     "14 harmonics, load": ("identification_data/ur-20_02_19_14harm50secLoad.csv", 308, 5071),
     "31 January, load": ("identification_data/ur-20_01_31-load.csv", 346, 2618),
@@ -165,24 +158,20 @@ def ur10e(report: Report, folder: Path) -> None:
 
     logs = {name: motion(name) for name in UR10E}
     model, theirs = fitted(logs["12 harmonics, 30 s"], robot), _authors(robot, read)
-    table = _table("ur10e", "UR10e", 6)
-    for name in list(UR10E)[:4]:
+    joints = [(f"joint {i + 1}", ".1f") for i in range(6)]
+    table = Table("ur10e", "UR10e: residual torque [%]", [("model", "s"), ("motion", "s"), *joints])
+    for name in ("10 points", "14 harmonics"):
         for who, candidate in (("fitted to 12 harmonics", model), ("the authors' parameters", theirs)):
             measured, residual, _ = torques(candidate, logs[name])
             table.add(who, name, *percent(residual, measured))
-    report.show(table)
-
-    table = _table("ur10e_load", "UR10e with a load of 2.805 kg", 6)
     bare = fitted(logs["14 harmonics"], robot)
     noise = np.sqrt((torques(bare, logs["14 harmonics"])[1] ** 2).mean(axis=0))[:, None]
     _, residual, columns = torques(bare, logs["14 harmonics, load"])
     load: Any = np.linalg.lstsq((columns / noise).reshape(-1, 10), (residual / noise[:, 0]).ravel(), rcond=None)[0]
-    for name in ("14 harmonics, load", "31 January, load"):
-        measured, residual, columns = torques(bare, logs[name])
-        table.add("arm fitted to 14 harmonics", name, *percent(residual, measured))
-        table.add("and a load fitted to 14 harmonics, load", name, *percent(residual - columns @ load, measured))
-    place = ", ".join(f"{x:.3f}" for x in load[1:4] / load[0])
-    table.notes.append(f"The load: {load[0]:.2f} kg, centre of mass {place} m in the frame of the last link.")
+    measured, residual, columns = torques(bare, logs["31 January, load"])
+    table.add("arm fitted to 14 harmonics", "31 January, load", *percent(residual, measured))
+    table.add("and a load fitted with them", "31 January, load", *percent(residual - columns @ load, measured))
+    table.notes.append(f"The load of 2.805 kg as fitted: {load[0]:.2f} kg.")
     report.show(table)
 
 

@@ -1,9 +1,7 @@
-"""Tables for terminal and Markdown."""
+"""Tables in Markdown, for the terminal and for files."""
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,15 +10,14 @@ from typing import Any
 import rich.box
 import rich.table
 from rich.console import Console
-
-from vdfmu.engine.masters.observer import processor_name
+from rich.text import Text
 
 
 @dataclass
 class Table:
     """Rows of values; `columns` are pairs of heading and format, such as ``("time [us]", ".2f")``.
 
-    A value of None is shown as a dash.
+    A value of None is shown as a dash. A column of numbers is aligned to the right.
     """
 
     name: str
@@ -35,34 +32,18 @@ class Table:
             raise ValueError(f"{self.name}: expected {len(self.columns)} values, got {len(values)}")
         self.rows.append(list(values))
 
-    def texts(self) -> list[list[str]]:
-        """Rows as shown."""
-        formats = [spec for _, spec in self.columns]
-        return [[_show(v, spec) for v, spec in zip(row, formats, strict=True)] for row in self.rows]
-
-    def numeric(self, column: int) -> bool:
-        """Whether a column holds numbers and is aligned to the right."""
-        return all(not isinstance(row[column], str) for row in self.rows)
-
-    def to_rich(self) -> rich.table.Table:
-        """Table for the terminal."""
-        table = rich.table.Table(title=self.title.replace("[", r"\["), title_justify="left", box=rich.box.SIMPLE_HEAD)
+    def show(self, console: Console) -> None:
+        """Print title, rows and notes."""
+        table = rich.table.Table(box=rich.box.MARKDOWN)
         for i, (heading, _) in enumerate(self.columns):
-            number = self.numeric(i)
-            table.add_column(heading.replace("[", r"\["), justify="right" if number else "left", no_wrap=not number)
-        for row in self.texts():
-            table.add_row(*[text.replace("[", r"\[") for text in row])
-        return table
-
-    def to_markdown(self) -> str:
-        """Table and notes in Markdown."""
-        head = "| " + " | ".join(heading for heading, _ in self.columns) + " |"
-        rule = "|" + "|".join(" ---: " if self.numeric(i) else " --- " for i in range(len(self.columns))) + "|"
-        body = ["| " + " | ".join(row) + " |" for row in self.texts()]
-        return "\n".join([f"### {self.title}", "", head, rule, *body, "", *[f"- {n}" for n in self.notes], ""])
+            number = all(not isinstance(row[i], str) for row in self.rows)
+            table.add_column(Text(heading), justify="right" if number else "left", no_wrap=not number)
+        for row in self.rows:
+            table.add_row(*(Text(_text(value, spec)) for value, (_, spec) in zip(row, self.columns, strict=True)))
+        console.print(Text(f"### {self.title}\n"), table, *(Text(f"- {note}") for note in self.notes), sep="\n")
 
 
-def _show(value: Any, spec: str) -> str:
+def _text(value: Any, spec: str) -> str:
     return "-" if value is None else value if isinstance(value, str) else format(value, spec)
 
 
@@ -83,29 +64,11 @@ class Report:
     def show(self, table: Table) -> None:
         """Print a table with its notes and keep it."""
         self.tables.append(table)
-        self._console.print(table.to_rich())
-        for note in table.notes:
-            self._console.print(f"  {note}", highlight=False, markup=False)
-        self._console.print()
+        table.show(self._console)
 
     def write(self) -> None:
         """Write ``<name>.md``."""
-        text = [f"## {self.title}", ""]
-        text += [table.to_markdown() for table in self.tables]
-        (self.out / f"{self.name}.md").write_text("\n".join(text), encoding="utf-8")
-
-
-def machine() -> dict[str, Any]:
-    """Where and with what the numbers were measured."""
-    import casadi
-    import numpy
-
-    return {
-        "processor": processor_name(),
-        "cores": os.cpu_count(),
-        "load_average": [round(v, 2) for v in os.getloadavg()] if hasattr(os, "getloadavg") else None,
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "numpy": numpy.__version__,
-        "casadi": casadi.CasadiMeta.version(),
-    }
+        with (self.out / f"{self.name}.md").open("w", encoding="utf-8") as file:
+            print(f"## {self.title}\n", file=file)
+            for table in self.tables:
+                table.show(Console(file=file, width=1000))

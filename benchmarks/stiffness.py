@@ -1,28 +1,29 @@
 """How often the intervals of `identify --for stiffness` hold the truth: simulated logs of arms with bristle friction.
 
-    python benchmarks/stiffness.py [LOGS] [FILE]
+    python -m benchmarks.stiffness [LOGS]
 
 LOGS simulated logs (default 60) of the excitation of `identify --design`, of four arms in turn, three of them with
 rotor coupling. Plants have bristles, dampers beside the springs, stiffnesses of 0.7 to 1.4, friction of 0.5 to 2 and
 rotors of 0.95 to 1.05 times those of the robot file, and a payload that is unknown. Encoders have 12 to 17 bits,
-torques 0.5 % of noise. The truth is the regression of the spring's torque on its deformation in the simulation. FILE
-keeps each log's numbers as a line of JSON, so that a later run goes on. The exit code is 1 for a false call, an
-identifiable stiffness that is off by more than 10 %, if less than 85 % of the intervals hold the truth, or if 95 % is
-not within the interval of this share.
+torques 0.5 % of noise. The truth is the regression of the spring's torque on its deformation in the simulation. The
+exit code is 1 for a false call, an identifiable stiffness that is off by more than 10 %, if less than 85 % of the
+intervals hold the truth, or if 95 % is not within the interval of this share.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
+from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
 
 import vdfmu
+from benchmarks.report import Table
 from benchmarks.stiffness_plant import DampedPlant
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.units.controller import PDController
@@ -40,6 +41,7 @@ RATES, BITS = (1000, 2000), (12, 13, 15, 17)
 PLAYED = 2.5e-4
 """Step of the simulation [s], over which torques are held."""
 FALSE = 0.1
+"""Relative error of an identifiable stiffness that makes it a false call."""
 FIRST = 100
 """First seed: the constants of the method were chosen with smaller ones."""
 
@@ -133,81 +135,71 @@ def truth_of(results: Any, plan: PeriodicTorques) -> Floats:
     return np.array(rows)
 
 
-def logged(seed: int) -> tuple[str, int, Log, PeriodicTorques, Floats, Floats]:
-    """Return the arm, bits, log, excitation, true stiffness (levels, n) and damping (n,) of a simulation."""
+class Identified(NamedTuple):
+    """A simulated log and what was identified from it, (levels, n): relative errors and the deviation of stiffness."""
+
+    arm: str
+    called: NDArray[np.bool_]
+    """Whether a stiffness is identifiable."""
+    error: Floats
+    deviation: Floats
+    damping: Floats
+    """Relative error of the damping."""
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether an interval holds the truth."""
+        return np.abs(self.error) < 1.96 * self.deviation
+
+
+def identified(seed: int) -> Identified:
+    """Simulate and identify a log."""
     name = [*ARMS][seed % len(ARMS)]
     dice = np.random.default_rng(seed)
     rate, bits = int(dice.choice(RATES)), int(dice.choice(BITS))
     true = true_robot(name, dice)
     experiment = stiffness_experiment(robot_of(name), step=1.0 / rate, seed=seed)
-    side = MotorSide(true, experiment.pose)
-    damping = side.start().damping * dice.uniform(0.5, 2.0, true.n)
-    results = played(name, true, experiment.excitation, experiment.pose, damping)
-    truth = truth_of(results, experiment.excitation)
-    return name, bits, measured(results, true, rate, bits, dice), experiment.excitation, truth, damping
+    plan = experiment.excitation
+    damping = MotorSide(true, experiment.pose).start().damping * dice.uniform(0.5, 2.0, true.n)
+    results = played(name, true, plan, experiment.pose, damping)
+    levels = identify_stiffness(measured(results, true, rate, bits, dice), robot_of(name), plan).levels
+    return Identified(
+        name,
+        called=np.array([each.identifiable for each in levels]),
+        error=np.array([each.stiffness for each in levels]) / truth_of(results, plan) - 1.0,
+        deviation=np.array([each.deviation for each in levels]),
+        damping=np.array([each.drives.damping for each in levels]) / damping - 1.0,
+    )
 
 
-def identified(seed: int) -> dict[str, Any]:
-    """Simulate and identify a log."""
-    name, bits, log, plan, truth, damping = logged(seed)
-    fit = identify_stiffness(log, robot_of(name), plan)
-    return {
-        "seed": seed, "arm": name, "rate": round(1.0 / log.step), "bits": bits, "truth": truth.tolist(),
-        "stiffness": [each.stiffness.tolist() for each in fit.levels],
-        "deviation": [each.deviation.tolist() for each in fit.levels],
-        "absolute": [each.absolute.tolist() for each in fit.levels],
-        "called": [each.identifiable.tolist() for each in fit.levels],
-        "share": [each.share.tolist() for each in fit.levels],
-        "delay": [each.delay for each in fit.levels], "damping": [each.drives.damping.tolist() for each in fit.levels],
-        "true_damping": damping.tolist(),
-    }  # fmt: skip
+def of_called(logs: Sequence[Identified], quantity: str) -> Floats:
+    """Return a quantity of all identifiable stiffnesses."""
+    return np.concatenate([getattr(log, quantity)[log.called] for log in logs])
 
 
-def summary(rows: list[dict[str, Any]]) -> bool:
+def summary(logs: Sequence[Identified]) -> bool:
     """Print the figures of the logs; return whether they are as wanted."""
-    called = [np.array(row["called"], bool) for row in rows]
-    errors = [np.array(row["stiffness"]) / np.array(row["truth"]) - 1.0 for row in rows]
-    normal = [np.abs(e) / np.array(row["deviation"]) for e, row in zip(errors, rows, strict=True)]
-    print("arm          logs  called of    worst %  bias %  spread %  median sd %  coverage")
+    table = Table(
+        "stiffness", "Stiffness of the springs",
+        [("arm", ""), ("logs", "d"), ("identifiable", "d"), ("of", "d"), ("largest error [%]", ".2f"),
+         ("mean [%]", ".2f"), ("spread [%]", ".2f"), ("inside the interval", ".3f")],
+    )  # fmt: skip
     for name in [*ARMS, "all"]:
-        here = [k for k, row in enumerate(rows) if name in (row["arm"], "all")]
-        if not here:
-            continue
-        e, z = (np.concatenate([each[k][called[k]] for k in here]) for each in (errors, normal))
-        sd = np.concatenate([np.array(rows[k]["deviation"])[called[k]] for k in here])
-        print(
-            f"{name:12} {len(here):4} {len(e):7} {sum(called[k].size for k in here):3} {100 * np.abs(e).max():9.2f} "
-            f"{100 * e.mean():7.2f} {100 * e.std():9.2f} {100 * np.median(sd):12.2f} {(z < 1.96).mean():9.3f}"
-        )
-    counts = np.array([[(z < 1.96)[c].sum(), c.sum()] for z, c in zip(normal, called, strict=True)])
-    dice = np.random.default_rng(0).integers(0, len(rows), (9999, len(rows)))
+        if here := [log for log in logs if name in (log.arm, "all")]:
+            error, inside = of_called(here, "error"), of_called(here, "inside")
+            percents = 100.0 * np.array([np.abs(error).max(), error.mean(), error.std()])
+            table.add(name, len(here), len(error), sum(log.called.size for log in here), *percents, inside.mean())
+    table.show(Console())
+    counts = np.array([[log.inside[log.called].sum(), log.called.sum()] for log in logs])
+    dice = np.random.default_rng(0).integers(0, len(logs), (9999, len(logs)))
     shares = counts[dice].sum(axis=1)
     low, high = np.quantile(shares[:, 0] / np.maximum(shares[:, 1], 1), (0.025, 0.975))
-    coverage = counts[:, 0].sum() / counts[:, 1].sum()
-    false = sum(int((np.abs(e) > FALSE)[c].sum()) for e, c in zip(errors, called, strict=True))
-    damping = [
-        np.abs(np.array(row["damping"]) / np.array(row["true_damping"]) - 1.0)[c]
-        for row, c in zip(rows, called, strict=True)
-    ]
+    coverage, false = table.rows[-1][-1], int((np.abs(of_called(logs, "error")) > FALSE).sum())
     print(f"false calls {false}, coverage {coverage:.3f} with 95 % in {low:.3f} to {high:.3f} (logs drawn again)")
-    print(f"median error of the damping {100 * np.median(np.concatenate(damping)):.0f} %")
+    print(f"median error of the damping {100 * np.median(np.abs(of_called(logs, 'damping'))):.0f} %")
     return false == 0 and coverage >= 0.85 and low <= 0.95 <= high
 
 
-def main() -> None:
-    """Simulate and identify the logs that the file lacks."""
-    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 60
-    path = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path and path.is_file() else []
-    there = {row["seed"] for row in rows}
-    for seed in range(FIRST, FIRST + wanted):
-        if seed not in there:
-            rows.append(identified(seed))
-            if path:
-                with path.open("a") as file:
-                    file.write(json.dumps(rows[-1]) + "\n")
-    sys.exit(0 if summary(rows) else 1)
-
-
 if __name__ == "__main__":
-    main()
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 60
+    sys.exit(0 if summary([identified(seed) for seed in range(FIRST, FIRST + count)]) else 1)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from vdfmu.arm.equations.flexible_joint import split_state, spring_rate, state_names
 from vdfmu.arm.equations.plant import plant_derivative
 from vdfmu.arm.units.plant import Plant
 from vdfmu.unit import JOINTS, Parameter, Unit
@@ -15,13 +14,10 @@ class DampedPlant(Plant):
     balance = Unit.balance
 
     def derivatives(self) -> None:
-        """Equations of the plant, with the torque of spring and damper, and the rate of the spring alone."""
+        """Equations of the plant, with the torque of spring and damper for the bodies, and the rate of the spring."""
+        super().derivatives()
         x, n = self._x(), self.n
         damped = x[3 * n : 4 * n] + self.d * (self.kappa_dot - self.q_dot)
         felt = np.concatenate([x[: 3 * n], damped, x[4 * n :]])
         x_dot = plant_derivative(self.robot, felt, self.tau, self.F_e)
-        names = state_names(self.of_robot)
-        rates = dict(zip(names, np.split(x_dot, len(names)), strict=True))
-        rates["tau_s"] = spring_rate(self.robot, split_state(self.robot, x))
-        for name, rate in rates.items():
-            self._write(self.declared[f"der_{name}"], rate)
+        self.der_q_dot, self.der_kappa_dot = x_dot[n : 2 * n], x_dot[2 * n : 3 * n]

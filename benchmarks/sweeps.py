@@ -33,7 +33,7 @@ def _engines(report: Report, folder: Path, stop: float, rounds: int) -> None:
     table = Table(
         "sweep_engines",
         f"Engines on one core, points of {stop:g} s at 1 kHz, tracking",
-        [("engine", ""), ("lanes", "d"), ("a point [ms]", ".1f"), ("points/s", ".1f"), ("of the FMUs", ".1f")],
+        [("engine", ""), ("lanes", "d"), ("a point [ms]", ".1f"), ("of the FMUs", ".1f")],
         notes=[f"Processor time of a point with its measure, best of {rounds} rounds, in which the ways take turns."],
     )
     axis = {AXIS: f"*lin(0.5, 1.5, {LANES})"}
@@ -65,5 +65,5 @@ def _engines(report: Report, folder: Path, stop: float, rounds: int) -> None:
     finally:
         bench.close()
     for (name, lanes), each in spent.items():
-        table.add(name, lanes, 1e3 * each, 1.0 / each, spent["FMUs", 1] / each)
+        table.add(name, lanes, 1e3 * each, spent["FMUs", 1] / each)
     report.show(table)

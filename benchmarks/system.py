@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import logging
 import tempfile
-import time
 import zipfile
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from vdfmu.base.compile import compile_library
 from vdfmu.base.files import pack_zip
 from vdfmu.base.platforms import this_platform
-from vdfmu.engine.options import AUTO
 from vdfmu.engine.package.system import Component, FlatSystem
 from vdfmu.engine.run import LogMessage, Results, simulate
 from vdfmu.system.package.write import build_parts, write_ssp
@@ -61,71 +57,8 @@ def quiet(message: LogMessage) -> None:
         logging.getLogger("benchmarks").error("%s", message)
 
 
-def quiet_run(
-    package: Path,
-    *,
-    step: float,
-    stop: float,
-    algorithm: str = "gauss-seidel",
-    adaptive: float | None = None,
-    tolerance: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    isolate: bool | None = None,
-    stepper: str = AUTO,
-) -> Results:
-    """Run a package; messages of the units other than errors are dropped.
-
-    Parameters
-    ----------
-    tolerance : float, optional
-        Of the plant's solver, instead of the package's.
-    adaptive, progress, isolate, stepper : optional
-        See :func:`vdfmu.engine.run.simulate`.
-    """
-    parameters = None if tolerance is None else {"plant.tolerance": tolerance}
-    return simulate(
-        package, start=0.0, stop=stop, step=step, algorithm=algorithm, adaptive=adaptive,
-        parameters=parameters, progress=progress, log=quiet, isolate=isolate, stepper=stepper,
-    )  # fmt: skip
-
-
-@dataclass
-class Clock:
-    """Takes the time of a run block by block; give its :meth:`progress` to the run.
-
-    A block is a hundredth of the run. Its least time over several runs is the same work without what other programs
-    took meanwhile.
-
-    Attributes
-    ----------
-    marks : list of (steps done, wall time, processor time)
-    """
-
-    marks: list[tuple[int, float, float]] = field(default_factory=list)
-
-    def progress(self, done: int, total: int) -> None:
-        """Note the times of the end of a block."""
-        self.marks.append((done, time.perf_counter(), time.process_time()))
-
-    @property
-    def wall(self) -> np.ndarray:
-        """Wall time of each block over the steps of the run [s]; their sum is the time of a step."""
-        return np.diff([wall for _, wall, _ in self.marks]) / self.marks[-1][0]
-
-    @property
-    def processor(self) -> np.ndarray:
-        """The same of the processor time of all threads [s]."""
-        return np.diff([processor for _, _, processor in self.marks]) / self.marks[-1][0]
-
-
-def least(rounds: Sequence[np.ndarray]) -> float:
-    """Time of a step [s] from the least time of each block over the rounds."""
-    return float(np.sum(np.min(rounds, axis=0)))
-
-
-def median(rounds: Sequence[np.ndarray]) -> float:
-    """Median over the rounds of the time of a step [s]."""
-    return float(np.median(np.sum(rounds, axis=1)))
+quiet_run = partial(simulate, start=0.0, log=quiet)
+"""Run a package, see :func:`vdfmu.engine.run.simulate`; messages of the units other than errors are dropped."""
 
 
 def container_run(
@@ -136,8 +69,8 @@ def container_run(
         package, member = Path(folder) / "container.ssp", f"resources/{container.name}"
         pack_zip(package, {member: container.read_bytes()})
         only = Component("container", member, "CoSimulation", {})
-        results = simulate(
-            FlatSystem(package, "container", (only,), (), {}), start=0.0, stop=stop, step=step, algorithm="jacobi",
-            progress=progress, log=quiet, isolate=False,
+        results = quiet_run(
+            FlatSystem(package, "container", (only,), (), {}), stop=stop, step=step, algorithm="jacobi",
+            progress=progress, isolate=False,
         )  # fmt: skip
     return results.renamed(lambda name: name.removeprefix("container."))

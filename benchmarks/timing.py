@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from itertools import repeat
 from typing import Any
 
+import numpy as np
+
 _clock = time.process_time if time.get_clock_info("process_time").resolution <= 1e-6 else time.perf_counter
 """Processor time, which other programs do not lengthen much; where it is too coarse, wall time."""
 
@@ -30,8 +32,6 @@ class Case:
     ----------
     name : str
     run : callable without arguments
-    owner : object, optional
-        Kept alive with the case: `run` of a KernelFunction works on the memory of its object and does not keep it.
     calls : int
         Calls in one sample.
     best : float [s]
@@ -43,7 +43,6 @@ class Case:
 
     name: str
     run: Callable[[], Any]
-    owner: Any = field(default=None, repr=False)
     calls: int = 1
     best: float = math.inf
     samples: int = 0
@@ -94,3 +93,27 @@ def measure(cases: Sequence[Case], rounds: int, *, batch: float = 2e-3, limit: f
             for case in cases:
                 if case.samples == 0 or case.spent + case.calls * case.best < limit:
                     case.sample()
+
+
+@dataclass
+class Clock:
+    """Takes the processor time of a run block by block; give its :meth:`progress` to the run.
+
+    A block is a hundredth of the run. Its least time over several runs is the same work without what other programs
+    took meanwhile.
+
+    Attributes
+    ----------
+    marks : list of (steps done, processor time)
+    """
+
+    marks: list[tuple[int, float]] = field(default_factory=list)
+
+    def progress(self, done: int, total: int) -> None:
+        """Note the time of the end of a block."""
+        self.marks.append((done, time.process_time()))
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """Time of each block over the steps of the run [s]; their sum is the time of a step."""
+        return np.diff([seconds for _, seconds in self.marks]) / self.marks[-1][0]

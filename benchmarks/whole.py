@@ -7,7 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import fmpy
 
 import vdfmu
 from benchmarks.report import Report, Table
-from benchmarks.timing import Case, measure
+from benchmarks.timing import Case, measure, processor_time
 
 TITLE = "Whole commands and calls"
 
@@ -25,7 +26,7 @@ def run(report: Report, quick: bool = False) -> None:
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         _commands(report, Path(folder), "planar_tracking" if quick else "tracking", 1 if quick else 3)
         if not quick:
-            _first_runs(report, Path(folder), 2)
+            _first_runs(report, Path(folder))
     _short(report, 3 if quick else 30)
 
 
@@ -37,65 +38,65 @@ def command(*arguments: str, cache: str = "") -> float:
     """Run a command and return the processor time [s] of it and of what it starts. `cache` is another cache."""
     environment = {**os.environ, "PYTHONPYCACHEPREFIX": BYTECODE.name}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
-    before = os.times()
+    began = processor_time()
     code = "import vdfmu.cli; vdfmu.cli.main()"
     caches = {"VDFMU_CACHE_DIR": f"{cache}/vdfmu", "ZIG_GLOBAL_CACHE_DIR": f"{cache}/zig"} if cache else {}
     words = [sys.executable, "-c", code, *arguments]
     subprocess.run(words, check=True, capture_output=True, timeout=900, env=environment | caches)
-    after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system
+    return processor_time() - began
 
 
-def _first_runs(report: Report, folder: Path, rounds: int) -> None:
+def _least(report: Report, title: str, jobs: Mapping[str, Callable[[], float]], rounds: int) -> None:
+    """Show the least processor time of each job; the jobs take turns."""
+    best = dict.fromkeys(jobs, float("inf"))
+    for name in [*jobs] * rounds:
+        best[name] = min(best[name], jobs[name]())
+    columns = [("command", ""), ("time [s]", ".2f")]
+    report.show(Table("commands", f"Processor time of {title}", columns, [[*row] for row in best.items()]))
+
+
+def _first_runs(report: Report, folder: Path) -> None:
     """Processor time of first runs: without FMUs, objects, references and margins in the cache."""
     urdf, robot, out = (str(folder / name) for name in ("arm.urdf", "arm.toml", "first"))
     command("robot", "export", "manipulator_6dof", "--to", "urdf", "--out", urdf)
-    jobs = {
-        "vdfmu run tracking": [["run", "tracking", "--out", out]],
-        "vdfmu run reach --robot snake_24dof": [["run", "reach", "--robot", "snake_24dof", "--out", out]],
-        "vdfmu robot import arm.urdf, vdfmu run reach": [
-            ["robot", "import", urdf, "--out", robot], ["run", "reach", "--robot", robot, "--out", out],
-        ],
-    }  # fmt: skip
-    best = dict.fromkeys(jobs, float("inf"))
-    for name in [*jobs] * rounds:
-        with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as cache:
-            best[name] = min(best[name], sum(command(*each, cache=cache) for each in jobs[name]))
+
+    def first(*commands: Sequence[str]) -> float:
         Path(robot).unlink(missing_ok=True)
-    table = Table("first_runs", "Processor time of first runs, empty cache", [("command", ""), ("time [s]", ".1f")])
-    for name, seconds in best.items():
-        table.add(name, seconds)
-    report.show(table)
+        with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as cache:
+            return sum(command(*each, cache=cache) for each in commands)
+
+    imported = ["robot", "import", urdf, "--out", robot]
+    jobs = {
+        "vdfmu run tracking": partial(first, ["run", "tracking", "--out", out]),
+        "vdfmu run reach --robot snake_24dof": partial(first, ["run", "reach", "--robot", "snake_24dof", "--out", out]),
+        "vdfmu robot import arm.urdf, vdfmu run reach": partial(
+            first, imported, ["run", "reach", "--robot", robot, "--out", out]
+        ),
+    }
+    _least(report, "first runs, empty cache", jobs, 2)
 
 
 def _commands(report: Report, folder: Path, scenario: str, rounds: int) -> None:
     """Processor time of commands whose FMUs are built."""
-    command("build", scenario, "--out", str(folder / "fmus"))
-    command("run", scenario, "--out", str(folder / "run"))
+    fmus, done, out = (str(folder / name) for name in ("fmus", "run", "again"))
+    command("build", scenario, "--out", fmus)
+    command("run", scenario, "--out", done)
 
-    def new() -> list[str]:
-        return ["--set", f"controller.K_p[1]={1000.0 + time.time() % 1000.0!r}"]  # no solution of it is kept
+    def solved() -> float:
+        new = f"controller.K_p[1]={1000.0 + time.time() % 1000.0!r}"  # no solution of it is kept
+        return command("run", scenario, "--out", out, "--set", new)
 
-    commands: dict[str, Callable[[], list[str]]] = {
-        "vdfmu run, references kept": lambda: ["run", scenario],
-        "vdfmu run, references solved": lambda: ["run", scenario, *new()],
-        "vdfmu run system.ssp": lambda: ["run", str(folder / "run" / "system.ssp")],
-        "vdfmu --help": lambda: ["--help"],
-        "vdfmu check Plant.fmu": lambda: ["check", str(folder / "fmus" / "Plant.fmu")],
+    jobs: dict[str, Callable[[], float]] = {
+        "vdfmu run, references kept": partial(command, "run", scenario, "--out", out),
+        "vdfmu run, references solved": solved,
+        "vdfmu run system.ssp": partial(command, "run", f"{done}/system.ssp", "--out", out),
+        "vdfmu --help": partial(command, "--help"),
+        "vdfmu check Plant.fmu": partial(command, "check", f"{fmus}/Plant.fmu"),
     }
     if scenario == "tracking":
-        command("run", "two_joint", "--out", str(folder / "run two_joint"))
-        commands["vdfmu run two_joint, references kept"] = lambda: ["run", "two_joint"]
-    best = dict.fromkeys(commands, float("inf"))
-    for _ in range(rounds):
-        for k, (name, arguments) in enumerate(commands.items()):
-            words = arguments()
-            out = ["--out", str(folder / str(k))] if words[0] == "run" else []
-            best[name] = min(best[name], command(*words, *out))
-    table = Table("commands", f"Processor time of commands, {scenario}", [("command", ""), ("time [s]", ".2f")])
-    for name, seconds in best.items():
-        table.add(name, seconds)
-    report.show(table)
+        command("run", "two_joint", "--out", out)
+        jobs["vdfmu run two_joint, references kept"] = partial(command, "run", "two_joint", "--out", out)
+    _least(report, f"commands, {scenario}", jobs, rounds)
 
 
 def _short(report: Report, rounds: int) -> None:

@@ -8,12 +8,12 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy import extract, instantiate_fmu, read_model_description
 from fmpy.sundials import CVodeSolver
 
 from benchmarks.report import Report, Table
@@ -30,7 +30,6 @@ _ERRORS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 """Errors at which the times are compared [rad]."""
 Motion = Callable[[float], np.ndarray]
 """Positions at the compared times, (m, n) [rad], at a level of precision."""
-Unit = TypeVar("Unit", FMU2Slave, FMU2Model)
 
 
 @dataclass
@@ -49,8 +48,6 @@ class Point:
 class WorkPrecision:
     """All points."""
 
-    robot: str
-    stop: float
     points: list[Point]
 
     @property
@@ -74,8 +71,8 @@ class WorkPrecision:
 def run(report: Report, quick: bool = False) -> None:
     """Measure and tabulate."""
     tolerances = [10.0**-k for k in ((4, 6, 8) if quick else range(4, 10))]
-    robot = load_robot("manipulator_6dof")
-    tabulate(study(robot, 0.05 if quick else 0.5, tolerances, 1 if quick else 3), report)
+    robot, stop = load_robot("manipulator_6dof"), 0.05 if quick else 0.5
+    tabulate(study(robot, stop, tolerances, 1 if quick else 3), report, f"{robot.name}, {stop:g} s of free fall")
 
 
 def study(robot: Robot, stop: float, tolerances: Sequence[float], rounds: int) -> WorkPrecision:
@@ -84,19 +81,16 @@ def study(robot: Robot, stop: float, tolerances: Sequence[float], rounds: int) -
     The motion: the arm starts at rest in equilibrium with gravity, its motors free, and falls against drives
     and friction. Nothing in it is discontinuous, and no input changes, so that no solver has to restart.
     """
-    times = np.linspace(0.0, stop, round(stop / INTERVAL) + 1)
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as name:
         fmu = build_fmus(robot, Path(name), units=["plant"], backend="native", folded=True)["plant"]
-        cosim, exchange = CoSimulation(fmu, times, robot.n), _ModelExchange(fmu, times, robot.n)
-        precision = compare(robot, stop, {COSIM: (cosim, tolerances), CVODE: (exchange, tolerances)}, rounds)
+        cosim, exchange = Fall(fmu, robot.n, stop), Fall(fmu, robot.n, stop, "ModelExchange")
+        precision = compare({COSIM: (cosim.own_solver, tolerances), CVODE: (exchange.cvode, tolerances)}, rounds)
         cosim.close()
         exchange.close()
     return precision
 
 
-def compare(
-    robot: Robot, stop: float, methods: Mapping[str, tuple[Motion, Sequence[float]]], rounds: int
-) -> WorkPrecision:
+def compare(methods: Mapping[str, tuple[Motion, Sequence[float]]], rounds: int) -> WorkPrecision:
     """Solve a motion with methods at their levels of precision, in turns; the first one's at 1e-12 is the reference."""
     reference = methods[COSIM][0](_REFERENCE_TOLERANCE)
     points = [Point(method, level) for method, (_, levels) in methods.items() for level in levels]
@@ -108,61 +102,7 @@ def compare(
     measure(cases, rounds, batch=0.0, limit=2.0 * rounds)
     for point, case in zip(points, cases, strict=True):
         point.time = case.best
-    return WorkPrecision(robot.name, stop, points)
-
-
-# ------------------------------------------------------------------ solvers
-
-
-class _Unpacked(Generic[Unit]):
-    """An unpacked FMU and its instance."""
-
-    def __init__(self, fmu: Path, times: np.ndarray, n: int, make: type[Unit]) -> None:
-        self.times = times
-        self.n = n
-        description = read_model_description(str(fmu))
-        self.references = {v.name: v.valueReference for v in description.modelVariables}
-        self._q = [self.references[f"q[{i + 1}]"] for i in range(n)]
-        self._folder = extract(str(fmu))
-        interface = description.coSimulation if issubclass(make, FMU2Slave) else description.modelExchange
-        assert interface is not None
-        self.nx = description.numberOfContinuousStates
-        self.unit = make(
-            guid=description.guid, modelIdentifier=interface.modelIdentifier, unzipDirectory=self._folder,
-            instanceName="plant",
-        )  # fmt: skip
-        self.unit.instantiate()
-
-    def initialize(self, tolerance: float) -> None:
-        self.unit.reset()
-        self.unit.setReal([self.references["tolerance"]], [tolerance])  # the loosest of the two
-        self.unit.setupExperiment(startTime=0.0, tolerance=tolerance)
-        self.unit.enterInitializationMode()
-        self.unit.exitInitializationMode()
-
-    def q(self) -> list[float]:
-        return self.unit.getReal(self._q)
-
-    def close(self) -> None:
-        self.unit.terminate()
-        self.unit.freeInstance()
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-
-class CoSimulation(_Unpacked[FMU2Slave]):
-    """The FMU's own solver."""
-
-    def __init__(self, fmu: Path, times: np.ndarray, n: int) -> None:
-        super().__init__(fmu, times, n, FMU2Slave)
-
-    def __call__(self, tolerance: float) -> np.ndarray:
-        """Return the positions at the compared times."""
-        self.initialize(tolerance)
-        rows = [self.q()]
-        for t, end in zip(self.times[:-1], self.times[1:], strict=True):
-            self.unit.doStep(currentCommunicationPoint=float(t), communicationStepSize=float(end - t))
-            rows.append(self.q())
-        return np.array(rows)
+    return WorkPrecision(points)
 
 
 class _Nothing:
@@ -171,52 +111,76 @@ class _Nothing:
     def apply(self, time: float) -> None: ...
 
 
-class _ModelExchange(_Unpacked[FMU2Model]):
-    """fmpy's CVODE on the FMU's derivatives; it approximates the Jacobian by differences."""
+class Fall:
+    """The plant's FMU unpacked, and its motion at the compared times."""
 
-    def __init__(self, fmu: Path, times: np.ndarray, n: int) -> None:
-        super().__init__(fmu, times, n, FMU2Model)
+    def __init__(self, fmu: Path, n: int, stop: float, kind: str = "CoSimulation") -> None:
+        self.times = np.linspace(0.0, stop, round(stop / INTERVAL) + 1).tolist()
+        description = read_model_description(str(fmu))
+        self.references = {v.name: v.valueReference for v in description.modelVariables or ()}
+        self._q = [self.references[f"q[{i + 1}]"] for i in range(n)]
+        self._folder = extract(str(fmu))
+        self.nx = description.numberOfContinuousStates
+        self.unit: Any = instantiate_fmu(self._folder, description, kind)
 
-    def __call__(self, tolerance: float) -> np.ndarray:
+    def initialize(self, tolerance: float) -> None:
+        """Start anew."""
+        self.unit.reset()
+        self.unit.setReal([self.references["tolerance"]], [tolerance])  # the loosest of the two
+        self.unit.setupExperiment(startTime=0.0, tolerance=tolerance)
+        self.unit.enterInitializationMode()
+        self.unit.exitInitializationMode()
+
+    def own_solver(self, tolerance: float) -> np.ndarray:
+        """Return the positions by the FMU's own solver."""
         self.initialize(tolerance)
-        self.unit.newDiscreteStates()
-        self.unit.enterContinuousTimeMode()
+        return self._rows(lambda t, end: self.unit.doStep(t, end - t))
+
+    def cvode(self, tolerance: float) -> np.ndarray:
+        """Return the positions by fmpy's CVODE, which approximates the Jacobian by differences."""
         unit = self.unit
+        self.initialize(tolerance)
+        unit.newDiscreteStates()
+        unit.enterContinuousTimeMode()
         solver = CVodeSolver(
             nx=self.nx, nz=0, get_x=unit.getContinuousStates, set_x=unit.setContinuousStates,
             get_dx=unit.getDerivatives, get_z=unit.getEventIndicators,
             get_nominals=unit.getNominalsOfContinuousStates, set_time=unit.setTime, input=_Nothing(),
             startTime=0.0, relativeTolerance=tolerance, maxNumSteps=10_000_000,
         )  # fmt: skip
-        rows = [self.q()]
-        for t, end in zip(self.times[:-1], self.times[1:], strict=True):
-            solver.step(float(t), float(end))
-            unit.setTime(float(end))
-            rows.append(self.q())
+
+        def advance(t: float, end: float) -> None:
+            solver.step(t, end)
+            unit.setTime(end)
+
+        return self._rows(advance)
+
+    def _rows(self, advance: Callable[[float, float], Any]) -> np.ndarray:
+        rows = [self.unit.getReal(self._q)]
+        for t, end in pairwise(self.times):
+            advance(t, end)
+            rows.append(self.unit.getReal(self._q))
         return np.array(rows)
 
+    def close(self) -> None:
+        """Free the instance."""
+        self.unit.terminate()
+        self.unit.freeInstance()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
-# ------------------------------------------------------------------ reporting
 
-
-def tabulate(precision: WorkPrecision, report: Report, title: str = "free fall") -> None:
-    """Show and keep the tables."""
-    table = Table(
-        report.name, f"{precision.robot}, {precision.stop:g} s of {title}",
-        [("method", ""), ("tolerance, accuracy or step [s]", ".1e"), ("error [rad]", ".1e"), ("time [ms]", ".2f")],
-        [[p.method, p.level, p.error, 1e3 * p.time] for p in precision.points],
-        [f"Error: largest of all positions at times {INTERVAL * 1e3:g} ms apart, to the FMU's co-simulation at "
-         f"{_REFERENCE_TOLERANCE:g}, to which others come as close as {precision.check:.1e} rad.",
-         "Time: least processor time of the whole motion, all in turns, of steps in compiled code."],
-    )  # fmt: skip
-    report.show(table)
+def tabulate(precision: WorkPrecision, report: Report, title: str) -> None:
+    """Show and keep the times at equal errors."""
     methods = list(dict.fromkeys(p.method for p in precision.points))
-    equal = Table(
-        f"{report.name}_equal", "Time at equal error [ms], between the measured points",
+    table = Table(
+        report.name, f"{title}: time at equal error [ms], between the measured points",
         [("error [rad]", ".0e"), *[(m, ".2f") for m in methods], *[(f"{m} over FMU", ".1f") for m in methods[1:]]],
+        notes=[f"Error: largest of all positions at times {INTERVAL * 1e3:g} ms apart, to the FMU's co-simulation at "
+               f"{_REFERENCE_TOLERANCE:g}, to which others come as close as {precision.check:.1e} rad.",
+               "Time: least processor time of the whole motion, all in turns, of steps in compiled code."],
     )  # fmt: skip
     for error in _ERRORS:
         ours, *rivals = times = [precision.time_at(method, error) for method in methods]
         ratios = [t / ours if t and ours else None for t in rivals]
-        equal.add(error, *[None if t is None else 1e3 * t for t in times], *ratios)
-    report.show(equal)
+        table.add(error, *[None if t is None else 1e3 * t for t in times], *ratios)
+    report.show(table)

@@ -5,7 +5,8 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from vdfmu.arm.equations.flexible_joint import state_names
+from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.kernel import Kernel
 from vdfmu.arm.robot import Robot, check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS, section
@@ -27,6 +29,11 @@ from vdfmu.compiler.unit.evaluate import Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.program import UnitFunctions
 from vdfmu.compiler.unit.solver import Integrator
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 
 class NoFiles(ModuleType):
@@ -118,6 +125,15 @@ def invoked(*words: object) -> Any:
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Let one process of the test session build at a time: the next finds what it needs in the cache."""
+    with (folder / "build.lock").open("w") as file:
+        if fcntl:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory):
     """Cache of this test session, shared by its processes; the user's own is neither read nor written."""
@@ -130,6 +146,13 @@ def kernel_cache(tmp_path_factory):
         patch.setenv("VDFMU_CACHE_DIR", str(folder))
         patch.setenv("ZIG_GLOBAL_CACHE_DIR", support)
         yield folder
+
+
+@pytest.fixture(scope="session")
+def fmus_3(tmp_path_factory):
+    """Return the native FMUs of FMI 3.0 of the planar arm by unit."""
+    folder = tmp_path_factory.mktemp("fmus")
+    return build_fmus(load_robot("planar_2dof"), folder, backend="native", fmi_version="3.0", folded=True)
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ import scipy.io
 import scipy.sparse
 
 from tests.conftest import heavy
+from tests.hostile.unpacked import element
 from vdfmu.base import foreign
 from vdfmu.base.errors import StorageError, UsageError
 from vdfmu.base.foreign import read_arrow, read_foreign
@@ -56,10 +57,6 @@ def test_files_that_matlab_wrote():
             read_foreign(file)
         except UsageError as error:  # scipy keeps damaged files, too
             assert f"{file}: expected a MATLAB file" in str(error)
-
-
-def element(kind: int, content: bytes) -> bytes:
-    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
 
 
 def test_a_string_array_of_matlab_leaves_the_variables_around_it(tmp_path):

@@ -6,8 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,16 +15,11 @@ import fmpy
 import pytest
 
 from tests.compiler.native.binding import Instance, Model
-from tests.conftest import TYPICAL, heavy
+from tests.conftest import TYPICAL, alone, heavy
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import shipped_units
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
+from vdfmu.compiler.unit.interface import Interface
 
 EACH = pytest.mark.parametrize("version", ["2.0", "3.0", "python"])
 """Each form of a unit computes, saves, refuses and says the same: the same tests, the same words."""
@@ -53,13 +47,9 @@ def planar(robots):
     return robots["planar_2dof"]
 
 
-@contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Let one process of the test session build at a time: the next finds what it needs in the cache."""
-    with (folder / "build.lock").open("w") as file:
-        if fcntl:
-            fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+@pytest.fixture
+def interface(robots, robot_name, unit_name):
+    return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
 @pytest.fixture(scope="session")

@@ -94,13 +94,13 @@ def other_filter(path: Path, mebibytes: int) -> Path:
     return _tree(path, lambda file: file.create_dataset("x", data=np.zeros(1000), compression="lzf"))
 
 
-def _element(kind: int, content: bytes) -> bytes:
+def element(kind: int, content: bytes) -> bytes:
     return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
 
 
 def _matrix(kind: int, name: bytes, inside: bytes) -> bytes:
-    head = _element(6, struct.pack("<II", kind, 0)) + _element(5, struct.pack("<ii", 1, 1)) + _element(1, name)
-    return _element(14, head + inside)
+    head = element(6, struct.pack("<II", kind, 0)) + element(5, struct.pack("<ii", 1, 1)) + element(1, name)
+    return element(14, head + inside)
 
 
 def _version_5(path: Path, matrix: bytes) -> Path:
@@ -111,17 +111,17 @@ def _version_5(path: Path, matrix: bytes) -> Path:
 
 def zeros(path: Path, mebibytes: int) -> Path:
     """Write zeros, packed."""
-    return _version_5(path, _matrix(6, b"x", _element(9, bytes(mebibytes * _MIB))))
+    return _version_5(path, _matrix(6, b"x", element(9, bytes(mebibytes * _MIB))))
 
 
 def wider(path: Path, mebibytes: int) -> Path:
     """Write zeros of one byte of an array of doubles."""
-    return _version_5(path, _matrix(6, b"x", _element(2, bytes(mebibytes * _MIB // 4))))
+    return _version_5(path, _matrix(6, b"x", element(2, bytes(mebibytes * _MIB // 4))))
 
 
 def nested(path: Path, mebibytes: int) -> Path:
     """Write structs within structs."""
-    field = struct.pack("<HHI", 5, 4, 2) + _element(1, b"x\0")
+    field = struct.pack("<HHI", 5, 4, 2) + element(1, b"x\0")
     head, matrix = _matrix(2, b"", field)[8:], b""
     heads: list[bytes] = []
     size = len(matrix)

@@ -4,14 +4,14 @@ Each is held against scipy's sampled-delayed reference and against our own ``jac
 against what docs/interop.md says of it.
 """
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks import interop
-from benchmarks.importers import ask_rows
+from benchmarks.importer_worker import fmpy_fmu, rows
+from benchmarks.importers import ask
 from benchmarks.interop import CASES, Case, drive, examine
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.engine.container import write_container
@@ -84,7 +84,7 @@ def test_the_first_seconds_have_the_verdict_of_the_page(brief, require, case):
 
 def test_a_row_too_early_or_too_late_is_seen(brief):
     """The comparison can fail: one sample of offset is 2e-4 rad, two hundred times the bound."""
-    tracking, jacobi = brief, brief.jacobi("native")
+    tracking, jacobi = brief, brief.positions("native")
     assert tracking.judge("ecos", "native", jacobi).verdict == interop.RUNS
     for shift in (-1, 1):
         seen = tracking.judge("ecos", "native", np.roll(jacobi, shift, axis=0))
@@ -125,12 +125,10 @@ def package(tracking, bare, tmp_path_factory):
     return write_ssp(tracking.scenario, bare, tmp_path_factory.mktemp("bare") / "tracking.ssp")
 
 
-def error_of(tracking, path, **more):
+def error_of(tracking, path, run=rows, **more):
     """Return the largest difference to the reference over a second [rad]."""
-    rows = ask_rows({
-        "run": "rows", "step": tracking.step, "steps": 1000, "signals": tracking.signals, "path": str(path), **more,
-    })  # fmt: skip
-    return np.nanmax(np.abs(rows - tracking.reference()[: len(rows)]))
+    read = ask(run, path=str(path), step=tracking.step, steps=1000, signals=tracking.signals, **more)
+    return np.nanmax(np.abs(np.array(read) - tracking.positions()[: len(read)]))
 
 
 @pytest.mark.heavy
@@ -146,9 +144,8 @@ def test_ecos_and_libcosim_apply_the_sets_that_they_are_told_or_find_first(track
 @pytest.mark.heavy
 def test_the_container_has_the_values_of_the_package(tracking, package, tmp_path):
     path = write_container(package, tmp_path / "tracking.fmu", step=tracking.step)
-    assert error_of(tracking, path, run="fmpy-fmu") < TO_REFERENCE
+    assert error_of(tracking, path, run=fmpy_fmu) < TO_REFERENCE
 
 
 def test_words_have_no_folders():
     assert interop._words("No such FMU '/tmp/libcosim_7ef6/resources/Plant.fmu'\nmore") == "No such FMU 'Plant.fmu'"
-    assert re.search("/tmp", interop._words("a 'resources/Plant.fmu'")) is None

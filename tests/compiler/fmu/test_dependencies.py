@@ -17,20 +17,20 @@ Opener = Callable[..., Any]
 class Probe:
     """A unit in initialization mode, at a random point that can be moved in single variables."""
 
-    def __init__(self, unit: Any, table: Interface, **choices: Any) -> None:
-        self.unit, self.table = unit, table
-        self.outputs = [i for i, v in enumerate(table) if v.causality == "output"]
+    def __init__(self, unit: Any, interface: Interface, **choices: Any) -> None:
+        self.unit, self.interface = unit, interface
+        self.outputs = [i for i, v in enumerate(interface) if v.causality == "output"]
         rng = np.random.default_rng(1)
         self.point = {
             i: random_value(v.group, v.causality, v.start, v.minimum is not None, rng)
-            for i, v in enumerate(table)
+            for i, v in enumerate(interface)
             if v.causality != "output" and v.type == "Real"
         }
         for group, value in choices.items():
-            if group in SWITCHES[table.name]:
+            if group in SWITCHES[interface.name]:
                 unit.set(**{group: value})
             else:
-                where = table.groups[group]
+                where = interface.groups[group]
                 self.point |= dict.fromkeys(range(where.start, where.stop), value)
         self.set(self.point)
 
@@ -52,14 +52,9 @@ class Probe:
         return before, after
 
 
-def probes(open_unit: Opener, table: Interface) -> Iterator[Probe]:
-    for choices in POINTS[table.name]:
-        yield Probe(open_unit(table.name, table.robot.name).setup().enter(), table, **choices)
-
-
-@pytest.fixture
-def table(robots, robot_name, unit_name):
-    return Interface(shipped_units()[unit_name], robots[robot_name])
+def probes(open_unit: Opener, interface: Interface) -> Iterator[Probe]:
+    for choices in POINTS[interface.name]:
+        yield Probe(open_unit(interface.name, interface.robot.name).setup().enter(), interface, **choices)
 
 
 Pairs = set[tuple[str, str]]
@@ -67,13 +62,13 @@ FORMS = pytest.mark.parametrize("version", ["2.0", "python"])
 """Those of FMI 3.0 are arrays, held against these in native/test_derivatives.py."""
 
 
-def declared(table: Interface, dependencies: Callable[[int], list[int]]) -> Pairs:
+def declared(interface: Interface, dependencies: Callable[[int], list[int]]) -> Pairs:
     return {
-        (v.name, table.memory[k].name)
-        for i, v in enumerate(table)
+        (v.name, interface.memory[k].name)
+        for i, v in enumerate(interface)
         if v.causality == "output"
         for k in dependencies(i)
-        if table.memory[k].causality in ("input", "parameter")
+        if interface.memory[k].causality in ("input", "parameter")
     }
 
 
@@ -103,51 +98,53 @@ def cancels(robot: str, unit: str, output: str, source: str) -> bool:
 
 @pytest.mark.few(2)
 @FORMS
-def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit, table):
+def test_initial_dependencies_are_exactly_what_outputs_change_with(open_unit, interface):
     """For every single output and variable: to the bit where it is not declared, clearly where it is."""
     changed: Pairs = set()  # in any bit
     moved: Pairs = set()  # by more than rounding
-    for probe in probes(open_unit, table):
+    for probe in probes(open_unit, interface):
         for reference in probe.point:
             before, after = probe.move(reference)
-            source = table.variables[reference].name
+            source = interface.variables[reference].name
             # Between rounding, seen up to 9e-16 of the output, and the least effect of 1 %, seen as 3e-12.
             for k, old, new in zip(probe.outputs, before, after, strict=True):
                 if new != old:
-                    changed.add((table.variables[k].name, source))
+                    changed.add((interface.variables[k].name, source))
                 if abs(new - old) > 4e-14 * (1.0 + abs(old)):
-                    moved.add((table.variables[k].name, source))
-    for name, settings in SWITCHES[table.name].items():
-        probe = next(probes(open_unit, table))
+                    moved.add((interface.variables[k].name, source))
+    for name, settings in SWITCHES[interface.name].items():
+        probe = next(probes(open_unit, interface))
         before, after = (probe.unit.set(**{name: s}) and probe.values() for s in settings)
-        moved |= {(table.variables[probe.outputs[k]].name, name) for k in np.flatnonzero(before != after)}
-    expected = declared(table, table.start_dependencies)
+        moved |= {(interface.variables[probe.outputs[k]].name, name) for k in np.flatnonzero(before != after)}
+    expected = declared(interface, interface.start_dependencies)
     assert changed <= expected
-    hidden = {(output, source) for output, source in expected if cancels(table.robot.name, table.name, output, source)}
+    hidden = {
+        (output, source) for output, source in expected if cancels(interface.robot.name, interface.name, output, source)
+    }
     assert sorted(expected - hidden - moved) == []
     assert sorted(moved & hidden) == []
 
 
 @pytest.mark.heavy
 @FORMS
-def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(open_unit, table):
+def test_direct_dependencies_are_exactly_what_outputs_change_with_at_a_step(open_unit, interface):
     """At a communication point: the outputs that doStep leaves, for inputs that were set just before it."""
-    if table.name in ("plant", "trajectory"):  # a state decides, or time alone
-        assert declared(table, table.step_dependencies) == set()
+    if interface.name in ("plant", "trajectory"):  # a state decides, or time alone
+        assert declared(interface, interface.step_dependencies) == set()
         return
     changed: Pairs = set()
-    for probe in probes(open_unit, table):
+    for probe in probes(open_unit, interface):
         probe.unit.do("ExitInitializationMode")
         before = probe.unit.step() and probe.values()
-        for reference in (i for i in probe.point if table.variables[i].causality == "input"):
+        for reference in (i for i in probe.point if interface.variables[i].causality == "input"):
             probe.set({reference: 1.01 * probe.point[reference]})
             after = probe.unit.step() and probe.values()
             probe.set({reference: probe.point[reference]})
-            names = [table.variables[probe.outputs[k]].name for k in np.flatnonzero(before != after)]
-            changed |= {(name, table.variables[reference].name) for name in names}
-    expected = declared(table, table.step_dependencies)
+            names = [interface.variables[probe.outputs[k]].name for k in np.flatnonzero(before != after)]
+            changed |= {(name, interface.variables[reference].name) for name in names}
+    expected = declared(interface, interface.step_dependencies)
     assert changed <= expected
-    assert {pair for pair in expected - changed if not cancels(table.robot.name, table.name, *pair)} == set()
+    assert {pair for pair in expected - changed if not cancels(interface.robot.name, interface.name, *pair)} == set()
 
 
 @FORMS
@@ -186,8 +183,8 @@ def test_the_plant_stays_at_rest_under_the_wrench_that_it_starts_with(open_unit,
 
 def test_the_gravity_torque_of_a_joint_needs_only_the_links_that_it_carries(planar):
     """By hand for the planar arm: G2 = m2 b g cos(q1 + q2) (the robot's file), and x f_y + m_z of the wrench."""
-    table = Interface(shipped_units()["plant"], planar)
-    names = {table.variables[i].name for i in table.start_dependencies(table.reference["tau_s[2]"])}
+    interface = Interface(shipped_units()["plant"], planar)
+    names = {interface.variables[i].name for i in interface.start_dependencies(interface.reference["tau_s[2]"])}
     assert names == {
         "q_0[1]", "q_0[2]", "equilibrium", "tau_s_0[2]", "gravity[3]", "centroid[2,1]", "mass[2]",
         "tool_offset[1]", "F_e[2]", "F_e[6]",

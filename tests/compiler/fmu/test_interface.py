@@ -3,16 +3,10 @@
 import dataclasses
 
 import numpy as np
-import pytest
 
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.units import shipped_units
 from vdfmu.compiler.unit.interface import Interface
-
-
-@pytest.fixture
-def interface(robots, robot_name, unit_name):
-    return Interface(shipped_units()[unit_name], robots[robot_name])
 
 
 def first_joint(robot: Robot) -> Robot:

@@ -22,11 +22,6 @@ def fmi(request):
     return request.param
 
 
-@pytest.fixture
-def interface(robots, robot_name, unit_name):
-    return Interface(shipped_units()[unit_name], robots[robot_name])
-
-
 def read(interface: Interface, fmi: FmiVersion) -> etree._Element:
     return etree.fromstring(document(terminals_and_icons(interface, fmi)))
 

@@ -38,20 +38,13 @@ class Variable(NamedTuple):
 _TYPES = {"Float64": "Real", "Int32": "Integer", "Real": "Real", "Integer": "Integer", "Boolean": "Boolean"}
 
 
-def read_variables(root: ET.Element) -> list[Variable]:
+def read_variables(folder: Path) -> list[Variable]:
     variables: list[Variable] = []
-    for element in root.iterfind("ModelVariables/*"):
-        kind = element[0].tag if element.tag == "ScalarVariable" else element.tag
-        name = element.attrib["name"]
-        shape = [int(d.attrib["start"]) for d in element.findall("Dimension")]
-        indices = product(*(range(1, length + 1) for length in shape))
-        names = tuple(f"{name}[{','.join(map(str, i))}]" if i else name for i in indices)
-        variables.append(
-            Variable(
-                name, int(element.attrib["valueReference"]), _TYPES[kind], element.attrib["causality"],
-                element.get("variability", "continuous"), names,
-            )  # fmt: skip
-        )  # fmt: skip
+    for v in fmpy.read_model_description(folder, validate=False).modelVariables or ():
+        indices = product(*(range(1, length + 1) for length in v.shape or ()))
+        names = tuple(f"{v.name}[{','.join(map(str, i))}]" if i else v.name for i in indices)
+        variability = v.variability or "continuous"
+        variables.append(Variable(v.name, v.valueReference, _TYPES[v.type], v.causality, variability, names))
     return variables
 
 
@@ -66,7 +59,7 @@ class Model:
         self.name = self.root.attrib["modelName"]
         self.guid = self.root.get("guid") or self.root.attrib["instantiationToken"]
         self.is_python = self.root.find("CoSimulation[@needsExecutionTool='true']") is not None
-        self.variables = read_variables(self.root)
+        self.variables = read_variables(folder)
         self.references = {name: (v, i) for v in self.variables for i, name in enumerate(v.names)}
         if library is None:
             place = fmpy.platform if self.major == "2" else fmpy.platform_tuple

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.compiler.conftest import alone
+from tests.conftest import alone
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.arm.units import find_unit, package_units

@@ -16,14 +16,8 @@ from vdfmu.unit import Derivative, Input, State, Unit
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref/"
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory):
-    robot = load_scenario("planar_tracking").robot
-    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0", folded=True)
-
-
-def tampered(fmus, path, suffix, change):
-    content = members(fmus["plant"])
+def tampered(fmus_3, path, suffix, change):
+    content = members(fmus_3["plant"])
     name = f"{FOLDER}Plant_{suffix}.csv"
     rows = [line.split(",") for line in content[name].decode().splitlines()]
     change(rows[0], rows[1:])
@@ -32,20 +26,20 @@ def tampered(fmus, path, suffix, change):
     return compare(path)
 
 
-def test_an_element_that_is_off_is_found_by_variable_element_and_time(fmus, tmp_path):
+def test_an_element_that_is_off_is_found_by_variable_element_and_time(fmus_3, tmp_path):
     def change(head, rows):
         cells = rows[6][head.index("q")].split()
         cells[1] = repr(float(cells[1]) + 0.01)
         rows[6][head.index("q")] = " ".join(cells)
 
-    report = tampered(fmus, tmp_path / "off.fmu", "out", change)
+    report = tampered(fmus_3, tmp_path / "off.fmu", "out", change)
     (problem,) = report.problems
     # row 6 of 10 intervals over 0.2 s
     assert problem.startswith("Plant_out.csv: q, element 2 at t = 0.12 s: expected ")
     assert problem.endswith("differs by 0.01")
 
 
-def test_other_inputs_give_other_results_and_tables_that_cannot_be_compared_problems(fmus, tmp_path):
+def test_other_inputs_give_other_results_and_tables_that_cannot_be_compared_problems(fmus_3, tmp_path):
     """The inputs reach the unit, from the row after a change on: half the torque cannot pass."""
 
     def change(head, rows):
@@ -53,19 +47,19 @@ def test_other_inputs_give_other_results_and_tables_that_cannot_be_compared_prob
             torques = np.array(row[head.index("tau")].split(), float)
             row[head.index("tau")] = " ".join(map(repr, (0.5 * torques).tolist()))
 
-    report = tampered(fmus, tmp_path / "other.fmu", "in", change)
+    report = tampered(fmus_3, tmp_path / "other.fmu", "in", change)
     assert any(problem.startswith("Plant_out.csv: kappa_dot, element") for problem in report.problems)
 
     def rename(head, _rows):
         head[head.index("tau")] = "torque"
 
-    (problem,) = tampered(fmus, tmp_path / "a.fmu", "in", rename).problems
+    (problem,) = tampered(fmus_3, tmp_path / "a.fmu", "in", rename).problems
     assert problem == "Plant_out.csv: the reference results cannot be compared: the unit has no variable 'torque'"
-    (problem,) = tampered(fmus, tmp_path / "b.fmu", "out", lambda _, rows: rows[3].pop()).problems
+    (problem,) = tampered(fmus_3, tmp_path / "b.fmu", "out", lambda _, rows: rows[3].pop()).problems
     assert "cannot be compared: line 5: expected" in problem
 
 
-def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(fmus, tmp_path):
+def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(fmus_3, tmp_path):
     """The official Feedthrough FMU of FMI 2.0 carries the table of that of FMI 3.0, which has more variables."""
 
     def change(head, rows):
@@ -74,7 +68,7 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
             row[head.index("quality")] = "Set me!"
         rows[6][head.index("E_kin")] = "99"
 
-    report = tampered(fmus, tmp_path / "off.fmu", "out", change)
+    report = tampered(fmus_3, tmp_path / "off.fmu", "out", change)
     (note,) = report.notes
     assert note == "Plant_out.csv: quality: not compared: the unit has no such variable"
     assert note.rule.number == "RUN004"
@@ -83,8 +77,8 @@ def test_a_column_that_this_unit_has_not_is_a_note_and_the_others_are_compared(f
     assert report.compared == ["Plant_out.csv"]
 
 
-def test_results_that_only_the_manifest_names_are_compared_with_quotes_arrays_and_truth_values(fmus, tmp_path):
-    content = members(fmus["trajectory"])
+def test_results_that_only_the_manifest_names_are_compared_with_quotes_arrays_and_truth_values(fmus_3, tmp_path):
+    content = members(fmus_3["trajectory"])
     table = content.pop(f"{FOLDER}Trajectory_out.csv")
     manifest = content[f"{FOLDER}fmi-ls-manifest.xml"]
     content[f"{FOLDER}fmi-ls-manifest.xml"] = manifest.replace(b"Trajectory_out.csv", b"../results.csv")
@@ -154,9 +148,9 @@ EXPERIMENT = """<Experiments name="e"><Experiment name="one" {times}>{kind}<Stim
 @pytest.mark.parametrize(
     ("times", "kind"), [('startTime="0" stopTime="1"', ""), ("", '<TransientSimulation stopTime="1"/>')]
 )
-def test_an_experiment_pairs_inputs_and_results_of_any_name(fmus, tmp_path, times, kind):
+def test_an_experiment_pairs_inputs_and_results_of_any_name(fmus_3, tmp_path, times, kind):
     """Times as the draft's text has them, and as its schema."""
-    content = members(fmus["controller"])
+    content = members(fmus_3["controller"])
     for name, other in (("out", "experiments/seen"), ("in", "given")):
         content[f"{FOLDER}{other}.csv"] = content.pop(f"{FOLDER}PDController_{name}.csv")
     content[f"{FOLDER}experiments/a.exp"] = EXPERIMENT.format(times=times, kind=kind).encode()

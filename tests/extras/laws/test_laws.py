@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import vdfmu
 from tests.arm.dynamics.conftest import build_pinocchio_model
+from tests.arm.dynamics.rotor_bodies import RotorBodies
 from tests.arm.units.one_joint import one_joint
 from tests.conftest import heavy
 from vdfmu.arm.robot import Robot, load_robot
@@ -27,15 +28,10 @@ def deformation(robot: Robot, torque: np.ndarray) -> np.ndarray:
 
 
 def rotors_too(robot: Robot) -> pin.Model:
+    if robot.rotor_coupling:
+        return RotorBodies(robot).model
     model = build_pinocchio_model(robot)
-    if not robot.rotor_coupling:
-        model.armature = robot.ell * robot.I_m
-        return model
-    for i in range(robot.n):
-        place = pin.SE3(robot.rotation[i], robot.offset[i])
-        rotor = model.addJoint(i, pin.JointModelRZ(), place, f"rotor_{i + 1}")
-        inertia = np.diag([0.0, 0.0, robot.I_m[i] / robot.ell[i]])
-        model.appendBodyToJoint(rotor, pin.Inertia(0.0, np.zeros(3), inertia), pin.SE3.Identity())
+    model.armature = robot.ell * robot.I_m
     return model
 
 

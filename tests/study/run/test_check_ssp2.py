@@ -6,17 +6,8 @@ import pytest
 
 from tests.engine import texts
 from tests.engine.texts import connection, connections, elements, ssd
-from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file
-from vdfmu.system.scenario import load_scenario
-
-
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory):
-    robot = load_scenario("planar_tracking").robot
-    return build_fmus(robot, tmp_path_factory.mktemp("fmus"), backend="native", fmi_version="3.0", folded=True)
-
 
 values = partial(texts.values, version="2.0")
 parameter = partial(texts.parameter, kind="Float64")
@@ -48,10 +39,10 @@ GOOD = system(
 
 
 @pytest.fixture
-def package(fmus, tmp_path):
+def package(fmus_3, tmp_path):
     def write(text, extra=None):
         path = tmp_path / "x.ssp"
-        units = {f"resources/{p.name}": p.read_bytes() for p in fmus.values() if p.stem in text}
+        units = {f"resources/{p.name}": p.read_bytes() for p in fmus_3.values() if p.stem in text}
         pack_zip(path, {"SystemStructure.ssd": text.encode(), **units, **(extra or {})})
         return path
 
