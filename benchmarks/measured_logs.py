@@ -238,7 +238,8 @@ def tx40(report: Report, folder: Path) -> None:
     def sign(robot: Robot, v: Floats) -> Floats:
         return robot.f_c * np.sign(v) + robot.f_v * v
 
-    table = _table("tx40", "TX40", 6)
+    joints = [(f"joint {i + 1}", ".1f") for i in range(6)]
+    table = Table("tx40", "TX40: residual torque [%]", [("model", "s"), ("motion", "s"), *joints])
     apart = tau - wrist
     begun = part(0.0, 5.0, apart)
     split = fitted(begun, robot, TX40_BAND)
@@ -258,8 +259,8 @@ def tx40(report: Report, folder: Path) -> None:
             table.add(name, when, *percent(residual, measured))
     report.show(table)
 
-    columns = [(f"joint {i + 1}", ".3g") for i in range(6)]
-    friction = Table("tx40_friction", "TX40: friction", [("friction", "s"), ("from", "s"), *columns])
+    columns = [(heading, ".3g") for heading in ("friction", "from", *(heading for heading, _ in joints))]
+    friction = Table("tx40_friction", "TX40: friction", columns)
     for key, name in (("f_c", "Coulomb [N m]"), ("f_v", "viscous [N m s/rad]")):
         for who, model in (("fitted, without the terms of motor 6", split), ("the repository", theirs)):
             friction.add(name, who, *getattr(model.robot, key))
