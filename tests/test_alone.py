@@ -1,4 +1,4 @@
-"""The core works without the rooms above it, and a run without the features beside it."""
+"""Each package works without those above it, and a run without the features that it does not use."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Commands that the tries of signals and faults start, what they begin with, and what is left of them."""
+"""Commands that the tests of signals and faults start, the files they begin with, and the files they leave."""
 
 import atexit
 import json

@@ -1,4 +1,4 @@
-"""What is no arm is refused, with its place, what was expected, what is there, and the way out; all at once."""
+"""Files that do not describe an arm are refused: place, what was expected, what was found and the fix, all at once."""
 
 from pathlib import Path
 

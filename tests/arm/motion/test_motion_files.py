@@ -70,7 +70,7 @@ def test_columns_may_have_the_names_of_joints(robot, written):
         vdfmu.load_motion(written("time,q1,q2\n0,0,0\n1,1,0.5\n", "far.csv"), stopped)
     text = str(caught.value)
     assert "joint 1 shoulder: expected" in text and "joint 2 elbow_joint: expected" in text
-    assert text.count("Choose other points.") == 1  # the way out of both
+    assert text.count("Choose other points.") == 1  # the fix of both
 
 
 def test_points_of_a_file_may_rest(robot, written):
