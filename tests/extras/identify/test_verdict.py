@@ -62,8 +62,7 @@ def test_friction_that_the_file_does_not_have_is_the_first_advice(robot):
                  marks=pytest.mark.heavy),
     # links of the file that may be off so far have no scale
     pytest.param([120, 120], 0.5, GOOD, "residual torque", marks=pytest.mark.heavy),
-    ([120, 100], 0.2, DOUBTFUL, "the identified parameters are not physically consistent, so the file's links are "
-        "kept"),
+    ([120, 100], 0.2, DOUBTFUL, "identified links are physically inconsistent, so the file's are kept"),
 ])  # fmt: skip
 def test_a_wrong_ratio_that_only_scales_torques_shows_by_the_links(ell, prior, state, words, log, robot):
     """A log of rotors that are divided by the true ratio does not show a wrong one: it only scales the torques."""

@@ -101,7 +101,7 @@ def _bodies(fit: Identified, robot: Robot) -> Iterator[Check]:
         if not robot.payload:
             with_identified_links(fit, robot)
     except ModelError as error:
-        text = "the identified parameters are not physically consistent, so the file's links are kept"
+        text = "identified links are physically inconsistent, so the file's are kept"
         yield Check("bodies", "Bodies", DOUBTFUL, text, f"check the gear ratio of each joint; {error}")
 
 
