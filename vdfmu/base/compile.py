@@ -52,13 +52,13 @@ _JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
 """Generated file that may be part of an object."""
 _SHORT, _SHORT_RARE = 10_000, 250_000
 """Most characters of a traced function that is part of an object, and of a rare function."""
-_RARE = re.compile(r"kernel_\w+_forward_reverse\.c|rare\.c")
+_RARE = re.compile(r"kernel_\w+_(forward|reverse)\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
 """For rare code: derivatives, and the step for processors from before 2015, if there is a copy of it for AVX2.
 Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
 is not rare: a run of a long arm took 35 % longer."""
-_PASSES = re.compile(r"kernel_\w+_forward_reverse_passes\.c")
-"""File of the derivatives of a long arm, with a function for each pass."""
+_PASSES = re.compile(r"kernel_\w+_(forward|reverse)_passes\.c")
+"""File of a derivative of a long arm, with a function for each pass."""
 _SMALL = ("-O1", "-fno-inline")
 """For functions that each joint calls: as quick to compile as rare code, and a tenth of its size."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")

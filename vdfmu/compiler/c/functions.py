@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -39,17 +40,20 @@ _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Definition of a function, with its name."""
 
 
-def kernel_files(
-    function: ca.Function, apart: Collection[str] = (), derivative: Callable[[str], ca.Function] | None = None
-) -> dict[str, str]:
-    """Return file name to text of a traced function, without its callees in `apart`.
+Derivatives = Mapping[str, Callable[[], ca.Function]]
+"""Direction of a derivative to what traces it."""
 
-    `derivative` traces a derivative by its direction. With it, the files of both derivatives are made too. The cache
-    keeps the texts by the function and the sources of the compiler.
+
+def kernel_files(
+    function: ca.Function, apart: Collection[str] = (), derivatives: Derivatives = MappingProxyType({})
+) -> dict[str, str]:
+    """Return file name to text of a traced function and its derivatives, without its callees in `apart`.
+
+    The cache keeps the texts by the function and the sources of the compiler.
     """
-    key = source_digest("compiler"), function.serialize(), sorted(apart), derivative is not None
+    key = source_digest("compiler"), function.serialize(), sorted(apart), [*derivatives]
     place = cache_folder() / "texts" / sha256(repr(key).encode()).hexdigest()
-    files = load_or_make(place, lambda: json.dumps(_written(function, apart, derivative)).encode(), _texts)
+    files = load_or_make(place, lambda: json.dumps(_written(function, apart, derivatives)).encode(), _texts)
     return files | (c_operations() if any(_TABLES in text for text in files.values()) else {})
 
 
@@ -65,9 +69,7 @@ _TABLES = '#include "operations.h"'
 """Line of files with tables, which need the runner."""
 
 
-def _written(
-    function: ca.Function, apart: Collection[str], derivative: Callable[[str], ca.Function] | None
-) -> dict[str, str]:
+def _written(function: ca.Function, apart: Collection[str], derivatives: Derivatives) -> dict[str, str]:
     """Write the files of :func:`kernel_files` without the runner of tables."""
     calls = not function.is_a("SXFunction")
     texts = c_texts(function, apart)
@@ -79,18 +81,16 @@ def _written(
         if (matrix := matrix_of(callee)) is not None and not matrix[1]:
             about = head("Products with a matrix of the traced functions.") + '#include "elementary.h"\n\n'
             files[f"kernel_{matrix[0]}.c"] = about + _matrix(matrix[0], matrix_numbers(callee))
-    if derivative is None:
+    if not derivatives:
         return files
-    text = head(f"The derivatives of the traced function {function.name()}.")
+    about = head(f"Derivatives of the traced function {function.name()}.") + '#include "elementary.h"\n'
     if not calls and function.n_instructions() > _MOST_IN_C and has_table(function) and not has_roundings(function):
-        text += f'#include "elementary.h"\n{_TABLES}\n\n{c_derivatives(function)}'
-    else:
-        text += '#include "elementary.h"\n'
-        shared = {_name_in_c(function, callee.name()) for callee in function.find_functions(0)} if calls else set[str]()
-        for ending in DIRECTIONS:
-            texts = c_texts(derivative(ending), shared)
-            text += "\n".join(["", f"{wrapped(c_prototype(function, ending))};", "", *texts])
-    return files | {f"{name}_forward_reverse{'_passes' if calls else ''}.c": text}
+        return files | {f"{name}_forward_reverse.c": f"{about}{_TABLES}\n\n{c_derivatives(function)}"}
+    shared = {_name_in_c(function, callee.name()) for callee in function.find_functions(0)} if calls else set[str]()
+    for ending, derivative in derivatives.items():
+        texts = [f"{wrapped(c_prototype(function, ending))};", "", *c_texts(derivative(), shared)]
+        files[f"{name}_{ending}{'_passes' if calls else ''}.c"] = "\n".join([about, *texts])
+    return files
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:

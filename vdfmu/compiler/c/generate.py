@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import accumulate
 
-import casadi as ca
 import numpy as np
 
 from vdfmu.base.progress import counted
@@ -51,9 +50,9 @@ static void add(double *target, const double *term, size_t n)
 """
 
 
-def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
-    """Return file name to text of the generated part of a unit."""
-    traced = _TracedFunctions(interface)
+def generated_sources(interface: Interface, guid: str, *, adjoints: bool = True) -> dict[str, str]:
+    """Return file name to text of the generated part of a unit, with or without adjoint derivatives."""
+    traced = _TracedFunctions(interface, DIRECTIONS if adjoints else DIRECTIONS[:1])
     unit = _UnitGenerator(interface, guid, traced)
     return {"config.h": unit.config(), "kernel.h": unit.kernel_header(), "unit.c": unit.source(), **traced.files()}
 
@@ -61,8 +60,8 @@ def generated_sources(interface: Interface, guid: str) -> dict[str, str]:
 class _TracedFunctions:
     """The traced functions in the C of a unit."""
 
-    def __init__(self, interface: Interface) -> None:
-        self.interface = interface
+    def __init__(self, interface: Interface, directions: Sequence[str]) -> None:
+        self.interface, self.directions = interface, directions
         program = interface.program
         self.called = [call.function for call in program.calls]
         self.steps = sorted({call.function for call in program.step})
@@ -82,13 +81,13 @@ class _TracedFunctions:
         """Return file name to text of the functions."""
         files: dict[str, str] = {}
         for name, function in self.functions.items():
-            derivative = partial(self._derivative, name) if name in self.called else None
-            kernel = kernel_files(function, self.functions, derivative)
+            traced = self.interface.functions.casadi_function
+            endings = self.directions if name in self.called else ()
+            kernel = kernel_files(
+                function, self.functions, {ending: partial(traced, f"{name}_{ending}") for ending in endings}
+            )
             files |= kernel | (avx2_copies(kernel) if name in self.steps else {})
         return files | elementary_files()
-
-    def _derivative(self, name: str, ending: str) -> ca.Function:
-        return self.interface.functions.casadi_function(f"{name}_{ending}")
 
 
 class _UnitGenerator:
@@ -98,6 +97,7 @@ class _UnitGenerator:
         self.interface, self.guid = interface, guid
         self.program = interface.program
         self.traced, self.functions = traced, traced.functions
+        self._has_adjoints = "reverse" in traced.directions
         robot = interface.robot if interface.has_robot else None
         self.conditions = robot.requirements() if robot is not None else []
         self.requirements = self.conditions + traced_requirements(interface)[0]
@@ -129,7 +129,7 @@ class _UnitGenerator:
         listed = [
             c_prototype(function, ending)
             for name, function in self.functions.items()
-            for ending in (("", *DIRECTIONS) if name in self.traced.called else ("",))
+            for ending in (("", *self.traced.directions) if name in self.traced.called else ("",))
         ]
         listed += [c_prototype(self.functions[name]).replace(name, f"{name}_avx2", 1) for name in self.traced.steps]
         prototypes = "".join(f"{wrapped(prototype)};\n" for prototype in listed)
@@ -154,7 +154,7 @@ class _UnitGenerator:
             self._arrays(),
             *self._patterns(),
             *self._requirements(),
-            _ADD if self.program.calls else "",
+            _ADD if self.program.calls and self._has_adjoints else "",
             *self._programs(),
             *self._solver_step(),
             *self._left(),
@@ -224,8 +224,9 @@ class _UnitGenerator:
             yield _function(name, "double *m", "m", self._blocks(calls, partial(self._set, "m", "")))
             forward = self._blocks(calls, partial(self._set, "md", "_forward"))
             yield _function(f"{name}_forward", "const double *m, double *d", "md", forward)
-            reverse = self._blocks(calls[::-1], self._reverse)
-            yield _function(f"{name}_reverse", "const double *m, double *d", "md", reverse)
+            if self._has_adjoints:
+                reverse = self._blocks(calls[::-1], self._reverse)
+                yield _function(f"{name}_reverse", "const double *m, double *d", "md", reverse)
 
     def _blocks(self, calls: Sequence[Call], write: Callable[[Call], list[str]]) -> list[str]:
         """Return the lines of calls, with a condition if a call depends on choices."""
@@ -323,8 +324,8 @@ class _UnitGenerator:
             "margins": "unit_margins" if self.requirements else "NULL",
         }
         for name in ("start", "outputs", "derivatives", *(["update"] if self.program.update else [])):
-            for ending in ("", "_forward", "_reverse"):
-                values[name + ending] = name + ending
+            for each in (name, *(f"{name}_{ending}" for ending in self.traced.directions)):
+                values[each] = each
         values |= {
             "left": "left" if self.program.left else "NULL",
             "solver_step": "solver_step" if has_step else "NULL",

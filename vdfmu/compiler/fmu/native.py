@@ -53,7 +53,7 @@ def unit_sources(content: Content) -> dict[str, bytes]:
 
     With :func:`fmi_headers` next to them, and ``-I.``, all C files compile to the library.
     """
-    generated = generated_sources(content.interface, content.guid)
+    generated = generated_sources(content.interface, content.guid, adjoints=content.fmi.adjoints)
     return {name: text.encode() for name, text in generated.items()} | _written_sources(content.fmi.prefix)
 
 

@@ -68,6 +68,7 @@ def joint_gains(
         [_plant(rotor, M, spring, f, decay, step) for f in falls for M in tries for decay in decays]
         for decays in ((_DAMPED,), _LIGHT)
     )
+    hardest = light[:1]  # one that other gains failed with, for a quick answer
     for late in (margin, margin / 2.0, _STABLE):
         N = _FIRST
         while N >= _LAST and (K_v := N * J / step) > fall:
@@ -77,8 +78,12 @@ def joint_gains(
             _, modulus, delay = margins_of(loops)
             later = margins_of([loop.later() for loop in loops[-_INERTIAS:]])[1]
             if modulus.min() >= margin and later.min() >= late and delay.min() >= _SAMPLES * step:
-                _, _, delay = margins_of([Loop(plant, feedback, step) for plant in light])
-                if delay.min() >= _SAMPLES * step:
+                for plants in (hardest, light):
+                    _, _, delay = margins_of([Loop(plant, feedback, step) for plant in plants])
+                    if delay.min() < _SAMPLES * step:
+                        hardest = [plants[int(delay.min(axis=1).argmin())]]
+                        break
+                else:
                     return K_p, K_v, float(modulus.min())
             N *= _FALL
         if not fall:
