@@ -4,7 +4,7 @@ import pytest
 
 from vdfmu import cli
 from vdfmu.base.errors import UsageError
-from vdfmu.base.text import FEW, elided, error_text, first_few
+from vdfmu.base.text import FEW, close_to, elided, error_text, first_few
 from vdfmu.cli import commands
 
 
@@ -23,6 +23,7 @@ def test_long_names_and_lines_lose_their_middle_and_of_many_messages_the_first_o
     kept = first_few(texts, lambda text: text[0])
     assert kept == [*texts[:FEW], "B 1", "and 8,980 more [A]"]
     assert first_few(texts[:FEW]) == texts[:FEW]
+    assert close_to("speeds", ["speed", "speed", "mass"]) == "; did you mean speed?"
 
 
 @pytest.mark.usefixtures("main_in_this_process")

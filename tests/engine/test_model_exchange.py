@@ -1,5 +1,6 @@
 """Components for model exchange, which the master integrates."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from tests.engine.files import edited
 from tests.engine.reference import models
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, SspError
+from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.run import simulate
 
 VERSIONS = ["2.0", "3.0"]
@@ -186,11 +188,16 @@ def test_the_part_that_the_ssd_asks_for(pack, xml, built):
         simulate(path, stop=1.0, step=0.5)
 
 
-def test_scheduled_execution_alone_is_refused(pack, built):
+def test_scheduled_execution_alone_is_refused(pack, built, tmp_path):
     model = replace(models.LAG, name="Scheduled", kinds=())
     scheduled = b'<ScheduledExecution modelIdentifier="Scheduled"/><ModelVariables>'
     fmu = edited(built(model, "3.0"), [(b"<ModelVariables>", scheduled)])
     path = pack(["a Scheduled_3"], extra={"resources/Scheduled_3.fmu": fmu})
     message = r"expected an FMU for CoSimulation or ModelExchange, got one for ScheduledExecution"
+    alone = tmp_path / "alone.fmu"
+    alone.write_bytes(fmu)
+    for file in (alone, path):
+        (problem,) = inspect_file(file).problems
+        assert re.search(message, problem)
     with pytest.raises(SspError, match=message):
         simulate(path, stop=1.0, step=0.5)

@@ -99,7 +99,7 @@ def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
 
 def close_to(name: str, names: Iterable[str]) -> str:
     """Return the end of a message on a wrong name: known names that are close to it."""
-    close = difflib.get_close_matches(name, list(names), n=3)
+    close = difflib.get_close_matches(name, list(dict.fromkeys(names)), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
 
 

@@ -141,12 +141,12 @@ def say_error(error: object) -> None:
 @contextmanager
 def unit_messages() -> Generator[Callable[[LogMessage], None]]:
     """Show the messages of units; notes with the same text are shown once, at the end."""
-    notes: dict[str, list[str]] = {}
+    notes: dict[str, dict[str, None]] = {}
 
     def show(message: LogMessage) -> None:
         if message.status == "note":
             name, colon, words = message.text.partition(": ")
-            notes.setdefault(words if colon else name, []).extend([name] if colon else [])
+            notes.setdefault(words if colon else name, {}).update({name: None} if colon else {})
         elif LOG.isEnabledFor(logging.INFO) or message.status not in ("ok", "error", "fatal"):
             # the error that ends the run quotes these; with --verbose they come in full
             text = str(message) if message.unit else f"{message.status}: {message.text}"

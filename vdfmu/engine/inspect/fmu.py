@@ -130,7 +130,11 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         return findings, standard
     interfaces = ("coSimulation", "modelExchange", "scheduledExecution")
     kinds = [name for name in interfaces if getattr(description, name, None) is not None]
-    if version != "1.0" and "coSimulation" not in kinds:
+    if kinds == ["scheduledExecution"]:
+        if outer is None:  # in a package, the check of its system reports it
+            text = "expected an FMU for CoSimulation or ModelExchange, got one for ScheduledExecution"
+            findings.report("RUN007", text, root)
+    elif version != "1.0" and "coSimulation" not in kinds:
         findings.report("FMI019", "no co-simulation: a master needs it; other importers bring a solver", root)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
         findings.entries += _experiment(description)

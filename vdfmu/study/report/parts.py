@@ -186,7 +186,7 @@ def components_table(run: ShownRun) -> Iterator[str]:
     for name, each in descriptions.items():
         kind = "model exchange" if each.exchange else "co-simulation"
         states, indicators = each.sizes
-        events = f", {indicators} event indicators" if indicators else ""
+        events = f", {indicators} event indicator{'s' * (indicators > 1)}" if indicators else ""
         step = quantity(each.step, "s") if each.step else ""
         rows.append((name, f"FMI {each.version.name}, {kind}", each.tool, f"{states}{events}", step))
     heads = ("Component", "FMU", "Made by", "Continuous states", "Default step")

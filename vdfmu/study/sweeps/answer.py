@@ -188,9 +188,10 @@ def _per_cent(share: float) -> str:
 
 
 def _named(study: StudyTable) -> tuple[str, str]:
-    """Return the first measure and its unit."""
+    """Return the first measure and its unit, empty for pure numbers."""
     name = next(iter(study.facts["measures"]))
-    return name, study.facts["units"].get(name, "")
+    unit = study.facts["units"].get(name, "")
+    return name, "" if unit == "1" else unit
 
 
 def _best(study: StudyTable, values: Floats, point: int) -> str:
