@@ -62,7 +62,7 @@ def fitted(log: Log, robot: Robot, band: float = BAND, prior: float = PRIOR) -> 
 
 
 def torques(model: Model, log: Log, band: float = BAND) -> tuple[Floats, Floats, Floats]:
-    """Torques measured and what the model leaves of them, link-side (m, n), and the columns of a load (m, n, 10)."""
+    """Measured torques and the residuals of the model, link-side (m, n), and the columns of a load (m, n, 10)."""
     robot, h, t = model.robot, log.step, log.t
     wide, narrow = (butter(4, f, fs=1.0 / h, output="sos") for f in (min(20.0 * band, 0.4 / h), band))
     trim = int(3.0 / band / h)  # transients of the filter

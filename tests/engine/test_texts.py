@@ -10,7 +10,7 @@ from vdfmu.engine.fmu.variables import FmuVariable
 
 
 def transfer(verb, values, places, called, kind="String"):
-    """Return the call that gets or sets texts; `called` stands for the function of the FMU."""
+    """Return the call that gets or sets texts; `called` replaces the function of the FMU."""
     variables = [FmuVariable(f"v{i}", i, kind, "output", "discrete", None, native=kind) for i in places]
     made = Transfer(verb, variables, places, values, np.uintp, lambda _: [], lambda *words: AssertionError(*words))
     return made.around(lambda *_: called(made))

@@ -1,4 +1,4 @@
-"""Commands that the tries of signals and faults start, what they begin with, and what is left of them."""
+"""Commands that the tries of signals and faults start, what they begin with, and the files that they leave."""
 
 import atexit
 import json

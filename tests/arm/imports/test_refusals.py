@@ -1,4 +1,4 @@
-"""What is no arm is refused, with its place, what was expected, what is there, and the way out; all at once."""
+"""What is no arm is refused, with its place, what was expected, what is there, and the fix; all at once."""
 
 from pathlib import Path
 

@@ -46,7 +46,7 @@ def test_the_law_is_that_of_a_public_robot():
     assert robot.F_cb[0] == pytest.approx(27.2e3, rel=1e-3) and robot.L_cb[0] == pytest.approx(0.575, rel=1e-3)
     axis_2 = np.deg2rad(np.linspace(-140.0, -5.0, 28))
     torque = counterbalance_torque(robot, axis_2[None])[0]
-    # dl is a difference of lengths of 1 m that stand for 0.4 m and less; 20 roundings of a torque of 14 kN m
+    # dl is a difference of lengths of 1 m of which the result is 0.4 m or less; 20 roundings of a torque of 14 kN m
     np.testing.assert_allclose(torque, -public_torque(axis_2), rtol=0, atol=100 * EPS * 14e3)
     lean = axis_2 > np.deg2rad(-95.0)
     assert (torque[lean] < 0.0).all() and (torque[~lean][:-1] > 0.0).all()  # back to where it is neutral

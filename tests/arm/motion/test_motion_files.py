@@ -70,7 +70,7 @@ def test_columns_may_have_the_names_of_joints(robot, written):
         vdfmu.load_motion(written("time,q1,q2\n0,0,0\n1,1,0.5\n", "far.csv"), stopped)
     text = str(caught.value)
     assert "joint 1 shoulder: expected" in text and "joint 2 elbow_joint: expected" in text
-    assert text.count("Choose other points.") == 1  # the way out of both
+    assert text.count("Choose other points.") == 1  # the fix of both
 
 
 def test_points_of_a_file_may_rest(robot, written):
@@ -125,7 +125,7 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
     ('kind = "waypoints"\nfile = "no.csv"', ["no.csv: expected a CSV file"]),
     ('kind = "line"\npoints = [0.5, 0, 0.6]', ["motion.start: expected a value for line, got nothing"]),
     ('kind = "waypoints"\npoints = [[0, 0], [1, 1]]\nduration = -1', ["duration: expected more than 0 s"]),
-    ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', ["motion: line: at ", "reaches"]),
+    ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', ["motion: line: ", "out of reach"]),
 ])  # fmt: skip
 def test_problems_of_a_table_are_named(robot, written, text, words):
     with pytest.raises(ModelError) as caught:

@@ -1,4 +1,4 @@
-"""A robot's parameters stand in one table, and everything else follows from it."""
+"""A robot's parameters are defined in one table, and everything else follows from it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Every fault of a robot file is reported with file, key, expected, got and the way out."""
+"""Every fault of a robot file is reported with file, key, expected, got and the fix."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Faults of a scenario are named; scalars stand for all joints; plant factors scale the robot."""
+"""Faults of a scenario are named; scalars apply to all joints; plant factors scale the robot."""
 
 import json
 import math

@@ -17,7 +17,7 @@ class Calls:
     """Arguments after the instance of a call of every function, right in everything but perhaps the phase."""
 
     def __init__(self, unit, reference=None):
-        """With a reference that stands for those of all variables."""
+        """Use `reference`, if given, in place of the references of all variables."""
         version, n, S = unit.model.version, unit.model.n_states, unit._state
         (tau, *_), (q, *_) = unit.model.group("tau"), unit.model.group("q")
         t, o = (references([v.reference if reference is None else reference]) for v in (tau, q))

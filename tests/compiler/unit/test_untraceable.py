@@ -1,4 +1,4 @@
-"""What cannot be traced, and methods that are wrong: each says file, line, reason and the way out."""
+"""What cannot be traced, and methods that are wrong: each says file, line, reason and the fix."""
 
 import inspect
 import math

@@ -89,7 +89,7 @@ def _compare_algorithm(path: Path, steps: int) -> None:
     inputs = experiment(Efmu(path), steps)
     series = Program(Efmu(path)).run(inputs, steps)
     for name, values in of_fmu(path, inputs, steps).items():
-        # GALEC has no expm1, log1p and the like: what stands for them loses the digits by which 1 is larger, some 1e-16
+        # GALEC has no expm1, log1p and the like: their replacements lose the digits by which 1 is larger, some 1e-16
         # of the largest value a step
         tolerance = steps * 1e-15 * max(1.0, np.abs(values).max())
         np.testing.assert_allclose(series[name], values, rtol=0.0, atol=tolerance, err_msg=name)

@@ -1,4 +1,4 @@
-"""Packages that mean harm: entries, XML and sources that are refused, with what, where and the way out."""
+"""Packages that mean harm: entries, XML and sources that are refused, with what, where and the fix."""
 
 import stat
 import struct
