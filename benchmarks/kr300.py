@@ -1,4 +1,4 @@
-"""A measured arm identified in several ways from one log, and what each leaves of the torques of another log."""
+"""A measured arm identified in several ways from one log, and the residual of each on the torques of another log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vdfmu.extras.identify.rows import Rows
 
 TITLE = "A measured arm: the KR 300, identified in several ways"
 REGRESSIONS = ("ordinary least squares", f"weighted, robot file within {100 * PRIOR:.0f} %")
-"""Of a rigid arm; weighted, each axis is divided by what the first solution leaves of it, and errors of the robot file
+"""Of a rigid arm; weighted, each axis is divided by the residual of the first solution, and errors of the robot file
 are the unknowns, of the size that vdfmu takes for them."""
 ITERATIONS = 20
 """Of the toolbox, at most; the sum of squares falls by less than 3e-3 of itself in twenty more."""

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 FoldedOption = Annotated[
     bool,
     Option(
-        "Zeros of gravity, mass centres, tool are constants.",
+        "Compile gravity, centroids, tool as constants if 0.",
         more="The FMU is then faster. By default these zeros are parameters that can be set, like those of a payload.",
     ),
 ]

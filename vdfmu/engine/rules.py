@@ -156,7 +156,7 @@ SSP010 | The values of the default experiment, of steps and of the master in ann
 SSP011 | Referenced files are in the package | add the file, or refer to another
 SSP012 | Sources are relative paths inside the package | put the file into the package and write its path
 SSP013 | A component has a source | name an FMU
-SSP014 | A component is an FMU and has this type | set the type, or write the system into the SSD
+SSP014 | A component is an FMU, and its `type` says so | set the type, or write the system into the SSD
 SSP016 | The size and depth of a system are within the limits | split or join systems
 SSP017 | Elements of a system have different names | rename one
 SSP018 | Connectors of an element have different names | rename one

@@ -94,7 +94,7 @@ ROWS = (
     ),
     Limit(
         "tool", "Tracking", 0.1, DOUBTFUL, "%", "{place} off its path by {error}, {value} of the motion, at {time}",
-        "a motion is completed if it is within a tenth of its size, as rise times are measured from 10 to 90 %",
+        "a motion counts as completed within a tenth of its size of the target, as for rise times from 10 to 90 %",
         failed=0.5,
     ),
     Limit(
@@ -121,11 +121,11 @@ ROWS = (
     ),
     Limit(
         "speed", "Speed in the log", 60.0, FAILED, "rad/s", "{place} moves at {value}: check the unit of the times",
-        "wrists of SCARA robots reach 45 rad/s, linear motors 15 m/s, with a limit of 20 m/s",
+        "wrists of SCARA robots reach 45 rad/s; linear motors reach 15 m/s, and their limit is 20 m/s",
     ),
     Limit(
         "ratio", "Gear ratio", 0.05, DOUBTFUL, "%",
-        "{place}: ratio {ratio}, not {ell}: the link moves {factor} times as far as the rotor",
+        "gear ratio of {place} is {ratio}, not {ell}: link motion {factor} times the expected",
         "springs and encoders cause a difference of a few per mille", failed=0.1,
     ),
     Limit(
@@ -136,8 +136,8 @@ ROWS = (
     ),
     Limit(
         "scale", "Scale of the links", 1.1, DOUBTFUL, "1", "torques are {factor} times the file's: {cause}",
-        "the ratios in a series of gears differ by at least 20 %, and 1.1 is half of that; a measured KUKA KR 300 "
-        "has 1.01; 1.6 is three times the 20 % by which masses in robot files are wrong", failed=1.6,
+        "the ratios in a series of gears differ by at least 20 %, so half of that tells them apart; a measured KUKA "
+        "KR 300 has 1.01; 1.6 is three times the 20 % by which masses in robot files are wrong", failed=1.6,
     ),
     Limit(
         "residual", "Residual torque", 0.3, DOUBTFUL, "%", "{place} has a residual of {value} of its torque's RMS",
@@ -179,5 +179,5 @@ def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] 
 
 
 def energies(bond: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the energy that the coupling adds or takes, sum of absolute values, and that it exchanges, in all [J]."""
+    """Return the total energy error of the coupling, a sum of absolute values, and the total exchanged energy [J]."""
     return sum(bond["residual_energy_abs_j"]), sum(bond["exchanged_energy_j"])

@@ -62,7 +62,7 @@ ENGINES = ("fmu", "batch")
 """What runs the points of a study: FMUs, or one program of all units."""
 
 
-# A table: an option in some lines.
+# Kept as a table: each option in a few lines, not one argument per line.
 # fmt: off
 class ValueOptions(TypedDict, total=False):
     """Values of a system, and its FMUs."""

@@ -108,8 +108,8 @@ def test_a_tool_on_the_last_axis_is_noted_unless_it_was_chosen(urdf):
     ({"tool": [0.3]}, "tool: expected 3 numbers in m, or 6"),
     ({"tool": "a b c"}, "tool: expected a number, or a list or rows of them"),
     ({"tool": [0, 0, np.inf]}, "tool: expected 3 numbers in m, or 6"),
-    ({"tool": [0, 0, 1], "tool_frame": "fore"}, "tool_frame: expected neither tool nor tip with it"),
-    ({"tip": "fore", "tool_frame": "fore"}, "tool_frame: expected neither tool nor tip with it"),
+    ({"tool": [0, 0, 1], "tool_frame": "fore"}, "tool_frame: cannot be combined with tool or tip"),
+    ({"tip": "fore", "tool_frame": "fore"}, "tool_frame: cannot be combined with tool or tip"),
     ({"tool_frame": "for"}, "expected a link of the file, got 'for'. Did you mean \"fore\"?"),
 ])  # fmt: skip
 def test_a_tool_that_cannot_be_is_refused(urdf, options, expected):

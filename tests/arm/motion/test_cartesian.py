@@ -85,7 +85,7 @@ def test_end_stops_on_the_way_are_named_with_place_and_joint(planar):
     limited = dataclasses.replace(planar, limits=True).with_parameters(q_min=[-2.0, 0.7], q_max=[2.0, 2.0])
     p, _ = vdfmu.dynamics.forward_kinematics(limited, [0.3, 0.8])
     with pytest.raises(
-        UsageError, match=r"line: at .* % of it, .* m: expected joint 2 between its end stops, 0.7 and 2"
+        UsageError, match=r"line: .* % along the path, .* m: expected joint 2 between its end stops, 0.7 and 2"
     ):
         motions.line(limited, [0.3, 0.8], 0.87 / np.linalg.norm(p) * p, duration=1.0)
 
@@ -117,7 +117,7 @@ def test_a_redundant_arm_takes_least_norms_and_goes_to_the_middle_of_its_range(a
     ({"dwell": -0.1}, "dwell: expected one positive time in s"),
     ({"tolerance": 0.0}, "tolerance: expected more than 0"),
     ({"speed": np.inf}, "speed: expected more than 0"),
-    ({"start": [0.3, 0.0]}, "line: at 0 % of it, .* got a singular pose: joint 2, at 0,"),
+    ({"start": [0.3, 0.0]}, "line: 0 % along the path, .* got a singular pose: joint 2, at 0,"),
     ({"speed": 0.1}, "duration: expected at least .* s, because of the speed"),
     ({"velocity": [1.0, 1.0, 1.0]}, "velocity: expected a number above 0 for all joints, or 2"),
 ])  # fmt: skip

@@ -125,7 +125,7 @@ def test_problems_of_a_csv_file_are_named_at_once_with_their_rows(robot, written
     ('kind = "waypoints"\nfile = "no.csv"', ["no.csv: expected a CSV file"]),
     ('kind = "line"\npoints = [0.5, 0, 0.6]', ["motion.start: expected a value for line, got nothing"]),
     ('kind = "waypoints"\npoints = [[0, 0], [1, 1]]\nduration = -1', ["duration: expected more than 0 s"]),
-    ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', ["motion: line: at ", "reaches"]),
+    ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', ["motion: line: ", "out of reach"]),
 ])  # fmt: skip
 def test_problems_of_a_table_are_named(robot, written, text, words):
     with pytest.raises(ModelError) as caught:

@@ -197,7 +197,7 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
     same(read_log(write(path, table(data), 1e3 * T), robot, time="time [ms]"), data)
     (check, *_) = read_log(write(path, table(data, q=0.9 * q)), robot).checks
     assert check.key == "ratio"
-    assert "joint 1: ratio 111, not 100: the link moves 0.901 times as far as the rotor" in check.sentence
+    assert "gear ratio of joint 1 is 111, not 100: link motion 0.901 times the expected" in check.sentence
 
 
 def test_the_way_out_is_one(robot, data, tmp_path):

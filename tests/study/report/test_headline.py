@@ -246,8 +246,8 @@ def test_without_a_verdict_there_is_no_line_and_numbers_that_are_not_known_have_
 @pytest.mark.parametrize(("sentence", "headline"), [
     ("plant " * 40, "Failed: " + "plant " * 13 + "…"),
     # at the last clause of the second half
-    ("joint 1: ratio 120, not 100: the link moves 0.833 times as far as the rotor (limit 5 %), 10 others",
-     "Failed: joint 1: ratio 120, not 100: the link moves 0.833 times as far as the rotor …"),
+    ("gear ratio of joint 1 is 120, not 100: link motion 0.833 times the expected (limit 5 %), 10 others",
+     "Failed: gear ratio of joint 1 is 120, not 100: link motion 0.833 times the expected …"),
     ("joint 2: a drive that swings at 0.335 Hz looks like a stiffness per arc minute. Drives have 10 to 100 Hz",
      "Failed: joint 2: a drive that swings at 0.335 Hz looks like a stiffness per arc minute …"),
     # a comma before a number is that of a list

@@ -92,10 +92,10 @@ def test_statistics_are_compared_where_solutions_separate_and_the_energy_residua
     energies = {"residual": [3e-3, -1e-3], "residual_energy_abs": [4e-3, 4e-3], "exchanged": [30.0, 10.0]}
     bond = {"residual_energy_j": energies["residual"], "residual_energy_abs_j": energies["residual_energy_abs"]}
     said = dict(facts({**TRACKING, "power_bond": bond | {"exchanged_energy_j": energies["exchanged"]}}))
-    assert said["Energy residual"].startswith(
+    assert said["Coupling energy error"].startswith(
         "0.008 J, the sum of absolute values, at tau and kappa_dot, where 40 J are exchanged"
     )
-    assert said["Energy residual"].endswith("; net 0.002 J")
+    assert said["Coupling energy error"].endswith("; net 0.002 J")
     sheet = reference_sheet(TRACKING)
     assert sheet.rows == [("sampled-delayed", "1.23e-8", "5.68e-5"), ("continuous", "3.2e-6", "0.023")]
     text = shown(sheet_table(sheet))

@@ -146,7 +146,7 @@ def test_failures_are_grouped_by_cause_and_units_are_kept_by_expressions(tmp_pat
     (group,) = failed_groups(made)
     assert (group.points, group.where) == ([4, 5], "f.a 1")
     kinds = {
-        "solver": "solver of plant: its step reached the minimum, as of an unstable loop",
+        "solver": "solver of plant: its step reached the minimum, as in an unstable loop",
         "unstable": "unstable loop",
         "component": "f: y[…] is … at …",
     }

@@ -129,9 +129,7 @@ def import_robot(
     if density is not None and not 0.0 < (as_number(density) or 0.0) < np.inf:
         raise UsageError(f"density: expected a number above 0 in kg/m3, got {density!r}.")
     if tool_frame is not None and (tool is not None or tip is not None):
-        raise UsageError(
-            "tool_frame: expected neither tool nor tip with it, got one. Omit them: it is both the tip and the tool."
-        )
+        raise UsageError("tool_frame: cannot be combined with tool or tip, because it sets both. Omit tool and tip.")
     place = read_placement(np.zeros(3) if tool is None else tool) if tool is not None or tool_frame else None
     root = parse_file(path)
     problems = Problems(str(path))

@@ -289,7 +289,7 @@ def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where:
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:rows]
     shares = np.diff(percent, prepend=percent[0]) / 100.0
     for i, (p, R) in enumerate(poses):
-        place = f"{where}: at {percent[i]:.3g} % of it, at {np.array2string(p, precision=4)} m"
+        place = f"{where}: {percent[i]:.3g} % along the path, at {np.array2string(p, precision=4)} m"
         if rows < robot.n and robot.limits:
             J = jacobian(robot, q)[:rows]
             pull = _PULL * shares[i] * (0.5 * (robot.q_min + robot.q_max) - q)

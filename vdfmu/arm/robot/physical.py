@@ -117,7 +117,7 @@ def _of_inertia(inertia: tuple[Entry, ...]) -> list[Requirement]:
 
 
 def _triangle(robot: Any, first: Entry) -> Any:
-    """Margin of ``tr(I)/2 E - I``, the second moments of mass, being semidefinite."""
+    """Margin by which ``tr(I)/2 E - I``, the matrix of second moments of mass, is positive definite."""
     inertia = getattr(robot, first.field)[first.index[:-2]]
     half_trace = 0.5 * (inertia[0, 0] + inertia[1, 1] + inertia[2, 2])
     # check_inertia allows INERTIA_TOLERANCE times the largest moment, which is about half the trace where it counts

@@ -188,7 +188,7 @@ class _LinearPart:
         self._Y = ca.vertcat(*(part.inputs.get(f"x_dot_{name}", ca.SX.sym(name)) for name in states))
         self._rows = ca.vertcat(*(part.results[f"made_{name}"] for name in states))
         if not self._X.numel() == self._Y.numel() == self._rows.numel() == len(states):
-            raise ChainError("a part has not one state of each name")
+            raise ChainError("each part of a chain must have each state exactly once")
         empty = ca.SX(0, 1)
         self._handed = [part.before.get(turn, empty) for turn in (OUTWARD, INWARD)]
         self._hands = [part.after.get(turn, empty) for turn in (OUTWARD, INWARD)]

@@ -1,7 +1,7 @@
 """One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sections VI.3 and VI.4. The step is traced
-in the same way as the equations: once the elimination of its matrix, and one function for all six stages.
+like the equations: the elimination of its matrix is traced once, and so is one function that all six stages call.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Stages(NamedTuple):
     factors: Any
     """Elements (l, 1) of the factors, of E and of R_t that are not constant, without repetition."""
     solve: ca.Function
-    """Increment as a function of `factors`, of `right` (m, 1), of `slope` of the carried rows and of the factor of R_t
-    [s]. The right-hand side of the stage is ``right + (E - explicit) slope``, with R_t."""
+    """Increment of a stage as a function of `factors`, `right` (m, 1), `slope`, the derivatives of the carried rows,
+    and `delay` [s]. The right-hand side of the stage is ``right + (E - explicit) slope + delay R_t``."""
     explicit: ca.DM
     """(m, 1): 1 for rows ``f(x, t) - y`` that need no y, else 0."""
     carried: list[int]
@@ -63,9 +63,9 @@ def stage_equations(
     Parameters
     ----------
     h : (1, 1) step [s]
-    E, J : (m + k, m + k) derivatives of R with respect to y, times -1, and to x, at the start. E is invertible. The
-        step needs no inverse of a mass matrix in it. With k rows and columns of algebraic equations and unknowns after
-        the m states, the columns of E are 0 there.
+    E, J : (m + k, m + k) ``-dR/dy`` and ``dR/dx`` at the start. E is invertible, but its inverse, which would contain
+        that of a mass matrix, is not needed. If k algebraic equations and unknowns follow the m states, their columns
+        of E are 0.
     R_t : (m + k, 1) partial derivative of R with respect to time
     order : elimination order of the m + k unknowns. It affects the fill-in, not the result.
     name : prefix of the function, ``<name>_solve``
@@ -120,8 +120,8 @@ def rodas_step(
     """Take one step of the system ``R(x, x_dot, t) = 0``.
 
     x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``. Rodas4 was made for such systems:
-    no stage solves R for x_dot. In rows ``f(x, t) - y`` y cancels. Their step is the step of ordinary differential
-    equations.
+    no stage solves R for x_dot. Rows of the form ``f(x, t) - y`` are stepped as ordinary differential equations,
+    because their y is eliminated.
 
     In SX the step is traced as a whole. In MX it calls functions that are traced once: `f`, the function of `stages`,
     and functions that form the arguments of both, ``<name>_point_2``, ``<name>_right_1``, ..

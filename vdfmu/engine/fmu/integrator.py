@@ -40,7 +40,7 @@ class ModelExchangeIntegrator:
     """Integrates the states of a component over communication steps, after its initialization.
 
     The method is DOP853, or Radau once a communication step takes many steps. A change of sign of an event indicator is
-    located by bisection to rounding, and the event is just behind it.
+    located by bisection to rounding; the event is at the first time after the change.
     """
 
     def __init__(self, instance: Any, tolerance: float | None) -> None:

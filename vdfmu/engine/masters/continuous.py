@@ -25,11 +25,11 @@ from vdfmu.engine.plan.grid import Grid, largest_step
 _FIRST = 1e-5
 """First step of the error control, relative to the longest step; it serves to calculate the slopes of the signals."""
 _SHORTEST = 1e-11
-"""Shortest step of the error control, relative to the run; it leaves four digits of the run's times."""
+"""Shortest step of the error control, relative to the run; times in double precision resolve it to four digits."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
-"""Next step relative to the last: factor to the wanted one, and its bounds, as usual for one-step methods."""
+"""Safety factor of the next step, and bounds of its ratio to the last, as usual for one-step methods."""
 _BETWEEN_JUMPS = 5
-"""Accepted steps between two jumps of a signal; with fewer, steps fail for another reason."""
+"""Fewest accepted steps between two jumps; if steps fail sooner after a jump, the cause is not another jump."""
 _BLIND = 0.1
 """Ratio of allowed error to the largest value of a signal above which there is effectively no control."""
 
@@ -45,8 +45,9 @@ class ContinuousStepper(Stepper):
     on one directly (see `Schedule.fresh`), the unit gets its value at the end of the step.
 
     `exchange` has the outputs at the start. `solver` makes a solver for the guesses of a block, such as `Broyden`, or
-    is None. Repetitions end at a change by `convergence`, and `error` is the largest of a step, or None for steps of
-    the given length; both of coupled signals, relative to their size or nominal value. `span` [s] is the run's length.
+    is None. Repetitions end when no coupled signal changes by more than `convergence`. `error` is the largest allowed
+    error of a coupled signal in a step, or None for steps of the given length. Both are relative to the size or nominal
+    value of the signal. `span` [s] is the length of the run.
     """
 
     def __init__(
@@ -248,7 +249,8 @@ class ContinuousStepper(Stepper):
         Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
         order; by h^2 / 2 times it if the component gives the first derivative. The line between the ends of the step
         departs from y by at most h^2 / 8 times it. In a step far shorter than the last, this would underestimate the
-        error of a jump. An output with feedthrough starts with the prediction error of the last step, so no jump.
+        error of a jump, so the estimate uses at least a fifth of the last step. This does not apply to an output with
+        feedthrough: it moves at the start of a step because the prediction of the last step was wrong, not by a jump.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf

@@ -16,7 +16,7 @@ LONGEST = 90
 """Most characters of a headline."""
 _KEPT = rf"^.{{{LONGEST // 2},{LONGEST - 2}}}"
 CUT = re.compile(rf"{_KEPT}(?=[;:.] |, [A-Za-z]| \()|{_KEPT}(?= )|^.{{{LONGEST - 2}}}")
-"""Start of a longer text: up to the last clause of its second half, else up to a word, so that no number changes.
+"""Where a text that is too long is cut: after its last clause that fits, else after a word, so that no number changes.
 
 A comma before a number may be part of a list, such as ``joints 1, 2``. The pages use the same pattern.
 """
@@ -64,9 +64,9 @@ class Check(NamedTuple):
 def verdict_of(checks: Sequence[Check], results: Sequence[str] = ()) -> dict[str, Any]:
     """Return the entry ``verdict`` of a summary: ``state``, ``headline``, ``results`` and ``checks``.
 
-    The headline is the sentence of the worst check, the first of several; of a good run, the first of its `results`,
-    the phrases for the results of the run. Checks that were not judged are named behind the results. A run without any
-    check that could be judged is doubtful.
+    The headline is the sentence of the worst check, or of the first if several are equally bad. For a good run it is
+    the first of `results`, phrases on what the run achieved, and as many of the next ones as fit. Checks that were
+    not judged are named after the results. A run without any check that could be judged is doubtful.
     """
     judged = [check for check in checks if check.state != UNJUDGED]
     state = max((check.state for check in judged), key=STATES.index, default=DOUBTFUL)

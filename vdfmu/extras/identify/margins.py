@@ -53,7 +53,7 @@ class MarginInterval(NamedTuple):
         row, likely = LIMITS["margin"], min(self.likely, self.linear)
         text = f"modulus margin {self.middle:.2f}, at least {likely:.2f} for 95 % of the arms that fit the log"
         signs = ", ".join(f"{x:.2f}" for x in self.factors)
-        more = f"worst corner {self.corner:.2f}, springs times {signs}; smallest at {self.place}"
+        more = f"worst corner {self.corner:.2f}, with springs scaled by {signs}; smallest at {self.place}"
         return Check("margin", row.name, row.state(likely), text, more, likely, row.value, row.by)
 
 

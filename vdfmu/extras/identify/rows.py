@@ -21,7 +21,7 @@ from vdfmu.extras.identify.problem import IdentificationProblem, Regressor, Torq
 _BANDS = 3.0
 """Band of the second filter, as multiples of the frequency below which nearly all power of the velocities is."""
 _WIDE = 60.0
-"""Band of the first filter, as a multiple of the second's: wide, as friction turns faster motion into slower force."""
+"""Band of the first filter relative to the second; wide, as fast motion also changes friction at low frequencies."""
 _ORDER = 4
 _TRIM = 3.0
 """Ends of the log that are not used because of the transients of the filters, in periods of the band."""
@@ -30,11 +30,11 @@ _FEWEST = 50
 _ZEROS, _EVEN = 8, 0.05
 """Number of tried zeros of encoders, and largest unevenness of their steps."""
 _ENOUGH = 100
-"""Rows that a wider band keeps of a short log."""
+"""For a short log the band is widened until this many rows remain."""
 
 
 class Rows(NamedTuple):
-    """Rows of a log, and the problem that they are."""
+    """Rows of a log, and the identification problem that they define."""
 
     problem: IdentificationProblem
     t: Floats
@@ -78,7 +78,7 @@ def rows_of(
     error = kinematic_error(robot, kappa)
     seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
     q = np.zeros_like(kappa)
-    if not seen.all():  # links by the springs of the robot file, unless they are fast
+    if not seen.all():  # link positions from the springs of the robot file, which are accurate for slow motions
         tau_s = file_torques(robot, kappa, regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot))
         q = kappa - error - deformation(robot, tau_s)
     measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
@@ -139,7 +139,7 @@ def _step_sizes(measured: Floats) -> Floats:
 
 
 def _steps(step: Floats, q: Floats) -> list[Floats]:
-    """Errors (m, n) that encoders with these steps (n,) have along smooth positions, for other zeros."""
+    """Quantisation errors (m, n) of encoders with steps (n,) along smooth positions, for several random offsets."""
     random = np.random.default_rng(0)
     zeros = random.uniform(size=(_ZEROS, 1, q.shape[1])) * step
     safe = np.where(step > 0.0, step, 1.0)
@@ -154,7 +154,7 @@ def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
 
 
 def slope(signal: Floats, h: float) -> Floats:
-    """Differentiate by central differences of fourth order, at the ends of second."""
+    """Differentiate by central differences of fourth order; the two rows at each end are of lower order."""
     rate = np.gradient(signal, h, axis=0)
     rate[2:-2] = (8.0 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12.0 * h)
     return rate

@@ -32,9 +32,9 @@ class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
         more="They are drawn as a Latin hypercube.", default=8)]
     combine: Annotated[str, Option("Mean or worst of the robots' costs.", default="mean", choices=("mean", "worst"))]
     margin: Annotated[float | str | None, Option(
-        "Smallest modulus margin of a loop, or same.",
-        more="same is the margin at the start of the search. The margin is the smallest min abs(1 + L) of the "
-            "nominal robot over the run, as `vdfmu linear SCENARIO` prints it.", metavar="NUMBER|same",
+        "Modulus margin to keep; same: that at the start.",
+        more="No loop of the chosen values may have a smaller one. It is the smallest min abs(1 + L) of the nominal "
+            "robot over the run, as `vdfmu linear SCENARIO` prints it.", metavar="NUMBER|same",
             typed=str | None)]
     engine: Annotated[str, Option("batch runs several robots at once.", choices=ENGINES,
         more="It runs the robots of several candidates together. See :func:`vdfmu.sweep`.", default="fmu")]

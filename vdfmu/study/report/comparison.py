@@ -124,7 +124,7 @@ _MEASURED = (
     "Pace",
     "Machine",
     "Communication",
-    "Energy residual",
+    "Coupling energy error",
     "Chaotic loop",
     "No reference",
     "Parameters",

@@ -223,7 +223,7 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
         share = f" ({residual / exchanged:.2g} of it)" if exchanged > 0.0 else ""
         text = f"{residual:.3g} J, the sum of absolute values, at tau and kappa_dot"
         net = f"net {sum(bond['residual_energy_j']):.3g} J"
-        yield "Energy residual", f"{text}, where {exchanged:.3g} J are exchanged{share}; {net}"
+        yield "Coupling energy error", f"{text}, where {exchanged:.3g} J are exchanged{share}; {net}"
     if (mode := (summary.get("key_figures") or {}).get("mode")) is not None:
         yield "Lowest mode", f"{quantity(mode['value'], 'Hz')} at {mode['at_s']:.3g} s, motors held"
     if (separation := summary.get("separation")) is not None:

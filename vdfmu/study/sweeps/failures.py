@@ -18,7 +18,7 @@ _NAMED = 3
 """Causes of failures that are named."""
 _CAUSES: Mapping[str, str] = {
     FailureKind.UNSTABLE: "unstable loop",
-    FailureKind.SOLVER: "solver of {}: its step reached the minimum, as of an unstable loop",
+    FailureKind.SOLVER: "solver of {}: its step reached the minimum, as in an unstable loop",
     FailureKind.NOT_FINITE: "values of {} are not finite",
     FailureKind.COUPLING: "coupling of {} does not converge",
     FailureKind.TIME_LIMIT: "took longer than the time limit",

@@ -71,7 +71,7 @@ def remarks(
 
 
 def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
-    """Return inputs without a connection or a value: new ones of replaced units, and positions for a plant's control.
+    """Return inputs without a connection or a value: those that a replacement adds, and position inputs outside plants.
 
     `names` are parameters that are set.
     """
@@ -83,7 +83,7 @@ def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
 
 
 def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, float, float]]:
-    """Yield the desired motions: name of the unit, start and length [s], of those that repeat the first cycle."""
+    """Yield the desired motions: name of the unit, start and length [s]; if a motion repeats, of its first cycle."""
     for name, unit in scenario.resolved.units.items():
         begin = values[name].get("t_start", 0.0)
         if issubclass(unit, Played) and unit.rows is not None:

@@ -140,7 +140,7 @@ def group_of(table: Iterable[Variable], values: Mapping[str, Any], group: str) -
 
 
 def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Values:
-    """Return the parameters of the robot in a component: for plants with plant factors, else as known."""
+    """Return the robot's parameters in a component: those of the plant, with its factors, or those of the model."""
     if not isinstance(table, Interface) or table.unit.robot_fields is None:
         return {}
     part_robot = scenario.system.parts[component].robot
@@ -153,7 +153,7 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return a robot with values by the names of its plant, ``mass[2]``, or itself if nothing changes."""
+    """Return the robot with values of parameters such as ``mass[2]``, or the robot itself if none differs."""
     numbers = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
     new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), numbers, strict=True)]
     return robot if new == numbers else robot.with_values(new)
