@@ -46,8 +46,9 @@ WHEEL_TAGS = {
     "x86_64-darwin": "macosx_11_0_x86_64", "aarch64-darwin": "macosx_11_0_arm64",
 }  # fmt: skip
 """Platforms that can have a wheel with compiled code, to their names in wheels."""
-PREBUILT = re.compile("native|kernels|programs|[0-9a-f]{32}.*")
-"""Folders of the cache with what is traced and compiled. Others have results, pages and FMUs."""
+PREBUILT = re.compile("native|kernels|programs|texts|reference|[0-9a-f]{32}.*")
+"""Folders of the cache with what is traced and compiled, and the reference results inside FMUs. Others have results of
+runs, pages and FMUs."""
 
 README = """\
 # vdfmu {version}
