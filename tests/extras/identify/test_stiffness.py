@@ -217,7 +217,10 @@ def test_the_command_designs_torques_and_writes_what_their_log_shows(planar, tmp
     made = vdfmu.load_robot("arm.toml")
     assert "scaled to" in made.sources["joints[1].drive.K_f0"]
     np.testing.assert_allclose(made.K_f0 / robot.K_f0, 0.8, rtol=0.1)  # at another torque than at rest
-    assert "failed" in ran(*words, code=1).output  # without the torques the log is not known to be periodic
+    said = ran(*words, "--margins", "planar_tracking", code=1).output
+    assert "failed" in said  # without the torques the log is not known to be periodic
+    assert "margins of planar_tracking were not computed" in said
+    assert "--for must be stiffness, got springs" in refused(*words[:4], "--for", "springs")
     assert "--band does not go with --for stiffness" in refused(*words, "--band", "3")
     assert "--margins goes with --for stiffness" in refused(*words[:4], "--margins", "planar_tracking")
     assert "--excitation goes with a log" in refused("identify", "--design", "planar_2dof", "--excitation", "x.csv")

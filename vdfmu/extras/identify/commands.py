@@ -87,6 +87,8 @@ def identify(
     from vdfmu.extras.identify.verdict import verdict
     from vdfmu.study.report.sheets import verdict_table, verdict_text
 
+    if purpose not in (None, "stiffness"):
+        raise UsageError(f"--for must be stiffness, got {purpose}. Without it, all parameters are identified.")
     of_log = {"--robot": robot, "--column": column, "--time": time, "--score": other, "--plot": plot,
               "--residuals": residuals, "--excitation": excitation, "--page": page,
               "--margins": margins}  # fmt: skip

@@ -119,6 +119,7 @@ def show_stiffness(
     targets = {name: target_file(path, "", overwrite) for name, path in files.items() if path is not None}
     rows = read_log(log, arm, columns, time=time)
     say_notes(rows.notes)
+    interval: MarginInterval | None = None
     written: list[Path] = []
     title = f"Springs of {arm.name} from {log.name}, by its motors"
     if excitation is None:
@@ -132,7 +133,7 @@ def show_stiffness(
         torques = read_excitation(excitation, arm.n)
         fit = identify_stiffness(rows, arm, torques)
         judged = {"verdict": stiffness_verdict(fit, rows.checks)}
-        shows, interval = state_of(judged) != FAILED, None
+        shows = state_of(judged) != FAILED
         if scenario is not None and shows:
             interval = spring_margins(fit, scenario)
             judged = {"verdict": stiffness_verdict(fit, [*rows.checks, interval.check])}
@@ -152,6 +153,8 @@ def show_stiffness(
         picture = draw_responses(fit, title)
         pages = stiffness_page(title, judged, stiffness_rows(fit), notes, [picture])
         written += _write_fit(fit, picture, targets, log.name, shows)
+    if scenario is not None and interval is None:
+        say_notes([f"margins of {scenario} were not computed, because the verdict is failed"])
     if "page" in targets:
         write_whole(targets["page"], [pages])
         written.append(targets["page"])
