@@ -85,7 +85,7 @@ def test_a_robot_is_shown_whole_in_80_columns(tmp_path, name):
     assert max(len(line) for line in narrow.splitlines()) <= 80
     assert "…" not in narrow
     words = re.compile(r"[^\s┃│━╇┼─]+")
-    assert words.findall(narrow) == words.findall(wide)
+    assert sorted(words.findall(narrow)) == sorted(words.findall(wide))  # a heading may have more lines
     assert "theta_err_amplitude" in narrow
 
 
