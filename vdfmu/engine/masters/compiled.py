@@ -148,6 +148,11 @@ class CompiledSteps:
         return row.value
 
     @property
+    def instance(self) -> Instance:
+        """The component of the last action, for the message if it ends the process."""
+        return self._judges[self._master.action][0]
+
+    @property
     def _next_event(self) -> float:
         """Time of the next event that is known [s]; infinite for none."""
         return math.inf if self._eventful is None else min(self._eventful.events.times, default=math.inf)
