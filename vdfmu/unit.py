@@ -3,9 +3,22 @@
 `find_unit` returns the class of a unit, shipped or of a file.
 """
 
-from vdfmu.arm.units import find_unit
+from typing import TYPE_CHECKING, Any
+
 from vdfmu.compiler import unit
 from vdfmu.compiler.unit import *  # noqa: F403
 
+if TYPE_CHECKING:
+    from vdfmu.arm.units import find_unit as find_unit
+
 __all__ = ["find_unit"]
 __all__ += unit.__all__
+
+
+def __getattr__(name: str) -> Any:
+    """Import `find_unit` when it is used, because units are also written where there is no arm."""
+    if name != "find_unit":
+        raise AttributeError(f"module 'vdfmu.unit' has no attribute {name!r}")
+    from vdfmu.arm.units import find_unit
+
+    return find_unit

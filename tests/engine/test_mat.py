@@ -52,6 +52,6 @@ def test_a_matlab_file_of_another_tool_and_an_array_beyond_two_gigabytes_are_ref
     with pytest.raises(UsageError, match="expected results that vdfmu wrote, with the variable vdfmu; there are x"):
         Results.read(tmp_path / "r.mat")
     monkeypatch.setattr("vdfmu.engine.results.mat_file._MOST", 1000)
-    with pytest.raises(VdfmuError, match="a_q: expected at most 2 GB.*--format parquet"):
+    with pytest.raises(VdfmuError, match="a_q: must be at most 2 GB.*--format parquet"):
         results.write(tmp_path / "large.mat")
     assert list(tmp_path.iterdir()) == [tmp_path / "r.mat"]

@@ -79,7 +79,7 @@ class InputOptions(TypedDict, total=False):
     inputs: Annotated["Inputs", Option(
         "Signals for unconnected inputs. Repeatable.",
         "path, sequence of paths or mapping of str to (t, values)",
-        "CSV files with a column time and columns such as 'plant.F_e[1] [N]', or arrays; they replace the inputs of "
+        "CSV files with a column time and columns such as `plant.F_e[1] [N]`, or arrays; they replace the inputs of "
         "a scenario. See "
         "`vdfmu.engine.plan.inputs.read_inputs`.",
         flag="--input", metavar="FILE.csv", typed=TEXTS)]

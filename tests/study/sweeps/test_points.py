@@ -45,7 +45,7 @@ REFUSED = {
     r"expected lin\(FROM, TO\)": ["a.b=lin(1)", "a.b=lin(1, x)", "a.b=lin(1, inf)"],
     "at least 1": ["a.b=lin(1, 2, 0)", "a.b=lin(1, 2, 2.5)"],
     "at most 10000000": ["a.b=lin(1, 2, 1e12)"],
-    "one sign": ["a.b=log(0, 2)"],
+    "the same sign": ["a.b=log(0, 2)"],
     "not negative": ["a.b=normal(1, -1)"],
     "expected lin": ["a.b=triangle(1, 2)", "a.b=1,,2"],
     "finite": ["a.b=1, nan"],
