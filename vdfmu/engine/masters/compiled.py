@@ -173,10 +173,10 @@ class CompiledSteps:
         """Plan steps with inputs that hold over a step."""
         exchange, banks = self._exchange, self._banks
         for action in step_actions(exchange.checked):
-            name = (action.names or exchange.checked.schedule.units)[0]
+            name = action.name or exchange.checked.schedule.units[0]
             if action.verb == "gather":
                 for bank in banks:
-                    self._gather(name, bank, bank.inputs_of("".join(action.names), action.fresh))
+                    self._gather(name, bank, bank.inputs_of(action.name, action.fresh))
                 continue
             add = {"set": self._set, "step": self._step, "get": self._get}[action.verb]
             add(exchange.instances[name], action.at_end)

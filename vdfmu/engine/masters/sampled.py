@@ -62,23 +62,20 @@ class SampledStepper(Stepper):
         """Each function of a step with its arguments and its name, and where to read whether it is due."""
         always = [True, True]
         for action in step_actions(exchange.checked):
-            name = action.names[0] if action.names else exchange.checked.schedule.units[0]
-            due = self._due.get(name, always)
-            calls = [(exchange.instances[name], *call, due, action.at_end) for call in self._calls_of(action)]
-            self._calls += calls
+            instance = exchange.instances[action.name or exchange.checked.schedule.units[0]]
+            due = self._due.get(action.name, always)
+            self._calls += [(instance, *call, due, action.at_end) for call in self._calls_of(action)]
 
     def _calls_of(self, action: Planned) -> list[Call]:
         """Return the calls of an action; a gather returns no status."""
-        exchange, names = self._exchange, action.names
+        exchange = self._exchange
         if action.verb == "gather":
-            return [(gather, (), "") for gather in exchange.gathers("".join(names), action.fresh)]
+            return [(gather, (), "") for gather in exchange.gathers(action.name, action.fresh)]
+        members = [exchange.instances[name] for name in action.names]
         if action.verb == "step":
-            times = self._sizes.get(names[0], (exchange.clock, exchange.size))
-            if len(names) == 1:
-                return [exchange.instances[names[0]].step_call(*times)]
-            return [Together([exchange.instances[name] for name in names], exchange).step_call(*times)]
-        instance, verb = exchange.instances[names[0]], action.verb.capitalize()
-        return [call for bank in exchange.banks for call in bank.calls(instance, verb)]
+            stepped = Together(members, exchange) if len(members) > 1 else members[0]
+            return [stepped.step_call(*self._sizes.get(action.name, (exchange.clock, exchange.size)))]
+        return [call for bank in exchange.banks for call in bank.calls(members[0], action.verb.capitalize())]
 
     def advance(self, time: float, step: float, stop: float) -> None:
         """Step all units from `time` by `step`."""

@@ -19,6 +19,11 @@ class Planned(NamedTuple):
     at_end: bool = False
     """Whether the action belongs to the end of the component's own step, else to its beginning."""
 
+    @property
+    def name(self) -> str:
+        """Its first component; empty for all."""
+        return self.names[0] if self.names else ""
+
 
 def step_actions(checked: Checked) -> list[Planned]:
     """Return the actions of a step in their order.
