@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.engine.reference import models
-from vdfmu.compiler.functions.sources import imported
+from vdfmu.base.sources import imported
 
 ROOT = Path(__file__).parents[1]
 BUILD = """

@@ -8,22 +8,29 @@ from collections.abc import Iterator
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-
-import casadi as ca
+from typing import NamedTuple
 
 from vdfmu.base.files import PACKAGE, source_bytes
 
 _IMPORT = re.compile(r"vdfmu(?<=from vdfmu|port vdfmu)\.?([\w.]*)(?: import (\([^)]*\)|.*))?")
 """The pattern starts with fixed text: then it takes 2 ms for the package, and 12 ms if it starts with the line."""
 _NAME = re.compile(r"\w+")
+_CASADI = re.compile(rb"^import casadi", re.MULTILINE)
 
 
 @cache
 def source_digest(*roots: str) -> str:
-    """Digest of modules, ``arm.kernel``, or packages, ``compiler``, with their imports and the version of CasADi."""
-    digest = sha256(ca.CasadiMeta.version().encode())
-    for name in imported(*roots):
-        digest.update(f"{name} {_source(name)[0]}\n".encode())
+    """Digest of modules, ``arm.kernel``, or packages, ``compiler``, with their imports.
+
+    It includes the version of CasADi if one of them imports CasADi.
+    """
+    digest, names = sha256(), imported(*roots)
+    if any(_source(name).uses_casadi for name in names):
+        from casadi import CasadiMeta  # only then, because it takes long to import
+
+        digest.update(CasadiMeta.version().encode())
+    for name in names:
+        digest.update(f"{name} {_source(name).digest}\n".encode())
     return digest.hexdigest()
 
 
@@ -39,7 +46,7 @@ def imported(*roots: str) -> list[str]:
     names: set[str] = set()
     while new:
         names |= new
-        new = set[str]().union(*(_source(name)[1] for name in new)) - names
+        new = set[str]().union(*(_source(name).modules for name in new)) - names
     return sorted(names)
 
 
@@ -50,12 +57,19 @@ def _files() -> dict[str, Path]:
     return {path.replace(os.sep, ".").removesuffix(".__init__"): file for path, file in paths.items()}
 
 
+class _Source(NamedTuple):
+    """Digest of a module, the modules of the package that it imports, and whether it imports CasADi."""
+
+    digest: str
+    modules: set[str]
+    uses_casadi: bool
+
+
 @cache
-def _source(name: str) -> tuple[str, set[str]]:
-    """Return the digest of a module, and the modules that it imports."""
+def _source(name: str) -> _Source:
     content = source_bytes(_files()[name])
-    names = _imports(content.decode())
-    return sha256(content).hexdigest(), _files().keys() & {name.rpartition(".")[0], *names}
+    modules = _files().keys() & {name.rpartition(".")[0], *_imports(content.decode())}
+    return _Source(sha256(content).hexdigest(), modules, _CASADI.search(content) is not None)
 
 
 def _imports(text: str) -> Iterator[str]:

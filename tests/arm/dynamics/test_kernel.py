@@ -14,7 +14,7 @@ from vdfmu.base import cache
 from vdfmu.base.cache import cache_folder
 from vdfmu.base.errors import KernelError, UsageError
 from vdfmu.base.extras import extra_modules
-from vdfmu.compiler.functions.sources import imported
+from vdfmu.base.sources import imported
 from vdfmu.compiler.scalar.generic import clip, sgn, zeros
 from vdfmu.compiler.scalar.jet import Jet
 from vdfmu.compiler.scalar.symbol import Symbol, from_sx, to_sx

@@ -24,7 +24,7 @@ from vdfmu.arm.world.payload import link_body
 from vdfmu.base.cache import cached_per_command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.measure import JOINT_TYPES
-from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.base.sources import source_digest
 from vdfmu.compiler.scalar import ZERO, Symbol
 from vdfmu.compiler.unit.declaration import Entry
 

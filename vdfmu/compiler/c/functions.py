@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from vdfmu.base.cache import cache_folder, cached_per_command, load_or_make
 from vdfmu.base.errors import KernelError
+from vdfmu.base.sources import source_digest
 from vdfmu.compiler.c.calls import VectorText
 from vdfmu.compiler.c.grouping import Operation, grouped
 from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
@@ -26,7 +27,6 @@ from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definiti
 from vdfmu.compiler.functions.chain import LOCAL
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, has_roundings, lookup_table, matrix_numbers, matrix_of
 from vdfmu.compiler.functions.operations import instructions
-from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 

@@ -15,10 +15,10 @@ from typing import Any
 from vdfmu.base.cache import built_as
 from vdfmu.base.errors import FmuError, VdfmuError
 from vdfmu.base.files import data_path, read_json, read_text, source_bytes
+from vdfmu.base.sources import source_digest
 from vdfmu.base.standards import FMI_2, FMI_VERSIONS, FmiVersion
 from vdfmu.base.text import kind_text
 from vdfmu.base.version import __version__
-from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.unit.base import ABOUT, BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import Machine
 from vdfmu.compiler.unit.interface import Interface, interface_of

@@ -13,10 +13,10 @@ from pathlib import Path
 import casadi as ca
 
 from vdfmu.base.errors import KernelError, UnitError
+from vdfmu.base.sources import source_digest
 from vdfmu.compiler.functions.chain import ChainError
 from vdfmu.compiler.functions.chain_calls import chain_function
 from vdfmu.compiler.functions.derivatives import DIRECTIONS, NEVER, derivative, time_left
-from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import Functions, traced_function
 from vdfmu.compiler.unit.base import BaseUnit, is_shipped, unit_name
 from vdfmu.compiler.unit.declaration import PHASES, Machine

@@ -6,7 +6,6 @@ import math
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from hashlib import sha256
 from typing import Any
 
@@ -23,7 +22,7 @@ from fmpy.model_description import (
 
 from vdfmu.base.cache import built_as, cache_folder, load, store
 from vdfmu.base.errors import SspError
-from vdfmu.base.files import PACKAGE, source_bytes
+from vdfmu.base.sources import source_digest
 from vdfmu.base.standards import FMI_1, FMI_2, MASTER_VERSIONS, FmiVersion
 from vdfmu.engine.fmu.variables import FmuVariable, element_names, read_variables, type_of
 from vdfmu.engine.package.archive import Archive
@@ -39,9 +38,6 @@ _TRUE = {"true", "1"}
 _SAMPLED, _CONTINUOUS = (f".//{{urn:org.vdfmu.sampled}}{tag}" for tag in ("Sampled", "Continuous"))
 _CHOICES = "{urn:org.vdfmu.choices}"
 _CONTINUOUS_INPUT = {("input", None), ("input", "continuous")}
-_READ_BY = """base/domain base/measure base/standards engine/fmu/description engine/fmu/variables
-engine/package/elements engine/package/parse engine/package/system"""
-"""Modules that decide what a description has."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +147,9 @@ def inspect_description(
     """
     try:
         xml, sizes = unit.read("modelDescription.xml"), sizes or {}
-        facts = fmpy.__version__, fmpy.platform_tuple, source, implementation, sizes, unit.names
-        path = cache_folder() / "descriptions" / sha256(_code() + repr(facts).encode() + xml).hexdigest()
+        code = source_digest("engine.fmu.description"), fmpy.__version__, fmpy.platform_tuple
+        facts = code, source, implementation, sizes, unit.names
+        path = cache_folder() / "descriptions" / sha256(repr(facts).encode() + xml).hexdigest()
         if (kept := load(path, pickle.loads)) is not None:
             return kept, []
         description, problems = _inspect(unit, xml, source, implementation, sizes)
@@ -161,12 +158,6 @@ def inspect_description(
     if not problems:
         store(path, pickle.dumps(description))
     return description, problems
-
-
-@cache
-def _code() -> bytes:
-    """Return the code that reads a description."""
-    return b"".join(source_bytes(PACKAGE / f"{name}.py") for name in _READ_BY.split())
 
 
 def _inspect(

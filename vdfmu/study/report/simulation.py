@@ -24,7 +24,7 @@ from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import digest_of
 from vdfmu.base.page import compressed
-from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.base.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.results.verdict import CUT, LONGEST
 from vdfmu.study.limits import LIMITS, Limit, read_limits

@@ -27,7 +27,7 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import digest_of
-from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.base.sources import source_digest
 from vdfmu.engine.linear.growth import Poses, growth_of
 from vdfmu.engine.linear.linearise import can_change
 from vdfmu.engine.linear.loops import Loop, margins_of, rates_of

@@ -13,8 +13,8 @@ import numpy as np
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import digest_of, temporary_folder
+from vdfmu.base.sources import source_digest
 from vdfmu.compiler.fmu.build import choose_backend
-from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.linear.growth import Poses
 from vdfmu.engine.plan.inputs import read_inputs

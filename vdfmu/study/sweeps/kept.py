@@ -12,7 +12,7 @@ import numpy as np
 
 from vdfmu.base.cache import cache_folder, load, store
 from vdfmu.base.files import digest_of
-from vdfmu.compiler.functions.sources import source_digest
+from vdfmu.base.sources import source_digest
 from vdfmu.study.report.shown_run import NAME
 from vdfmu.study.sweeps.answer import Answer
 from vdfmu.study.sweeps.plan import Plan

@@ -32,8 +32,8 @@ from vdfmu.base.cache import cache_folder, load, load_or_make, store
 from vdfmu.base.compile import SHOWN, loaded
 from vdfmu.base.errors import LOG, FmuError, KernelError, UsageError
 from vdfmu.base.platforms import native_available
+from vdfmu.base.sources import source_digest
 from vdfmu.compiler.c.text import c_prototype, elementary_files, setting_lines
-from vdfmu.compiler.functions.sources import source_digest
 from vdfmu.compiler.functions.traced import renamed
 from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
