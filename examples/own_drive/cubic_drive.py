@@ -65,7 +65,7 @@ class WarmRows:
 
 
 def warm_friction(friction, robot, sliding, T_f):
-    """Stribeck's curve and Coulomb's, at a temperature; a planned motion is as warm as the surroundings."""
+    """Stribeck's curve and Coulomb's, at a temperature; a planned motion has the temperature of the surroundings."""
     if T_f is None:
         return friction
     return friction._replace(dry=friction.dry * np.exp((robot.T_0 - T_f) / robot.T_s))

@@ -1,4 +1,4 @@
-"""Robots from the files of other tools: URDF and MJCF become robot files of vdfmu."""
+"""Imports robots from files of other tools: converts URDF and MJCF to robot files of vdfmu."""
 
 from vdfmu.arm.imports.imported import Imported, import_robot, robot_from_mjcf, robot_from_urdf
 from vdfmu.arm.imports.tool import read_placement

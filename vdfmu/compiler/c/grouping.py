@@ -1,7 +1,7 @@
-"""Calls of an elementary function side by side: ``elementary.h`` evaluates four in the time of one.
+"""Groups calls of an elementary function, because ``elementary.h`` evaluates four in the time of one.
 
-In the trace of an arm the calls of each joint follow each other. Operations that do not depend on each other change
-places, so that calls of a function meet. The values are bit-identical.
+In the trace of an arm the joints come one after the other. Independent operations are reordered so that calls of the
+same function become neighbours. The values are bit-identical.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 LANES = 4
-"""Numbers in a call, as in ``elementary.h``."""
+"""Numbers per call, as in ``elementary.h``."""
 _MANY = 16
-"""From so many calls on they are one call in a loop, because each copy of a function has 1 kB."""
+"""From this number on calls are made in a loop, because each copy of a function takes 1 kB."""
 _CALL = re.compile(r"w\d+ = (exp|expm1|tanh|atan|sin|cos)\(w\d+\);")
 _VALUE = re.compile(r"\bw(\d+)\b( = )?")
 """A value, and whether the text writes it."""
@@ -30,11 +30,11 @@ class Operation(NamedTuple):
 
 
 def grouped(operations: list[Operation]) -> list[Operation]:
-    """Return operations with calls of the same function side by side, or the same list if no calls are alike."""
+    """Return operations with calls of the same function grouped, or the same list if no calls match."""
     single = _written_once(operations)
     makers = {i: k for k, operation in enumerate(single) for i in operation.writes}
     calls = [_CALL.fullmatch(operation.text) for operation in single]
-    levels: list[int] = []  # calls before, on the longest path
+    levels: list[int] = []  # number of calls before it on the longest path
     groups: defaultdict[tuple[int, str], dict[int, list[int]]] = defaultdict(dict)  # level and name to operand to calls
     for k, (operation, call) in enumerate(zip(single, calls, strict=True)):
         before = (makers[i] for i in operation.reads)
@@ -44,7 +44,7 @@ def grouped(operations: list[Operation]) -> list[Operation]:
             groups[levels[k], name].setdefault(operation.reads[0], []).append(k)
     if all(sum(map(len, operands.values())) < 2 for operands in groups.values()):
         return operations
-    ordered: list[tuple[Operation, Operation]] = []  # with values written once, and as its text names them
+    ordered: list[tuple[Operation, Operation]] = []  # with values written once, and with those in its text
     left = dict.fromkeys(range(len(single)))
     for (_, name), operands in sorted(groups.items()):
         needed: set[int] = set()
@@ -65,8 +65,8 @@ def grouped(operations: list[Operation]) -> list[Operation]:
 
 
 def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
-    """Return the operation for calls: operand, and the calls of it, two for sin and cos."""
-    names = ("v0", "v1") if name == "sin_cos" else ("v0",)  # no argument of a function has such a name
+    """Return the operation for calls, given by operand and its calls, two for sin and cos."""
+    names = ("v0", "v1") if name == "sin_cos" else ("v0",)  # no argument of a function has this name
     writes: list[int] = []
     taken: list[str] = []
     for j, (_, operations) in enumerate(calls):
@@ -82,7 +82,7 @@ def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
 
 
 def _written_once(operations: list[Operation]) -> list[Operation]:
-    """Return operations that write each value once, without a change of their texts."""
+    """Return operations that write each value once; their texts are unchanged."""
     now: dict[int, int] = {}
     made: list[Operation] = []
     count = 0
@@ -94,7 +94,7 @@ def _written_once(operations: list[Operation]) -> list[Operation]:
 
 
 def _in_few_places(operations: list[tuple[Operation, Operation]]) -> list[Operation]:
-    """Return operations with the same place for values that are not needed at the same time."""
+    """Return operations in which values that are not needed at the same time share a place."""
     last = {i: k for k, (operation, _) in enumerate(operations) for i in (*operation.writes, *operation.reads)}
     places: dict[int, int] = {}
     free: list[int] = []
@@ -118,5 +118,5 @@ def _in_few_places(operations: list[tuple[Operation, Operation]]) -> list[Operat
 
 
 def _renumbered(text: str, read: dict[int, int], written: dict[int, int]) -> str:
-    """Return a text with other numbers of its values."""
+    """Return a text with its values renumbered."""
     return _VALUE.sub(lambda m: f"w{written[int(m[1])]} = " if m[2] else f"w{read[int(m[1])]}", text)

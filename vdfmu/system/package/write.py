@@ -41,7 +41,7 @@ def fmi_of_format(form: str, backend: str | None) -> str:
     version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
-            f"--ssp {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
+            f"--ssp {form}: holds units of FMI {version}, but Python FMUs have FMI {PYTHON_FMI.name}. "
             f"Omit --backend python, or use --ssp {SSP_1.name}."
         )
     if version != PYTHON_FMI.name and not native_available():
