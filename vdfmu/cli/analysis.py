@@ -70,10 +70,10 @@ def linear(
     bode: Annotated[
         int | None,
         Option(
-            "Draw the frequency response of a joint.",
+            "Draw a joint's frequency response.",
             metavar="JOINT",
             group=_MODES,
-            more="The response of its rotor and link to its motor torque.",
+            more="It is the response of rotor and link to the motor torque.",
         ),
     ] = None,
     dry: Annotated[
@@ -119,7 +119,7 @@ def linear(
 
 
 def _is_robot(system: str) -> bool:
-    """Whether a name or a file is a robot."""
+    """Return whether a name or a file is a robot."""
     from vdfmu.base.errors import UsageError
     from vdfmu.base.text import nearest
     from vdfmu.base.toml_file import kind_of, read_toml, toml_names
@@ -166,7 +166,7 @@ def read_numbers(option: str, text: str) -> list[float]:
 
 
 def _numbers(modes: Modes) -> dict[str, Any]:
-    """Return modes for JSON: Hz, damping ratio, shapes of the sides that move."""
+    """Return modes for JSON: Hz, damping ratios, and shapes of the moving sides."""
     return {
         "frequency": modes.frequency.tolist(),
         "damping": modes.damping.tolist(),
@@ -186,7 +186,7 @@ def _print(motors: str, q: list[float], modes: Modes) -> None:
         shapes = {"links": modes.links[i]} | ({"rotors": modes.rotors[i]} if motors == "free" else {})
         shown.add_row(
             f"{frequency:.2f}",
-            f"{round(damping, 4) + 0.0:.4f}",  # no minus before what rounds to 0
+            f"{round(damping, 4) + 0.0:.4f}",  # no minus sign before a number that rounds to 0
             f"{joint + 1} ({100.0 * modes.share[i, joint]:.0f} %)",
             "\n".join(shapes),
             "\n".join(" ".join(f"{round(v, 2) + 0.0:5.2f}" for v in shape.real) for shape in shapes.values()),
@@ -320,7 +320,7 @@ def judge(
     """Estimate the error that the communication step causes in a system.
 
     Runs with the step, its half and its quarter give the error of each real output, as a fraction of its range. The
-    exit code is 0 if the system is right, 1 if it is not, 3 if this cannot be decided, and 2 for wrong usage.
+    exit code is 0 if the error is small enough, 1 if it is not, 3 if this cannot be decided, and 2 for wrong usage.
     """
     from vdfmu.study.connected import load as load_system
 

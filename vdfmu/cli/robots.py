@@ -61,7 +61,7 @@ def show_robot(
 
     Each parameter is shown with its source.
     """
-    robot = _looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
+    robot = _looked_at(name, "the page shows the arm without it" if page else "its tables are not shown")
     if page:
         from vdfmu.base.toml_file import locate
         from vdfmu.cli.analysis import read_numbers
@@ -116,7 +116,7 @@ def _show_parameters(robot: Robot) -> None:
 
 
 def _read_tool(text: str) -> list[float]:
-    """Return the numbers of --tool; UsageError for a wrong count, as a shell without quotes passes only the first."""
+    """Return the numbers of --tool; UsageError for a wrong count: without quotes a shell passes only one."""
     from vdfmu.arm.imports import read_placement
     from vdfmu.cli.analysis import read_numbers
 
@@ -165,7 +165,7 @@ def import_file(
     assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]
     if assumed:
         names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
-        say_notes([f"assumed: {names}. Give known values by --drives."])
+        say_notes([f"assumed: {names}. Give known values with --drives."])
     say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
 
 
@@ -190,7 +190,7 @@ def export_file(
 
     suffix = ".urdf" if to == "urdf" else ".xml"
     target = target_file(out, f"{locate(robot, 'robots').stem}{suffix}", overwrite)
-    arm = _looked_at(robot, "springs and friction are those of an arm without it")
+    arm = _looked_at(robot, "springs and friction are written for an arm without it")
     notes = export_robot(arm, target, to, rigid=rigid)
     say_notes([f"not in {target.name}: {note}" for note in notes])
     say_written(target)
@@ -205,7 +205,7 @@ def reach(
 ) -> None:
     """Write the scenario of a first motion, with gains.
 
-    The gains follow from one rule, and the margins of the loops are printed.
+    The gains follow from a rule, and the margins of the loops are printed.
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate
@@ -267,7 +267,7 @@ def list_drives(
 
 
 def _looked_at(name: str, missing: str) -> Robot:
-    """Return a robot; without its own drive if that may not be run, with a note on what is missing."""
+    """Return a robot. Its own drive is omitted if its code may not run, with a note on what is missing."""
     from vdfmu.arm.robot import load_robot
 
     try:

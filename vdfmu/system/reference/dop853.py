@@ -1,4 +1,4 @@
-"""The explicit method of order 8 in compiled code, with scipy's coefficients, step control and error norm."""
+"""DOP853, the explicit method of order 8, in compiled code with scipy's coefficients, step control and error norm."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class _Method(Structure):
 
 @cache
 def _library() -> CDLL | None:
-    """Return the library; None without a compiler or room."""
+    """Return the library; None without a compiler or disk space."""
     library = own_library(_SOURCE)
     if library is not None:
         pointers = [c_void_p] * 4
@@ -46,7 +46,7 @@ def source_key() -> str:
 
 
 class CompiledDop853:
-    """Moves states `x` (n,) in place. `rate` is a compiled function of the time [s] that reads `x` and sets `x_dot`."""
+    """Integrates states `x` (n,) in place. `rate` is a compiled function of time [s] that reads `x`, sets `x_dot`."""
 
     def __init__(self, rate: Any, x: Floats, x_dot: Floats, rtol: float, atol: float) -> None:
         tables = scipy_part("scipy.integrate._ivp.dop853_coefficients")
@@ -60,17 +60,17 @@ class CompiledDop853:
         self._run, self._room = library.advance, self._work.ctypes.data
 
     def advance(self, t: float, to: float, first: float) -> int:
-        """Move from `t` to `to` [s], at first by a step `first`. Return the steps; negative without a solution."""
+        """Integrate from `t` to `to` [s], with first step `first`; return the number of steps, negative on failure."""
         return self._run(*self._places, t, to, first, self._room)
 
 
 def compiles(rate: object) -> bool:
-    """Whether a right-hand side is a function of a compiled library, and this solver can be compiled too."""
+    """Return whether a right-hand side is in a compiled library and this solver can be compiled too."""
     return hasattr(rate, "argtypes") and _library() is not None
 
 
 class CountedSteps(Protocol):
-    """The solver of the states of a unit: the steps of its last interval, and whether it is compiled code."""
+    """The solver of a unit's states: the number of steps in its last interval, and whether it is compiled."""
 
     steps: int
     is_compiled: bool
@@ -78,7 +78,7 @@ class CountedSteps(Protocol):
 
 @dataclass
 class Repeated:
-    """Intervals of a compiled solution that scipy solved too."""
+    """Intervals of a compiled solution that scipy also solved."""
 
     intervals: int = 0
     difference: float = 0.0
@@ -86,7 +86,7 @@ class Repeated:
 
     @property
     def entries(self) -> dict[str, float]:
-        """Return the entries of a summary; empty for a solution only by scipy."""
+        """Return the entries for a summary; empty if only scipy solved."""
         return {"solved_by_scipy": self.intervals, "max_solver_difference": self.difference} if self.intervals else {}
 
 
@@ -112,9 +112,9 @@ class KeptIntervals:
         self._after[self._row] = self._system.memory[self._system.x]
 
     def difference(self, back: int, step: Callable[[float, float], None]) -> float:
-        """Return the largest difference of a state if scipy solves the interval that ended `back` intervals ago.
+        """Let scipy solve the interval that ended `back` intervals ago, and return the largest difference of a state.
 
-        VdfmuError for more than both solvers' tolerances, of a norm over all states in each step, allow.
+        VdfmuError if it exceeds what both solvers' tolerances, applied to a norm over all states in each step, allow.
         """
         k = (self._row - back) % len(self._before)
         memory, x, steps = self._system.memory.copy(), self._after[k], [mover.steps for mover in self._movers]

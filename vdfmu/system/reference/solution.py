@@ -1,9 +1,9 @@
-"""Solutions of a system of units by scipy, row by row: the solvers, and events between their steps.
+"""Solves a system of units with scipy, row by row: the solvers, and events between their steps.
 
-The solvers were chosen by measurement on the shipped scenarios, at errors of at most 1e-11 rad against themselves with
-tolerances of 1e-13. Inputs jump at communication points, so sampled intervals are short: the explicit method of order
-8. Over seconds the elastic modes and the friction near standstill make the system stiff in places: LSODA changes its
-method.
+The solvers were chosen by measurements on the shipped scenarios, with errors of at most 1e-11 rad relative to
+tolerances of 1e-13. Sampled intervals are short, because inputs jump at communication points, so the explicit method of
+order 8 is used. Over seconds elastic modes and friction near standstill make the system stiff in places, so LSODA is
+used, which changes its method.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from vdfmu.system.reference.dop853 import CompiledDop853, KeptIntervals, Repeate
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
-"""Tolerances between communication points: 2e-13 rad in the tracking and the two-joint run."""
+"""Tolerances between communication points; errors are 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances for the whole time, because errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+"""Tolerances for whole runs, in which errors accumulate: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 SCIPY_ALONE = 10.0
-"""Longest run [s] whose sampled reference is solved only by scipy."""
+"""Longest run [s] whose sampled reference only scipy solves."""
 _CLOSE = 1e-9
-"""Part of a period below which two times are equal."""
+"""Fraction of a period below which two times are equal."""
 _STRETCH = 1000
 """Most rows of the continuous reference that scipy solves at a time."""
 _STRETCH_WITH_EVENTS = 50
-"""The same with events: each ends a solution."""
+"""The same with events, each of which ends a solution."""
 _MOST_STEPS = 100_000
-"""Most steps of scipy in a communication step or between rows, far more than a finite solution takes."""
+"""Most steps of scipy in a communication step or between rows, far more than a finite solution needs."""
 _LONGEST = 0.05
-"""Longest step of the continuous reference [s], so that it does not step over a late motion."""
+"""Longest step of the continuous reference [s], so that it does not miss a late motion."""
 
 
 class _RightHandSide:
-    """Right-hand side f(t, x) of a solver: `run` reads `x` and sets `x_dot` (n_x,), `feed` sets inputs of a time."""
+    """Right-hand side f(t, x) of a solver: `run` reads `x` and sets `x_dot` (n_x,), `feed` sets inputs for a time."""
 
     def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
         self.error: BaseException | None = None
-        """Exception of a call: not every solver of scipy passes it on, and some end normally."""
+        """Exception of a call, kept because some solvers of scipy drop it and end normally."""
         self.slopes = Slopes(self)
 
     def __call__(self, t: float, x: Floats) -> Floats:
@@ -64,7 +64,7 @@ class _RightHandSide:
 
 
 class _Mover(Solver):
-    """Moves the states of a unit between communication points, with held inputs.
+    """Integrates the states of a unit between communication points with held inputs.
 
     With `is_compiled` it uses the compiled solver, otherwise scipy's.
     """
@@ -80,14 +80,14 @@ class _Mover(Solver):
         self.events.begin()
         if run is not None:
             self._right = _RightHandSide(run, unit.x, unit.x_dot)
-            self.rate = self._right.__call__  # takes less time than an object to call
+            self.rate = self._right.__call__  # faster than a callable object
             ode = scipy_part("scipy.integrate._ode").ode(self._right)
             ode.set_integrator("dop853", **SHORT, nsteps=_MOST_STEPS)
-            ode.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
+            ode.set_solout(lambda t, x: None)  # otherwise the solver continues after an error
             self._solver = ode._integrator
             self._solver.reset(unit.x.size, False)
         self.steps = 1
-        """Number of steps of the last interval. The first step of the next is its length divided by this number."""
+        """Number of steps of the last interval. The next interval's first step is its length divided by this number."""
 
     def sample(self, t: float) -> None:
         """Update the sampled states at `t` [s]."""
@@ -95,7 +95,7 @@ class _Mover(Solver):
             self._update(t)
 
     def solve(self, t: float, to: float) -> None:
-        """Move the states from `t` to `to` [s]; VdfmuError without a solution."""
+        """Integrate the states from `t` to `to` [s]; VdfmuError if that fails."""
         first = (to - t) / max(self.steps, 1)
         steps = self._compiled.advance(t, to, first) if self.is_compiled else self._by_scipy(t, to, first)
         if steps < 0 or not math.isfinite(self.unit.x @ self.unit.x):
@@ -110,7 +110,7 @@ class _Mover(Solver):
         with InterruptGuard():
             try:
                 _, x[...], *_, state = solver.runner(self.rate, t, x, to, *solver.call_args, ())
-            except (SystemError, ValueError) as error:  # it goes on after an exception of the right-hand side
+            except (SystemError, ValueError) as error:  # it continues after an exception in the right-hand side
                 raise self._right.error or error from None
         if self._right.error is not None:
             raise self._right.error
@@ -118,10 +118,10 @@ class _Mover(Solver):
 
 
 class SampledReference:
-    """Reference whose outputs are held over a communication step. `delayed`: units read other outputs a sample late.
+    """Reference with outputs held over a communication step. If `delayed`, units read other outputs a sample late.
 
     `moving` are the units with states, in the order of a step. `lists` are the parts of the calculation: ``part_0``,
-    and after the i-th of `moving` ``part_<i+1>``.
+    then ``part_<i+1>`` after the i-th of `moving`.
     """
 
     def __init__(self, system: WiredUnits, delayed: bool) -> None:
@@ -146,13 +146,13 @@ class SampledReference:
         self.repeated = Repeated()
 
     def solve(self, t: Floats, run: Mapping[str, Run], block: int, every: int) -> Iterator[None]:
-        """Yield as soon as the memory has the outputs of each `every`-th of the times `t` (m,) [s], from the start on.
+        """Yield when the memory has the outputs at every `every`-th of the times `t` (m,) [s], beginning at the start.
 
-        `run` has a function for each of `lists`. A long run without events is solved in compiled code, if its functions
-        are, and :meth:`repeat` compares intervals before the last `block` of these times with scipy.
+        `run` has a function for each of `lists`. A long run without events is solved in compiled code if its functions
+        are compiled, and :meth:`repeat` compares intervals within the last `block` of these times with scipy.
         """
         rates = [run.get(f"rate_{i}") for i in range(len(self.moving))]
-        compiled = float(t[-1]) > SCIPY_ALONE and self._system.x.size > 0  # without states nothing is solved
+        compiled = float(t[-1]) > SCIPY_ALONE and self._system.x.size > 0  # without states there is nothing to solve
         compiled = compiled and all(compiles(rate) for rate in rates if rate is not None)
         compiled = compiled and not any(unit.at_events for unit in self._system.units.values())
         movers = [
@@ -181,7 +181,7 @@ class SampledReference:
             outputs(end)
 
     def repeat(self, back: int) -> None:
-        """Let scipy solve the interval before the row `back` rows ago too, if it was solved in compiled code."""
+        """Let scipy also solve the interval before the row `back` rows ago, if compiled code solved it."""
         if self._kept is not None:
             self.repeated.difference = max(self.repeated.difference, self._kept.difference(back, self._step))
             self.repeated.intervals += 1
@@ -207,7 +207,7 @@ class ContinuousReference:
         }
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
-        """Yield as soon as the memory has the outputs of each time, as :meth:`SampledReference.solve`."""
+        """Yield when the memory has the outputs at each time, like :meth:`SampledReference.solve`."""
         system, x = self._system, self._system.memory[self._system.x]
         rate = None
         if x.size:
@@ -226,7 +226,7 @@ class ContinuousReference:
             for name in self._updates:
                 if name in sampled:
                     run[self._updates[name]](begin)
-            time_left = lambda time: self._left(run["inputs"], time, x)  # noqa: B023, E731  # x as it is then
+            time_left = lambda time: self._left(run["inputs"], time, x)  # noqa: B023, E731 # x at the time of the call
             whole = [(begin, end, False)]  # an event may move a switching
             for part, last, crossing in whole if events else switchings(time_left, begin, end):
                 if crossing:
@@ -297,7 +297,7 @@ class ContinuousReference:
         points.sort(key=lambda point: point[0])
         begin, units = 0.0, []
         for time, close, sampled in points:
-            if time - begin > close:  # else it is also a sample of another unit
+            if time - begin > close:  # otherwise it is also a sample of another unit
                 yield begin, time, units
                 begin, units = time, []
             units += sampled
@@ -316,7 +316,7 @@ def _with_events(
 
 
 def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
-    """Return scipy's solution at points between two times [s] and at the end, row by row. Without a rate, x."""
+    """Return scipy's solution at points between two times [s] and at the end, row by row; x without a rate."""
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))
     times = np.concatenate([[begin], np.minimum(points, end), [end]])
