@@ -21,7 +21,7 @@ from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Recorded, Signal
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2, "snap": 4}
-"""Quantity of a motion to the number of its derivative."""
+"""Quantity of a motion to the order of its derivative."""
 
 
 def recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
@@ -32,7 +32,7 @@ def recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
 
 
 def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
-    """Draw `q`, (5, m, n) [rad or m, s], and four derivatives over `t`, (m,) [s], a column for each type of joint."""
+    """Draw `q`, (5, m, n) [rad or m, s], with four derivatives, over `t`, (m,) [s], with a column per type of joint."""
     results = recorded(t, {order: q[k] for order, k in _ORDERS.items()})
     kinds = sorted(set(robot.joint_types), reverse=True)
     figures: list[Figure] = []
@@ -48,13 +48,13 @@ def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
 def draw_modes(
     title: str, times: Floats, panels: Mapping[str, Sequence[tuple[Floats, npt.NDArray[np.intp]]]]
 ) -> Picture:
-    """Draw natural frequencies over `times`, (m,) [s], a panel by the state of the motors.
+    """Draw natural frequencies over `times`, (m,) [s], with a panel for each state of the motors.
 
     A panel has m pairs: frequencies [Hz] of the modes at a time, and the joint whose spring has most of the energy.
     """
     words = (
-        "At rest at poses of the desired motion, the fastest modes, a colour each. Numbers on a curve, from there on: "
-        "the joint whose spring has most of its energy."
+        "The fastest modes, a colour each, at rest at poses of the desired motion. A number on a curve is the joint "
+        "whose spring has most of the energy from there on."
     )
     n = max(len(frequency) for along in panels.values() for frequency, _ in along)
     figure = style.new_figure(title, words, height=2.6 * len(panels) + 1.0)
@@ -69,7 +69,7 @@ def draw_modes(
             time, frequency, joint = (np.array(column) for column in zip(*track, strict=True))
             axes.plot(time, frequency, label=f"mode {mode + 1}", **style.joint_look(mode))
             for k in [0, *(np.flatnonzero(np.diff(joint)) + 1)]:
-                place = (2, (-8, 2)[mode % 2])  # of two neighbours one below its curve and one above
+                place = (2, (-8, 2)[mode % 2])  # of two neighbours, one below its curve and one above
                 axes.annotate(
                     str(joint[k] + 1), (time[k], frequency[k]), place, textcoords="offset points", fontsize=7.5
                 )
@@ -88,7 +88,7 @@ def draw_bode(
     resonance: Floats,
     antiresonance: Floats,
 ) -> Picture:
-    """Draw responses to one input over `frequency`, (m,) [Hz]: amplitudes in `unit`, above, and phases.
+    """Draw responses to one input over `frequency`, (m,) [Hz]: amplitudes in `unit` above phases.
 
     `curves` has the response (m,) of each output by its name. Vertical lines mark `resonance` and `antiresonance`
     [Hz]: poles, and zeros of the first curve.
