@@ -1,4 +1,4 @@
-"""Motions that are worked out before the run: functions that make one, and ``load_motion``, which reads one."""
+"""Motions that are computed before the run: functions that make one, and ``load_motion``, which reads one."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from vdfmu.arm.motion import __all__ as __all__
 
 
 def __getattr__(name: str) -> Any:
-    """Say where motions of an extra are."""
+    """Name the extra that a motion moved to."""
     if name in ("fastest", "multisine", "sweep"):
         raise ImportError(f"vdfmu.motion.{name} moved. Write: from vdfmu.extras.identify import {name}")
     raise AttributeError(f"module 'vdfmu.motion' has no attribute {name!r}")

@@ -163,5 +163,5 @@ def format_problem(number: object) -> str:
         return ""
     readable = "1" if FORMAT == 1 else f"1 to {FORMAT}"
     later = isinstance(number, int) and number > FORMAT
-    way_out = f"A version after this {__version__} wrote it: update vdfmu." if later else "Leave the key out."
+    way_out = f"A version later than {__version__} wrote it: update vdfmu." if later else "Leave the key out."
     return f"format: expected {readable}, got {number!r}. {way_out}"
