@@ -1,10 +1,7 @@
-"""Tasks of the tutorial Start, done with FMUs of another tool: `models` has their C and their descriptions.
+"""FMUs of another tool as bodies, drive, plant and controller of a system; `models` has their C and descriptions.
 
-Their solver is the explicit Euler method with the step H, so a recursion of a line has their numbers. Both sum the
-same terms, perhaps in another order: a rounding of 1e-16 a step.
+Their solver is the explicit Euler method, so a recursion of a line has their numbers: a rounding of 1e-16 a step.
 """
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ import vdfmu
 from tests.engine.reference import models
 from tests.engine.reference.models import Model, V
 
-H = 1e-2
 JOINTS = (1, 2)
 BODY = Model(
     "Body",
@@ -62,33 +58,9 @@ LAW = Model(
 
 @pytest.fixture(scope="module", name="fmu")
 def _fmu(tmp_path_factory):
-    """Return what builds an FMU, once each."""
-    folder, built = tmp_path_factory.mktemp("foreign"), dict[tuple[str, str], Path]()
-
-    def build(model: Model, version: str = "2.0") -> Path:
-        key = model.name, version
-        if key not in built:
-            built[key] = models.build(model, version, folder)
-        return built[key]
-
-    return build
-
-
-def lag(u: np.ndarray) -> np.ndarray:
-    """Return x of x' = u - x over the inputs of the steps."""
-    x = [0.0]
-    for value in u:
-        x.append(x[-1] + H * (value - x[-1]))
-    return np.array(x)
-
-
-def test_two_of_different_versions_are_joined_and_judged(fmu):
-    system = vdfmu.connect({"a": fmu(models.LAG), "b": fmu(models.LAG, "3.0")}, {"a.x": "b.u"}, stop=1.0, step=4 * H)
-    system_run = system.run(step=H, parameters={"a.u": 2.0})
-    first = lag(np.full(100, 2.0))
-    np.testing.assert_allclose(system_run["b.x"], lag(first[:-1]), rtol=0.0, atol=1e-14)  # it reads the last step's
-    judged = system.judge(wanted=0.05, parameters={"a.u": 2.0})
-    assert judged.right and judged.signal == "b.x"
+    """Return what builds an FMU of a model."""
+    folder = tmp_path_factory.mktemp("foreign")
+    return lambda model: models.build(model, "2.0", folder)
 
 
 @pytest.mark.heavy
