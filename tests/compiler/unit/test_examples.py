@@ -26,7 +26,6 @@ NAMES = [name for name, _, _ in UNITS]
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(("name", "needs", "model"), UNITS, ids=NAMES)
 def test_build_makes_a_valid_fmu_of_the_file(examples, name, needs, model, version):
     options = ["--robot", "planar_2dof"] if needs else []
