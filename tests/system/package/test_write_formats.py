@@ -75,7 +75,7 @@ def _variables(stream):
 def test_the_wrong_fmus_are_refused(scenario, fmus, fmus_3, tmp_path):
     with pytest.raises(UsageError, match=r"SSP 2.0 holds units of FMI 3.0, got Trajectory.fmu of FMI 2.0"):
         write_ssp(scenario, fmus, tmp_path / "x.ssp", version="2.0")
-    with pytest.raises(UsageError, match=r"SSP 1.0 contains units of FMI 2.0, got Trajectory.fmu of FMI 3.0"):
+    with pytest.raises(UsageError, match=r"SSP 1.0 holds units of FMI 2.0, got Trajectory.fmu of FMI 3.0"):
         write_ssp(scenario, fmus_3, tmp_path / "x.ssp")
     with pytest.raises(UsageError, match=r"There is no SSP '1.1' here. There are: '1.0', '2.0'"):
         write_ssp(scenario, fmus, tmp_path / "x.ssp", version="1.1")
