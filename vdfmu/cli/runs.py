@@ -40,7 +40,7 @@ class ScenarioForm(ScenarioRunOptions, total=False):
 
     opened: OpenOption
     study: Annotated[
-        Path | None, Option("Run a point of this study: folder or sweep.parquet.", flag="--from", metavar="SWEEP")
+        Path | None, Option("Run a point of this study: its folder or table.", flag="--from", metavar="SWEEP")
     ]
     row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
     by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
