@@ -28,14 +28,14 @@ _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 @dataclass(frozen=True)
 class LogMessage:
-    """A message of a unit, or (status ``note``) of the check before the run."""
+    """A message of a unit, or of what comes before the run: a note or a table of connections."""
 
     unit: str
-    """Component name; empty for notes."""
+    """Component name; empty before the run."""
     time: float
     """Communication point [s]."""
     status: str
-    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``."""
+    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending``, ``note`` or ``connections``."""
     category: str
     text: str
 
