@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.engine.files import members
 from tests.engine.reference import models
 from tests.study.page.browser import show
-from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import pack_zip
