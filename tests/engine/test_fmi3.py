@@ -8,6 +8,7 @@ import pytest
 from tests.conftest import heavy
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.container import write_container
 from vdfmu.engine.package.join import join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -111,11 +112,19 @@ def test_whole_numbers_and_truths_feed_reals(system):
     links = ["a.Int64_output -> s.u[1]", "a.Boolean_output -> s.u[2]", "a.Enumeration_output -> s.u[3]"]
     path = system(units, [*links, "a.Boolean_output -> two.Int32_input", "two.Int32_output -> a.Float64_input"])
     starts = {"a.Int64_input": -(2**53) - 1, "a.Boolean_input": True, "a.Enumeration_input": 2}
-    for isolate in (False, True):
-        results = simulate(path, stop=0.2, step=0.1, parameters=starts, isolate=isolate, record=["*"])
+    for stepper, isolate in (("fmpy", False), ("c", False), ("c", True)):
+        options = {"stop": 0.2, "step": 0.1, "stepper": stepper, "isolate": isolate, "record": ["*"]}
+        results = simulate(path, parameters=starts, **options)
         assert results["s.u"].tolist() == [[-(2.0**53), 1.0, 2.0]] * 3  # to the nearest real
         assert results["a.Float64_output"].tolist() == [1.0] * 3
         assert results["a.Int64_output"].tolist() == [-(2**53) - 1] * 3
+
+
+def test_a_container_refuses_connections_that_convert_a_type(system, tmp_path):
+    units = dict.fromkeys("ab", (models.FEEDTHROUGH_2, "2.0"))
+    path = system(units, ["a.Int32_output -> b.Float64_input"])
+    with pytest.raises(UsageError, match="b.Float64_input: a container FMU converts no types, got Integer to Real"):
+        write_container(path, tmp_path / "c.fmu", step=0.1)
 
 
 def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
