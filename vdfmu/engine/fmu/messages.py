@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from ctypes import c_double, c_int
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,16 +25,15 @@ _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
-@dataclass(frozen=True)
-class LogMessage:
-    """A message of a unit, or (status ``note``) of the check before the run."""
+class LogMessage(NamedTuple):
+    """A message of a unit, or of what comes before the run: a note or a table of connections."""
 
     unit: str
-    """Component name; empty for notes."""
+    """Component name; empty before the run."""
     time: float
     """Communication point [s]."""
     status: str
-    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending`` or ``note``."""
+    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending``, ``note`` or ``connections``."""
     category: str
     text: str
 

@@ -34,13 +34,15 @@ class Bank:
 
     FMI calls of the same type use it in place, with a window for each unit's outputs and one for its inputs. In a
     window of inputs the fresh inputs (see `Schedule`) come first. If an FMU has no outputs, its local variables are
-    used instead.
+    used instead. An output of another kind that feeds inputs of this kind is here too and is read a second time; the
+    transfer converts it.
     """
 
     def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
         self.kind = kind
         fresh = checked.schedule.fresh
         links = {link.end: link for link in checked.links if link.stepped}
+        read = {link.start for link in links.values() if link.sink.kind == kind}
         outputs: list[tuple[str, FmuVariable]] = []
         inputs: list[tuple[str, FmuVariable]] = []
         self.output_windows: dict[str, slice] = {}
@@ -49,6 +51,7 @@ class Bank:
         for unit, description in checked.sources.items():
             first, start = len(outputs), len(inputs)
             outputs += [(unit, v) for v in description.recordable if v.kind == kind]
+            outputs += [(unit, v) for v in description.variables.values() if v.kind != kind and (unit, v.name) in read]
             fed = [v for v in description.named("input") if v.kind == kind and (unit, v.name) in links]
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
             inputs += [(unit, v) for v in fed]
@@ -64,7 +67,7 @@ class Bank:
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
-        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE}
+        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE and v.kind == kind}
         self.links: list[Link] = [links[u, v.name] for u, v in inputs]
 
     def is_free(self, place: int) -> bool:
@@ -127,7 +130,8 @@ _HEAD = 5
 
 def words_of(checked: Checked) -> int:
     """Return an upper limit of the number of 8-byte words of an exchange."""
-    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(KINDS)
+    variables = sum(len(description.variables) for description in checked.sources.values())
+    return _HEAD + variables + sum(link.source.kind != link.sink.kind for link in checked.links) + len(KINDS)
 
 
 class Exchange:
