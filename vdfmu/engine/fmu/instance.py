@@ -163,6 +163,10 @@ class Instance(Library):
             self.box.ended[self.name] = self.box.time
         return bool(event or end)
 
+    def happened(self, time: float, changed: NDArray[np.bool_]) -> None:
+        """Note an event of model exchange; `changed` are the event indicators whose signs have changed."""
+        self.box.event(self.name, time)
+
     def enter_event(self) -> None:
         """Enter event mode."""
         self.event_needed = False

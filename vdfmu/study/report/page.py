@@ -30,8 +30,9 @@ from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.gallery import write_gallery
-from vdfmu.study.report.parts import checks, components_table, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.sheets import LATEX, sheets, write_tables
+from vdfmu.study.report.latex import LATEX, write_tables
+from vdfmu.study.report.parts import checks, components_table, events, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.sheets import sheets
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.run.joint_components import cut_figures, wired_arm
 from vdfmu.system.package.drawing import Coupling, system_diagram
@@ -128,6 +129,7 @@ def report_page(
             "simulation": simulation,
             "command": command,
             "marks": marks(run.summary),
+            "events": events(run.summary),
         }
         for name, run, simulation, command in zip(names, runs, simulations, commands, strict=True)
     ]
