@@ -1,7 +1,5 @@
 """FMUs of FMI 1.0 for co-simulation: the FMU of ``first.c``, held against fmpy's own run of it."""
 
-import fmpy
-import numpy as np
 import pytest
 
 from tests.wild import build
@@ -63,34 +61,6 @@ def looped(pack, xml, first):
         ["r Ramp y:output", xml.component("f", "first", outputs), "g Gain u:input y:output"],
         ["r.y -> f.u", "f.direct -> g.u"], extra={"resources/first.fmu": first.read_bytes()},
     )  # fmt: skip
-
-
-def test_it_runs_as_in_fmpy(pack, xml, first, tmp_path):
-    file = tmp_path / "u.csv"
-    file.write_text("time,f.u\n0,1\n1,3\n")
-    path = pack([xml.component("f", "first", "")], extra={"resources/first.fmu": first.read_bytes()})
-    got = simulate(path, stop=1.0, step=0.125, inputs=file, parameters={"f.k": 0.5})
-    u = np.array([(0.0, 1.0), (1.0, 3.0)], [("time", "f8"), ("u", "f8")])
-    expected = fmpy.simulate_fmu(
-        str(first), stop_time=1.0, output_interval=0.125, step_size=0.125, input=u, start_values={"k": 0.5},
-        output=["y", "n", "even", "direct"],
-    )  # fmt: skip
-    # both make the same calls with numbers that have no rounding
-    for name in ("y", "n", "even", "direct"):
-        assert got[f"f.{name}"].tolist() == expected[name].astype(float).tolist(), name
-    assert got["f.y"][0] == 1.0  # the input came before the initialization
-    assert "f.minus_y" not in got.names
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("isolate", [False, True])
-def test_it_is_coupled_with_units_of_fmi_2(looped, isolate):
-    got = simulate(looped, stop=1.0, step=0.25, isolate=isolate)
-    # u is the ramp at the start of a step: x = 0.25 * (0 + 0.25 + 0.5 + 0.75), and the gain doubles 2 u
-    assert got["f.y"].tolist() == [0.0, 0.0, 0.0625, 0.1875, 0.375]
-    assert got["g.y"][-1] == 2.0 * got["f.direct"][-1] != 0.0
-    assert got["f.n"].tolist() == [0, 1, 2, 3, 4]
-    assert got["f.even"].tolist() == [1, 0, 1, 0, 1]
 
 
 def test_it_is_reset_between_runs(looped):

@@ -24,7 +24,7 @@ _LENGTH = 10_000
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
 """Part of the category that marks an error, even if the status is lower."""
 EVENT = "event"
-"""Status of a message that stands for an event: its text is the name of the event, its time that of the event."""
+"""Status of a message that reports an event: its text is the name of the event, its time that of the event."""
 _SAID = re.compile(r".*: event (\S+) at t = (\S+) s")
 """Message of category ``logEvents`` in which units of this package report an event."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
