@@ -11,14 +11,12 @@ from vdfmu.engine.run import Simulator, simulate
 VARIABLES = (
     ("x", 0, "internal", "continuous", "Real", ""),
     ("y", 1, "output", "continuous", "Real", "<DirectDependency/>"),
-    ("minus_y", 1, "output", "continuous", "Real", "<DirectDependency/>"),
     ("u", 2, "input", "continuous", "Real", 'start="0"'),
     ("k", 3, "internal", "parameter", "Real", 'start="1"'),
     ("most", 4, "internal", "parameter", "Real", 'start="1e9"'),
     ("warns", 6, "internal", "parameter", "Real", 'start="0"'),
     ("direct", 5, "output", "continuous", "Real", "<DirectDependency><Name>u</Name></DirectDependency>"),
     ("n", 0, "output", "discrete", "Integer", "<DirectDependency/>"),
-    ("even", 0, "output", "discrete", "Boolean", "<DirectDependency/>"),
     ("word", 0, "internal", "parameter", "String", 'start="none"'),
 )
 
@@ -27,11 +25,10 @@ def description(guid: str = "{first}", implementation: str = "CoSimulation_Stand
     variables = ""
     for name, reference, causality, variability, kind, more in VARIABLES:
         more = f'start="{warns}"' if name == "warns" else more
-        alias = ' alias="negatedAlias"' if name == "minus_y" else ""
         value = f"<{kind} {more}/>" if more.startswith("start") else f"<{kind}/>{more}"
         variables += (
             f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
-            f'variability="{variability}"{alias}>{value}</ScalarVariable>'
+            f'variability="{variability}">{value}</ScalarVariable>'
         )
     capabilities = '<Capabilities canHandleVariableCommunicationStepSize="true"/>'
     part = f"<Implementation><{implementation}>{capabilities}</{implementation}></Implementation>"
@@ -56,7 +53,7 @@ def first(library, tmp_path):
 @pytest.fixture
 def looped(pack, xml, first):
     """Return a package: a ramp feeds the unit, which feeds a gain."""
-    outputs = "u:input y:output direct:output n:output:Integer even:output:Boolean"
+    outputs = "u:input y:output direct:output n:output:Integer"
     return pack(
         ["r Ramp y:output", xml.component("f", "first", outputs), "g Gain u:input y:output"],
         ["r.y -> f.u", "f.direct -> g.u"], extra={"resources/first.fmu": first.read_bytes()},

@@ -5,12 +5,12 @@ import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.fmu import instance
+from vdfmu.engine.fmu.access import Transfer
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.schedule import variable_graph
 from vdfmu.engine.run import simulate
-
-LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
 
 
 def test_the_graph_of_an_array_grows_with_its_length(system):
@@ -89,3 +89,18 @@ def test_structural_parameters_size_the_arrays(system):
     np.testing.assert_array_equal(y[:, 3], y[:, 0] + y[:, 1])
     with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
         simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})
+
+
+def test_the_start_of_a_run_plans_the_transfer_of_a_whole_array_once(system, monkeypatch):
+    planned: list[str] = []
+
+    class Counted(Transfer):
+        """Notes what is planned."""
+
+        def __init__(self, verb, variables, *rest):
+            planned.append(verb)
+            super().__init__(verb, variables, *rest)
+
+    monkeypatch.setattr(instance, "Transfer", Counted)
+    simulate(system({name: (models.STATE_SPACE, "3.0") for name in "ab"}, ["a.y[1] -> b.u[1]"]), stop=0.2, step=0.1)
+    assert planned.count("Get") == 3  # the value of the connection, and the outputs of each

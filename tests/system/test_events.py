@@ -12,7 +12,6 @@ from tests.conftest import heavy
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
-from vdfmu.study.report.sheets import events_lines
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.sampling import ambiguous
 from vdfmu.system.package.description import SystemDescription
@@ -158,8 +157,6 @@ def test_a_run_says_its_events_and_their_times(scenario, tmp_path, backend):
     assert hot["count"] > 500 == len(hot["times"]) and hot["last"] > hot["times"][-1]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "ball.ground at 0.45152, 1.0837, 1.5261, " in page and "summary.json has the first 500" in page
-    assert '["ball.ground", [0.451523641, ' in page or '["ball.ground",[0.451523641,' in page
-    assert "ball.ground: 11 events, first at 0.4515 s, last at 2.499 s" in events_lines(results.summary)
 
 
 @pytest.mark.parametrize("adaptive", [None, 1e-3])
