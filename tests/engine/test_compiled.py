@@ -62,6 +62,16 @@ def packaged(system, pack, built, xml, arm_package, strict):
         links += ["a.Float32_output -> two.Float64_input", "two.Float64_output -> b.Float32_input"]
         return system(units, links), {"parameters": {f"a.{kind}_input": value for kind, value in EXTREMES.items()}}
 
+    def widened():
+        units = {"a": (NUMBERS, "3.0"), "two": (NUMBERS_2, "2.0"), "s": (models.STATE_SPACE, "3.0")}
+        units |= {f"f{i}": (NUMBERS, "3.0") for i in range(len(EXTREMES))}
+        links = [f"a.{kind}_output -> f{i}.Float64_input" for i, kind in enumerate(EXTREMES)]
+        links += ["a.Boolean_output -> f0.Int64_input", "a.Enumeration_output -> f0.UInt8_input"]
+        links += ["f0.UInt8_output -> two.Float64_input", "two.Boolean_output -> s.u[2]", "two.Int32_output -> s.u[3]"]
+        links.append("two.Boolean_output -> f1.Int8_input")
+        values = {f"a.{kind}_input": value for kind, value in EXTREMES.items()}
+        return system(units, links), {"parameters": values | {"two.Boolean_input": True, "two.Int32_input": -7}}
+
     def arrays():
         units = {"k": (NUMBERS_2, "2.0"), "s": (models.STATE_SPACE, "3.0"), "t": (models.STATE_SPACE, "3.0")}
         return system(units, ["k.Float64_output -> s.u[2]", "s.y[3] -> t.u[1]", "s.y[1] -> t.u[3]"])
@@ -69,10 +79,12 @@ def packaged(system, pack, built, xml, arm_package, strict):
     def events(units, links=(), **options):
         return lambda: (system({name: (model, "3.0") for name, model in units.items()}, links), options)
 
-    made = {"types": types, "arrays": arrays, "arm": lambda: (arm_package(), {"step": 1e-3})}
+    made = {"types": types, "widened": widened, "arrays": arrays, "arm": lambda: (arm_package(), {"step": 1e-3})}
     made["ball"] = events({"b": BALL, "f": models.LAG}, ["b.h -> f.u"])
     stairs = {"s": STAIR, "a": EVENTFUL, "b": EVENTFUL}
     made["stair"] = events(stairs, ["s.counter -> a.Int32_input", "a.Int32_output -> b.Int32_input"], step=0.7)
+    made["counted"] = events({"s": STAIR, "f": models.LAG, "g": EVENTFUL},
+                            ["s.counter -> f.u", "s.counter -> g.Int32_input"], step=0.7)  # fmt: skip
     made["loop"] = events({"c": models.CONTROLLER, "p": models.LAG}, ["p.x -> c.e", "c.u -> p.u"], step=0.15)
     made["clocks"] = events({"k": models.CLOCKS, "n": models.COUNTER}, ["k.outClock -> n.c"], step=0.3)
     for version in ("2.0", "3.0"):
@@ -95,7 +107,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
 
 
 NAMES = [
-    "types", "arrays", "arm", "strict", "ball", "stair", "loop", "clocks",
+    "types", "widened", "arrays", "arm", "strict", "ball", "stair", "counted", "loop", "clocks",
     *(f"{kind} {version}" for version in ("2.0", "3.0") for kind in ("scaled", "rates", "texts", "slopes", *ALONE)),
 ]  # fmt: skip
 SAMPLED = "rates", "loop", "clocks"
@@ -145,8 +157,8 @@ def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
     step = options.pop("step", 0.1)
     apart = algorithm == "gauss-seidel" or name in ("types", "arm")  # a process takes a quarter of a second to start
     results = both(package, apart, step=step, stop=20 * step, algorithm=algorithm, record=["*"], **options)
-    assert len(results) == (14 if name == "stair" else 21)  # the stair ends at 9 s, in the step from 8.4 s
-    assert name.startswith(("types", "resource")) or any(
+    assert len(results) == (14 if name in ("stair", "counted") else 21)  # the stair ends at 9 s, in the step from 8.4 s
+    assert name.startswith(("types", "widened", "resource")) or any(
         (results[each][1:] != results[each][0]).any() for each in results
     )
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.engine.files import assert_same_bits
 from tests.wild import build
 from tests.wild import pack as pack_fmu
 from vdfmu.base.errors import CosimError
@@ -100,3 +101,10 @@ def test_a_unit_whose_initialization_and_steps_warn_is_checked_and_runs(pack, xm
     assert (findings.problems, findings.ran) == ([], True)
     package = pack([xml.component("f", "first", "")], extra={"resources/first.fmu": path.read_bytes()})
     assert simulate(package, stop=1.0, step=0.25, isolate=False)["f.n"].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_steps_in_c_have_the_same_bits(pack, xml, first):
+    path = pack([xml.component("f", "first", "")], extra={"resources/first.fmu": first.read_bytes()})
+    in_c, by_fmpy = (simulate(path, stop=1.0, step=0.25, stepper=stepper, isolate=False) for stepper in ("c", "fmpy"))
+    assert_same_bits(in_c, by_fmpy)
+    assert in_c.summary["stepper"] == "c"

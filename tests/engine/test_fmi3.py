@@ -5,6 +5,7 @@ import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.engine.container import write_container
 from vdfmu.engine.fmu import instance
 from vdfmu.engine.fmu.access import Transfer
 from vdfmu.engine.package.read import load_ssp
@@ -49,6 +50,26 @@ def test_units_of_both_versions_in_one_system(system):
         simulate(path, stop=0.2, step=0.1, parameters=values | {"two.Int32_input": 128}, isolate=False)
 
 
+def test_whole_numbers_and_truths_feed_reals(system):
+    units = {"a": (models.FEEDTHROUGH, "3.0"), "two": (models.FEEDTHROUGH_2, "2.0"), "s": (models.STATE_SPACE, "3.0")}
+    links = ["a.Int64_output -> s.u[1]", "a.Boolean_output -> s.u[2]", "a.Enumeration_output -> s.u[3]"]
+    path = system(units, [*links, "a.Boolean_output -> two.Int32_input", "two.Int32_output -> a.Float64_input"])
+    starts = {"a.Int64_input": -(2**53) - 1, "a.Boolean_input": True, "a.Enumeration_input": 2}
+    for stepper, isolate in (("fmpy", False), ("c", False), ("c", True)):
+        options = {"stop": 0.2, "step": 0.1, "stepper": stepper, "isolate": isolate, "record": ["*"]}
+        results = simulate(path, parameters=starts, **options)
+        assert results["s.u"].tolist() == [[-(2.0**53), 1.0, 2.0]] * 3  # to the nearest real
+        assert results["a.Float64_output"].tolist() == [1.0] * 3
+        assert results["a.Int64_output"].tolist() == [-(2**53) - 1] * 3
+
+
+def test_a_container_refuses_connections_that_convert_a_type(system, tmp_path):
+    units = dict.fromkeys("ab", (models.FEEDTHROUGH_2, "2.0"))
+    path = system(units, ["a.Int32_output -> b.Float64_input"])
+    with pytest.raises(UsageError, match="b.Float64_input: a container FMU converts no types, got Integer to Real"):
+        write_container(path, tmp_path / "c.fmu", step=0.1)
+
+
 def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
     path = system({"a": (models.FEEDTHROUGH, "3.0")})
     with pytest.raises(UsageError, match=r"'a.UInt8_input': expected at most 255, got 256"):
@@ -58,8 +79,8 @@ def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
     ):
         simulate(path, stop=0.1, step=0.1, parameters={"a.Binary_input": "no hex"})
     mixed = {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")}
-    path = system(mixed, ["a.Int8_output -> b.Float64_input", "a.String_output -> b.Binary_input"])
-    with pytest.raises(SspError, match=r"type mismatch, Int8 to Float64\n?(.|\n)*type mismatch, String to Binary"):
+    path = system(mixed, ["a.Float64_output -> b.Int8_input", "a.String_output -> b.Binary_input"])
+    with pytest.raises(SspError, match=r"type mismatch, Float64 to Int8\n?(.|\n)*type mismatch, String to Binary"):
         check_system(load_ssp(path))
     # One element fed, the others as set: the array is set as a whole all the same.
     path = system(

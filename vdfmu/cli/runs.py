@@ -40,7 +40,7 @@ class ScenarioForm(ScenarioRunOptions, total=False):
 
     opened: OpenOption
     study: Annotated[
-        Path | None, Option("Run a point of this study: folder or sweep.parquet.", flag="--from", metavar="SWEEP")
+        Path | None, Option("Run a point of this study: its folder or table.", flag="--from", metavar="SWEEP")
     ]
     row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
     by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
@@ -256,8 +256,7 @@ def report(
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
     """Print the verdict on a run; with ``--quiet`` only its headline."""
-    from vdfmu.engine.results.verdict import headline_of, state_of
-    from vdfmu.study.report.sheets import state_text, verdict_text
+    from vdfmu.study.report.sheets import outcome_text, verdict_text
 
-    if text := state_text(state_of(summary), headline_of(summary)) if errors.quiet else verdict_text(summary):
+    if text := outcome_text(summary) if errors.quiet else verdict_text(summary):
         console.print(text, soft_wrap=True)

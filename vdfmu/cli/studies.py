@@ -88,7 +88,7 @@ def run(
         raise SystemExit(1)
 
 
-StudyArgument = Annotated[Path, Positional("sweep.parquet of a study, or its folder.")]
+StudyArgument = Annotated[Path, Positional("Table of a study, or its folder.")]
 ByOption = Annotated[str | None, Option("Measure or column (default the first).", metavar="NAME",
     more="If the measure has several elements, the largest is used.")]  # fmt: skip
 

@@ -21,7 +21,7 @@ from vdfmu.base.option import checks_types, pick, with_options
 from vdfmu.base.text import amount
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
-from vdfmu.engine.package.join import join
+from vdfmu.engine.package.join import JOINED, join
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.package.system import Connections, FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
@@ -276,7 +276,7 @@ def _shortened(texts: Sequence[str]) -> list[str]:
 def connect(
     components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
     fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
-    parameters: Mapping[str, Any] | None = None, name: str = "system",
+    parameters: Mapping[str, Any] | None = None, name: str = JOINED,
 ) -> System:  # fmt: skip
     """Connect FMUs.
 

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from ctypes import c_double, c_int
-from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,16 +29,15 @@ _SAID = re.compile(r".*: event (\S+) at t = (\S+) s")
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
-@dataclass(frozen=True)
-class LogMessage:
-    """A message of a unit, or (status ``note``) of the check before the run."""
+class LogMessage(NamedTuple):
+    """A message of a unit, or of what comes before the run: a note or a table of connections."""
 
     unit: str
-    """Component name; empty for notes."""
+    """Component name; empty before the run."""
     time: float
     """Communication point, or time of an event [s]."""
     status: str
-    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending``, ``note`` or ``event``."""
+    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending``, ``note``, ``connections`` or ``event``."""
     category: str
     text: str
 

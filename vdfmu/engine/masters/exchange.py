@@ -34,12 +34,14 @@ class Bank:
 
     FMI calls of the same type fill it in place, in a window for each unit's outputs and one for its inputs. In a window
     of inputs the fresh inputs (see `Schedule`) come first. Local variables are the outputs of an FMU without outputs.
+    An output of another kind that feeds inputs of this kind is here too, got once more: the transfer converts it.
     """
 
     def __init__(self, kind: str, checked: Checked, links: Mapping[Port, Link], words: Floats) -> None:
         self.kind = kind
         types = ("Integer", "Enumeration") if kind == "Integer" else (kind,)
         fresh = checked.schedule.fresh
+        read = {link.start for link in links.values() if link.sink.kind == kind}
         outputs: list[tuple[str, FmuVariable]] = []
         inputs: list[tuple[str, FmuVariable]] = []
         self.output_windows: dict[str, slice] = {}
@@ -48,6 +50,8 @@ class Bank:
         for unit, description in checked.sources.items():
             first, start = len(outputs), len(inputs)
             outputs += [(unit, v) for v in description.recordable if v.type in types]
+            unlike = (v for v in description.variables.values() if v.type not in types) if read else ()
+            outputs += [(unit, v) for v in unlike if (unit, v.name) in read]
             fed = [v for v in description.named("input") if v.type in types and (unit, v.name) in links]
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
             inputs += [(unit, v) for v in fed]
@@ -63,7 +67,7 @@ class Bank:
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
-        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE}
+        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE and v.type in types}
         self.links: list[Link] = [links[u, v.name] for u, v in inputs]
         self._transfers: dict[tuple[str, str], list[Transfer]] = {}
 
@@ -138,7 +142,8 @@ _HEAD = 5
 
 def words_of(checked: Checked) -> int:
     """Return the number of 8-byte words that an exchange needs at most."""
-    return _HEAD + sum(len(description.variables) for description in checked.sources.values()) + len(KINDS)
+    variables = sum(len(description.variables) for description in checked.sources.values())
+    return _HEAD + variables + sum(link.source.kind != link.sink.kind for link in checked.links) + len(KINDS)
 
 
 class Exchange:

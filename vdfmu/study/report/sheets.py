@@ -23,7 +23,7 @@ from vdfmu.engine.results.verdict import (
     UNJUDGED,
     checks_line,
     checks_of,
-    headline_of,
+    outcome_of,
     results_of,
     state_of,
 )
@@ -334,9 +334,15 @@ def verdict_table(summary: Summary, limits: bool = False) -> Table:
 
 
 def verdict_text(summary: Summary) -> Text:
-    """Return the headline of a run and, below it, its results; empty without a verdict."""
+    """Return the headline of a run, see `outcome_of`, and, below it, its results."""
     results = "; ".join(filter(None, (results_of(summary), checks_line(summary))))
-    return state_text(state_of(summary), headline_of(summary)).append(f"\n  {results}" if results else "")
+    return outcome_text(summary).append(f"\n  {results}" if results else "")
+
+
+def outcome_text(summary: Summary) -> Text:
+    """Return the headline of a run behind the sign of its state, see `outcome_of`."""
+    outcome = outcome_of(summary)
+    return state_text(state_of(summary) or UNJUDGED, outcome) if outcome else Text()
 
 
 def state_text(state: str, text: str) -> Text:
