@@ -16,9 +16,9 @@ import numpy as np
 from benchmarks.report import Report
 from benchmarks.work_precision import COSIM, INTERVAL, Fall, Motion, WorkPrecision, compare, tabulate
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.export import export_robot
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
+from vdfmu.extras.robots import export_robot
 
 TITLE = "Work and precision: the plant beside engines of robot simulation"
 MUJOCO = ("RK4", "implicit", "implicitfast")

@@ -19,7 +19,7 @@ print(code, *sorted({heavy!r} & set(sys.modules)), file=sys.stderr)
 """
 _HEAVY = {"numpy", "scipy", "casadi", "matplotlib", "fmpy", "lxml", "pythonfmu", "pydantic", "rich.progress"}
 _TO_MAKE = {
-    "vdfmu.arm.export", "vdfmu.compiler.c.functions", "vdfmu.compiler.c.generate", "vdfmu.compiler.fmu.native",
+    "vdfmu.compiler.c.functions", "vdfmu.compiler.c.generate", "vdfmu.compiler.fmu.native",
     "vdfmu.study.sweeps", "vdfmu.system.program",
 }  # fmt: skip
 """Modules that make what a run again has in the cache."""

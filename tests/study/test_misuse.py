@@ -56,7 +56,6 @@ def calls(folder, system):
         "run": (vdfmu.run, dict(scenario="nothing")),
         "sweep": (vdfmu.sweep, dict(scenario="planar_tracking", vary=())),
         "load_motion": (vdfmu.load_motion, dict(path="none.toml", robot=robot)),
-        "robot_from_urdf": (vdfmu.robot_from_urdf, dict(path="none.urdf", base=None, tip=None, drives=None)),
         "build": (vdfmu.build, dict(unit="nothing", path=folder / "n.fmu", robot=None, fmi="2.0", parameters=None)),
         "build_fmus": (build_fmus, dict(robot=None, out_dir=folder, units="nothing", parameters=None)),
         "linearize": (vdfmu.linearize, dict(system=robot, at=[0.0, 0.0], dry=False, opened=())),

@@ -113,6 +113,6 @@ app = App(
         ),
     ],
 )
-for added in (COMMANDS, *(module.COMMANDS for module in extra_modules("commands"))):
+for added in (COMMANDS, *(getattr(module, "COMMANDS", {}) for module in extra_modules("commands"))):
     for panel, listed in added.items():
         app.add(listed, panel)

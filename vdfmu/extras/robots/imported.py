@@ -11,13 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.imports.chain import choose_arm
-from vdfmu.arm.imports.drives import drive_joints, read_drives
-from vdfmu.arm.imports.mjcf import read_mjcf
-from vdfmu.arm.imports.tool import read_placement
-from vdfmu.arm.imports.tree import with_inertia
-from vdfmu.arm.imports.urdf import read_urdf
-from vdfmu.arm.imports.write import robot_text
 from vdfmu.arm.robot.plausible import joints_without_tool, robot_notes
 from vdfmu.arm.robot.robot import Robot
 from vdfmu.arm.robot.robot_file import robot_from_dict
@@ -26,6 +19,13 @@ from vdfmu.base.option import checks_types
 from vdfmu.base.toml_file import read_bytes
 from vdfmu.base.toml_tables import Problems, as_number
 from vdfmu.engine.package.parse import parse_xml
+from vdfmu.extras.robots.chain import choose_arm
+from vdfmu.extras.robots.drives import drive_joints, read_drives
+from vdfmu.extras.robots.mjcf import read_mjcf
+from vdfmu.extras.robots.tool import read_placement
+from vdfmu.extras.robots.tree import with_inertia
+from vdfmu.extras.robots.urdf import read_urdf
+from vdfmu.extras.robots.write import robot_text
 
 _LARGEST = 2**26
 """Largest file [byte]."""

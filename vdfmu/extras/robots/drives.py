@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import MOVING, Body, Numbers
 from vdfmu.arm.robot.catalogue import NAMED, tables_of
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.robot_file import PLAIN, in_paper_words, section_numbers
@@ -17,6 +16,7 @@ from vdfmu.base.measure import JOINT_TYPES, measure
 from vdfmu.base.text import matching, nearest
 from vdfmu.base.toml_file import read_toml
 from vdfmu.base.toml_tables import Problems, Table
+from vdfmu.extras.robots.tree import MOVING, Body, Numbers
 
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")

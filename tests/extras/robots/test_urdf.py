@@ -7,15 +7,15 @@ import pinocchio as pin
 import pytest
 
 import vdfmu
-from tests.arm.imports.conftest import ARM, INERTIAL, LIMIT, differences, joint, link, pinocchio_arm
+from tests.extras.robots.conftest import ARM, INERTIAL, LIMIT, differences, joint, link, pinocchio_arm
 from vdfmu.arm.drive.limits import motor_torque
-from vdfmu.arm.imports import import_robot
-from vdfmu.arm.imports.tree import aligned
+from vdfmu.extras.robots import import_robot, robot_from_urdf
+from vdfmu.extras.robots.tree import aligned
 
 
 def test_the_dynamics_and_the_tool_are_those_of_pinocchio(urdf):
     path = urdf(ARM)
-    robot = vdfmu.robot_from_urdf(path)
+    robot = robot_from_urdf(path)
     assert robot.joint_types == ("revolute", "revolute", "prismatic")
     model = pinocchio_arm(path, ["a", "b", "c"])
     inverse, forward = differences(robot, model, 20)
@@ -40,13 +40,13 @@ def test_a_frame_is_turned_onto_an_axis(axis):
 
 def test_axes_along_frames_give_rotations_of_ones_and_zeros_and_another_base_keeps_gravity(urdf):
     bare = joint("a", "ground", "one", axis="0 1 0", origin="")
-    robot = vdfmu.robot_from_urdf(urdf(link("ground", "") + link("one") + bare))
+    robot = robot_from_urdf(urdf(link("ground", "") + link("one") + bare))
     assert robot.rotation[0].tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
     path = urdf(ARM)
-    robot = vdfmu.robot_from_urdf(path, base="two")
+    robot = robot_from_urdf(path, base="two")
     assert robot.n == 1
     # Held at 0, the joints before the base leave it turned: the slide feels the weight along its axis as there.
-    whole = vdfmu.robot_from_urdf(path)
+    whole = robot_from_urdf(path)
     expected = vdfmu.dynamics.gravity_torque(whole, np.zeros(3))[2:]
     # Weights of 20 N.
     np.testing.assert_allclose(vdfmu.dynamics.gravity_torque(robot, np.zeros(1)), expected, rtol=0, atol=1e-13)
@@ -107,12 +107,12 @@ def test_limits_damping_and_friction_are_taken_over(urdf):
 
 def test_a_range_that_is_none_is_no_end_stop(urdf):
     for ends in ('lower="0" upper="0"', 'lower="-1e16" upper="1e16"', 'effort="3"'):
-        robot = vdfmu.robot_from_urdf(
+        robot = robot_from_urdf(
             urdf(link("ground", "") + link("one") + joint("a", "ground", "one", inside=f"<limit {ends}/>"))
         )
         if robot.limits:
             assert (robot.q_min[0], robot.q_max[0]) == (-1e6, 1e6)
-    robot = vdfmu.robot_from_urdf(
+    robot = robot_from_urdf(
         urdf(link("ground", "") + link("one") + joint("a", "ground", "one", "continuous", inside=""))
     )
     assert not robot.limits
@@ -164,7 +164,7 @@ def test_a_file_of_xacro_and_a_ratio_that_is_left_out_are_named(urdf):
     path = urdf("")
     path.write_text('<robot xmlns:xacro="http://x"><xacro:include filename="a"/></robot>', encoding="utf-8")
     with pytest.raises(vdfmu.VdfmuError, match=r"Write the URDF first: xacro arm.urdf > arm_plain.urdf"):
-        vdfmu.robot_from_urdf(path)
+        robot_from_urdf(path)
 
     def transmission(name: str, ratio: str) -> str:
         motor = f'<actuator name="m"><mechanicalReduction>{ratio}</mechanicalReduction></actuator>'

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vdfmu.arm.imports.tool import Tool, meters, tool_at_end
-from vdfmu.arm.imports.tree import HERE, MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.physical import check_inertia
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.text import nearest
 from vdfmu.base.toml_tables import Problems
+from vdfmu.extras.robots.tool import Tool, meters, tool_at_end
+from vdfmu.extras.robots.tree import HERE, MOVING, Body, Joint, Mass, Placement, RigidLink, Tree, aligned, few, joined
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,14 +4,14 @@ import mujoco
 import pytest
 from lxml import etree
 
-from tests.arm.imports.conftest import largest_difference
-from tests.arm.imports.table import folder, parts, table
-from vdfmu.arm.imports import import_robot
+from tests.extras.robots.conftest import largest_difference
+from tests.extras.robots.table import folder, parts, table
+from vdfmu.extras.robots import import_robot
 
 
 @pytest.mark.heavy
 def test_every_arm_agrees_with_pinocchio_or_is_refused_with_a_reason_as_the_page_says():
-    assert table() == parts()[1], "python -m tests.arm.imports.table writes the table anew"
+    assert table() == parts()[1], "python -m tests.extras.robots.table writes the table anew"
 
 
 @pytest.mark.heavy

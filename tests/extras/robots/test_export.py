@@ -9,10 +9,10 @@ from lxml import etree
 from scipy.integrate import solve_ivp
 
 import vdfmu
-from tests.arm.imports.conftest import differences, largest_difference, pinocchio_arm
+from tests.extras.robots.conftest import differences, largest_difference, pinocchio_arm
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.imports import import_robot
 from vdfmu.arm.robot import Robot
+from vdfmu.extras.robots import export_robot, import_robot
 
 STEP, STOP = 1e-4, 0.1
 
@@ -28,7 +28,7 @@ def linear(robot: Robot, **flags: bool) -> Robot:
 )
 def test_the_fall_in_mujoco_is_that_of_the_plant(tmp_path, plant_function, name, coupling):
     robot, path = linear(vdfmu.load_robot(name), rotor_coupling=coupling), tmp_path / "arm.xml"
-    assert vdfmu.export_robot(robot, path) == []
+    assert export_robot(robot, path) == []
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_RK4
     data = mujoco.MjData(model)
@@ -53,7 +53,7 @@ def test_a_rigid_robot_comes_back(tmp_path, name):
     robot = vdfmu.load_robot(name)
     joints = [f"joint_{i + 1}" for i in range(robot.n)]
     for path, rigid in ((tmp_path / "arm.xml", True), (tmp_path / "arm.urdf", False)):
-        vdfmu.export_robot(robot, path, rigid=rigid)
+        export_robot(robot, path, rigid=rigid)
         back = import_robot(path, tip="tool").robot
         for field in ("mass", "centroid", "inertia", "offset", "rotation", "tool_offset", "tool_rotation", "gravity"):
             # the files' rotations are orthogonal to 1e-10
@@ -79,7 +79,7 @@ def test_a_rigid_robot_comes_back(tmp_path, name):
 @pytest.mark.parametrize("name", ["ur5e_6dof", "scara_4dof", "slider_3dof"])
 def test_rotors_and_springs_come_back(tmp_path, name):
     robot, path = vdfmu.load_robot(name), tmp_path / "arm.xml"
-    vdfmu.export_robot(robot, path)
+    export_robot(robot, path)
     imported = import_robot(path)
     rule = "the tool is at the origin of tool, which is fixed to the last link that moves"
     rule += ", on the axis of the last joint" * imported.robot.tool_on_last_axis
@@ -104,7 +104,7 @@ def test_notes_and_the_file_say_what_is_left_out(tmp_path):
     robot = dataclasses.replace(robot, description="A --- B -- C <&>")
     robot = robot.with_parameters(theta_err_amplitude=1e-5, gravity=[0.0, 9.81, 0.0])
     for name in ("arm.xml", "arm.urdf"):
-        notes = vdfmu.export_robot(robot, tmp_path / name)
+        notes = export_robot(robot, tmp_path / name)
         text = (tmp_path / name).read_text(encoding="utf-8")
         assert all(note in text for note in notes)
         assert "A - - - B - - C <&>" in text and etree.fromstring(text.encode()) is not None
@@ -120,13 +120,13 @@ def test_a_slender_link_has_the_rotor_too(tmp_path):
     inertia = robot.inertia.copy()
     # a rod, whose moments meet the triangle inequality with equality
     inertia[0] = np.diag([1e-9, 0.1, 0.1])
-    notes = vdfmu.export_robot(robot.with_parameters(inertia=inertia), tmp_path / "arm.xml")
+    notes = export_robot(robot.with_parameters(inertia=inertia), tmp_path / "arm.xml")
     assert notes == ["link 1 is too slender to give rotor 2 its inertia across the axis: it has both."]
     mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
 
 
 def test_a_rigid_file_says_that_its_rotors_are_not_bodies(tmp_path):
-    notes = vdfmu.export_robot("planar_2dof", tmp_path / "arm.xml", rigid=True)
+    notes = export_robot("planar_2dof", tmp_path / "arm.xml", rigid=True)
     assert "turning of the rotors with the links that carry them: rotor_coupling." in notes
 
 
@@ -142,4 +142,4 @@ def test_a_rigid_file_says_that_its_rotors_are_not_bodies(tmp_path):
 def test_a_wrong_file_is_an_error(tmp_path, monkeypatch, arguments, options, expected):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(vdfmu.VdfmuError, match=expected):
-        vdfmu.export_robot("planar_2dof", *arguments, **options)
+        export_robot("planar_2dof", *arguments, **options)

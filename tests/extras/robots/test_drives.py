@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.imports.conftest import ARM, LIMIT, joint, link
-from vdfmu.arm.imports import import_robot
+from tests.extras.robots.conftest import ARM, LIMIT, joint, link
 from vdfmu.arm.robot import Robot
 from vdfmu.arm.robot.catalogue import catalogue
 from vdfmu.arm.robot.parameters import section
 from vdfmu.arm.robot.robot_file import PLAIN
 from vdfmu.base.files import data_path
 from vdfmu.base.measure import measure
+from vdfmu.extras.robots import import_robot, robot_from_urdf
 
 ASSUMED = tomllib.loads((data_path("models") / "drives" / "assumed.toml").read_text(encoding="utf-8"))
 ONE = link("ground", "") + link("one")
 
 
 def one_joint(urdf, kind: str = "revolute", inside: str = LIMIT) -> Robot:
-    return vdfmu.robot_from_urdf(urdf(ONE + joint("a", "ground", "one", kind, inside=inside)))
+    return robot_from_urdf(urdf(ONE + joint("a", "ground", "one", kind, inside=inside)))
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
@@ -76,7 +76,7 @@ def test_a_file_of_drives_comes_before_the_robots_own(urdf, tmp_path):
         """,
         encoding="utf-8",
     )
-    robot = vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
+    robot = robot_from_urdf(urdf(ARM), drives=drives)
     data = robot.to_dict()["joints"]
     assert [entry["drive"]["ell"] for entry in data] == [50.0, 160.0, 50.0]
     assert [entry["drive"]["K_f0"] for entry in data] == [2e4] * 3
@@ -98,7 +98,7 @@ def test_every_problem_of_a_file_of_drives_is_named(urdf, tmp_path):
         encoding="utf-8",
     )
     with pytest.raises(vdfmu.VdfmuError) as error:
-        vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
+        robot_from_urdf(urdf(ARM), drives=drives)
     assert [problem.removeprefix(f"{drives}: ") for problem in error.value.problems] == [
         'shoulder: expected a joint of the arm, or a pattern such as "*", got none. There are: a, b, c.',
         "a.engine: expected a known key, got an unknown one. "
@@ -132,7 +132,7 @@ def test_a_file_of_drives_names_gears_and_motors(urdf, tmp_path):
         """,
         encoding="utf-8",
     )
-    robot = vdfmu.robot_from_urdf(urdf(ARM), drives=drives)
+    robot = robot_from_urdf(urdf(ARM), drives=drives)
     gears = catalogue()["gears"]
     assert robot.ell.tolist() == [100.0, 100.0, 160.0]
     np.testing.assert_allclose(robot.K_w0[:2], [gears[f"CSG-{k}-100"]["drive"]["K_w0"] for k in (20, 25)])

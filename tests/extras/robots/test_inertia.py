@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import vdfmu
-from tests.arm.imports.conftest import ARM, link
-from vdfmu.arm.imports import import_robot
+from tests.extras.robots.conftest import ARM, link
 from vdfmu.arm.robot import Robot, robot_from_dict
+from vdfmu.extras.robots import import_robot, robot_from_urdf
 
 BOX = '<origin xyz="0.1 0 0.2" rpy="0.3 -0.2 0.5"/><geometry><box size="0.1 0.2 0.3"/></geometry>'
 ROD = '<origin xyz="0 0.05 -0.1" rpy="0 1 0"/><geometry><cylinder radius="0.05" length="0.4"/></geometry>'
@@ -26,7 +26,7 @@ def mass_of(robot: Robot, i: int = 0) -> dict[str, object]:
 
 def test_shapes_have_the_inertia_that_mujoco_gives_them(urdf):
     """In a frame of its own, z along the joint's axis: joint a turns about y of the link."""
-    robot = vdfmu.robot_from_urdf(urdf(with_one(SHAPED)), density=2700.0)
+    robot = robot_from_urdf(urdf(with_one(SHAPED)), density=2700.0)
     link_1 = mass_of(robot)
     body = mujoco.MjModel.from_xml_string(
         """<mujoco><compiler angle="radian" eulerseq="XYZ"/><worldbody><body>
@@ -57,13 +57,13 @@ def test_what_is_made_of_shapes_is_said(urdf, tmp_path):
     # a known mass alone: the same shape
     drives = tmp_path / "drives.toml"
     drives.write_text("[a]\nlink.mass = 5.0\n", encoding="utf-8")
-    weighed = vdfmu.robot_from_urdf(path, drives=drives)
+    weighed = robot_from_urdf(path, drives=drives)
     assert weighed.mass[0] == 5.0 and weighed.source_of("joints[1].link.mass") == "drives.toml: a"
     ratio = 5.0 / imported.robot.mass[0]
     np.testing.assert_allclose(weighed.inertia[0], ratio * imported.robot.inertia[0], rtol=1e-14)
     np.testing.assert_allclose(weighed.centroid[0], imported.robot.centroid[0], rtol=1e-14)
     # a density does nothing for links that have an inertia
-    np.testing.assert_array_equal(imported.robot.mass[1:], vdfmu.robot_from_urdf(urdf(ARM)).mass[1:])
+    np.testing.assert_array_equal(imported.robot.mass[1:], robot_from_urdf(urdf(ARM)).mass[1:])
 
 
 def test_an_inertia_of_zero_is_completed_by_collisions_before_visuals_and_the_mass_stays(urdf):
@@ -73,15 +73,15 @@ def test_an_inertia_of_zero_is_completed_by_collisions_before_visuals_and_the_ma
         (f"<visual>{BALL}</visual><collision>{MESH}</collision>", ball),
         (f"<visual>{BOX}</visual><collision>{BALL}</collision>", ball),
     ):
-        robot = vdfmu.robot_from_urdf(urdf(with_one(inside)), density=1000.0)
+        robot = robot_from_urdf(urdf(with_one(inside)), density=1000.0)
         assert robot.mass[0] == pytest.approx(1000.0 * volume, rel=1e-14)
     zero = '<inertial><mass value="2"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
     path = urdf(with_one(zero + f"<visual>{BALL}</visual>"))
     with pytest.raises(
         vdfmu.VdfmuError, match=r"link one: expected positive definite, .* Give them by --drives: \[a\]"
     ):
-        vdfmu.robot_from_urdf(path)
-    robot = vdfmu.robot_from_urdf(path, density=500.0)
+        robot_from_urdf(path)
+    robot = robot_from_urdf(path, density=500.0)
     assert robot.mass[0] == 2.0 and not robot.centroid[0].any()
     np.testing.assert_allclose(robot.inertia[0], 0.4 * 2.0 * 0.08**2 * np.eye(3), rtol=1e-14)
 
@@ -96,18 +96,18 @@ def test_a_file_of_drives_gives_what_meshes_do_not(urdf, tmp_path):
     ):
         drives.write_text(text, encoding="utf-8")
         with pytest.raises(vdfmu.VdfmuError, match=words):
-            vdfmu.robot_from_urdf(path, drives=drives, density=1000.0)
+            robot_from_urdf(path, drives=drives, density=1000.0)
     drives.write_text(
         '["*"]\nlink.mass = 9.0\n[a]\nlink = { mass = 3.0, centroid = [0, 0, 0.1], inertia = 0.02 }\n', encoding="utf-8"
     )
-    robot = vdfmu.robot_from_urdf(path, drives=drives)
+    robot = robot_from_urdf(path, drives=drives)
     assert robot.mass.tolist() == [3.0, 9.0, 9.0]  # a later table comes before
     assert robot.centroid[0].tolist() == [0.0, 0.0, 0.1]
     np.testing.assert_array_equal(robot.inertia[0], 0.02 * np.eye(3))
     with pytest.raises(vdfmu.VdfmuError, match="density: expected a number above 0 in kg/m3, got -1"):
-        vdfmu.robot_from_urdf(path, density=-1.0)
+        robot_from_urdf(path, density=-1.0)
     with pytest.raises(vdfmu.VdfmuError, match="density: expected a number, got 'steel'"):
-        vdfmu.robot_from_urdf(path, density="steel")
+        robot_from_urdf(path, density="steel")
 
 
 def test_joints_keep_their_names(urdf, tmp_path):

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vdfmu.arm.imports.tree import Placement, roll_pitch_yaw
 from vdfmu.arm.robot.visual import Visual, read_mesh
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.extras.robots.tree import Placement, roll_pitch_yaw
 
 _END = 0.9
 """Share of the largest distance from the joint at which the end of a link begins."""

@@ -8,11 +8,11 @@ import pytest
 import trimesh
 
 import vdfmu
-from tests.arm.imports.conftest import LIMIT, joint, link
-from vdfmu.arm.imports import import_robot
+from tests.extras.robots.conftest import LIMIT, joint, link
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.arm.robot.plausible import joints_without_tool
 from vdfmu.base.errors import UsageError
+from vdfmu.extras.robots import import_robot, robot_from_mjcf, robot_from_urdf
 
 MASS = """<inertial><origin xyz="0.15 0 0"/><mass value="1"/>
 <inertia ixx="0.001" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -59,7 +59,7 @@ def test_a_mesh_that_can_be_read_shows_the_end_and_one_that_cannot_hides_it(urdf
     """Half of a shape would put the tool at a wrong place, without a word."""
     beam = trimesh.creation.box((0.3, 0.05, 0.04), trimesh.transformations.translation_matrix((0.15, 0, 0)))
     beam.export(tmp_path / "fore.stl")
-    robot = vdfmu.robot_from_urdf(urdf(planar(shape('<mesh filename="fore.stl" scale="2 2 2"/>'))))
+    robot = robot_from_urdf(urdf(planar(shape('<mesh filename="fore.stl" scale="2 2 2"/>'))))
     p, _ = vdfmu.dynamics.forward_kinematics(robot, [0.0, 0.0])
     np.testing.assert_allclose(p, [1.0, 0, 0.3], rtol=0, atol=1e-6)  # an STL has 7 digits
     imported = import_robot(urdf(planar(BEAM + shape('<mesh filename="gone.stl"/>'))))
@@ -76,9 +76,9 @@ def test_user_and_file_choose_the_tool_before_shapes_do(urdf):
         ({"tip": "fore", "tool": [0.0, 0.0, 0.2]}, [0, 0, 0.2]),
         ({"tool": [0.0, 0.0, 0.2]}, [0.1, 0.2, 0.5]),  # in the frame of the tip
     ):
-        p, _ = vdfmu.dynamics.forward_kinematics(vdfmu.robot_from_urdf(path, **options), [0.0, 0.0])
+        p, _ = vdfmu.dynamics.forward_kinematics(robot_from_urdf(path, **options), [0.0, 0.0])
         np.testing.assert_allclose(p - [0.4, 0, 0.3], at, rtol=0, atol=1e-12)
-    _, R = vdfmu.dynamics.forward_kinematics(vdfmu.robot_from_urdf(path, tool=[0, 0, 0, 0, 0, np.pi / 2]), [0.0, 0.0])
+    _, R = vdfmu.dynamics.forward_kinematics(robot_from_urdf(path, tool=[0, 0, 0, 0, 0, np.pi / 2]), [0.0, 0.0])
     np.testing.assert_allclose(R[:, 0], [0, 1, 0], rtol=0, atol=1e-12)  # yaw turns x onto y
 
 
@@ -87,12 +87,10 @@ def test_a_site_of_mujoco_is_a_tool(tmp_path):
     body = f'<body name="one"><joint name="a" axis="0 1 0"/><geom size="0.1" pos="0.4 0 0"/>{site}</body>'
     path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>", encoding="utf-8")
     for options, at in (({}, [0.5, 0, 0]), ({"tool_frame": "flange"}, [0, 0, 0.2]), ({"tool_frame": "one"}, [0, 0, 0])):
-        p, _ = vdfmu.dynamics.forward_kinematics(
-            vdfmu.robot_from_mjcf(path, **options), [0.0]
-        )  # the ball ends at 0.5 m
+        p, _ = vdfmu.dynamics.forward_kinematics(robot_from_mjcf(path, **options), [0.0])  # the ball ends at 0.5 m
         np.testing.assert_allclose(p, at, rtol=0, atol=1e-6)
     with pytest.raises(vdfmu.VdfmuError, match="got 'flang'. Did you mean \"flange\"?"):
-        vdfmu.robot_from_mjcf(path, tool_frame="flang")
+        robot_from_mjcf(path, tool_frame="flang")
 
 
 def test_a_tool_on_the_last_axis_is_noted_unless_it_was_chosen(urdf):
@@ -114,7 +112,7 @@ def test_a_tool_on_the_last_axis_is_noted_unless_it_was_chosen(urdf):
 ])  # fmt: skip
 def test_a_tool_that_cannot_be_is_refused(urdf, options, expected):
     with pytest.raises((UsageError, vdfmu.VdfmuError), match=re.escape(expected)):
-        vdfmu.robot_from_urdf(urdf(planar(BEAM)), **options)
+        robot_from_urdf(urdf(planar(BEAM)), **options)
 
 
 @pytest.mark.parametrize("name", robot_names())

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import HERE, Joint, Placement, RigidLink, Tree, aligned
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
@@ -20,6 +19,7 @@ from vdfmu.base.files import open_regular
 from vdfmu.base.text import printable
 from vdfmu.base.toml_file import read_bytes
 from vdfmu.base.toml_tables import Problems
+from vdfmu.extras.robots.tree import HERE, Joint, Placement, RigidLink, Tree, aligned
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.chain import SerialChain
-from vdfmu.arm.imports.drives import PARTS, DriveNumbers
-from vdfmu.arm.imports.tree import MOVING, Body, few
 from vdfmu.arm.robot.parameters import PARAMETERS, Section, section
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.measure import unit_of
 from vdfmu.base.text import amount
-from vdfmu.base.toml_file import toml_text
+from vdfmu.base.toml_file import ROUNDING, toml_text
+from vdfmu.extras.robots.chain import SerialChain
+from vdfmu.extras.robots.drives import PARTS, DriveNumbers
+from vdfmu.extras.robots.tree import MOVING, Body, few
 
-ROUNDING = 1e-16
-"""Largest rounding error of a zero after frames were rotated, relative to the largest number of its list."""
 _JOINT = "\n[[joints]]\n"
 _HEAD = """\
 # {file}, from {base} to {tip}, as a robot file of vdfmu.

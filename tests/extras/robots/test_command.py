@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.arm.imports.conftest import ARM, joint, link
+from tests.extras.robots.conftest import ARM, joint, link
 from tests.warm import command
 from vdfmu.arm.robot import load_robot
 

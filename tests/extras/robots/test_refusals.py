@@ -5,14 +5,15 @@ from pathlib import Path
 import pytest
 
 import vdfmu
-from tests.arm.imports.conftest import ARM, INERTIAL, LIMIT, joint, link
+from tests.extras.robots.conftest import ARM, INERTIAL, LIMIT, joint, link
+from vdfmu.extras.robots import robot_from_urdf
 
 MIMIC = LIMIT + '<mimic joint="a"/>'
 
 
 def refused(path: Path, **options: str) -> list[str]:
     with pytest.raises(vdfmu.VdfmuError) as error:
-        vdfmu.robot_from_urdf(path, **options)
+        robot_from_urdf(path, **options)
     prefix = f"{path}: "
     problems = error.value.problems
     assert all(problem.startswith(prefix) for problem in problems)
@@ -97,12 +98,18 @@ def test_what_is_no_urdf_is_named(tmp_path, text, expected):
     path = tmp_path / "arm.urdf"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(vdfmu.VdfmuError, match=expected):
-        vdfmu.robot_from_urdf(path)
+        robot_from_urdf(path)
 
 
 def test_a_file_that_is_missing_is_named(tmp_path):
     with pytest.raises(vdfmu.VdfmuError, match="expected a URDF or MJCF file, got nothing: it does not exist"):
-        vdfmu.robot_from_urdf(tmp_path / "arm.urdf")
+        robot_from_urdf(tmp_path / "arm.urdf")
+
+
+@pytest.mark.parametrize("arguments", [{"path": 5}, {"base": 1}, {"tip": ["a"]}, {"drives": b"x"}, {"tool": "x"}])
+def test_an_argument_of_another_type_is_named(arguments):
+    with pytest.raises(vdfmu.VdfmuError, match=f"^{next(iter(arguments))}"):
+        robot_from_urdf(**{"path": "none.urdf"} | arguments)
 
 
 def test_a_row_of_links_without_end_is_refused(urdf):

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from vdfmu.arm.imports.tree import HERE, MOVING, Joint, Placement, RigidLink, Tree, few, roll_pitch_yaw
 from vdfmu.arm.robot.parameters import read_only
 from vdfmu.arm.robot.visual import Visual
 from vdfmu.base.arrays import Floats
 from vdfmu.base.text import nearest, printable
 from vdfmu.base.toml_tables import Problems
+from vdfmu.extras.robots.tree import HERE, MOVING, Joint, Placement, RigidLink, Tree, few, roll_pitch_yaw
 
 _STANDARD_GRAVITY = np.array([0.0, 0.0, 9.81])
 _KINDS = (*MOVING, "fixed", "floating", "planar")

@@ -12,8 +12,6 @@ import numpy as np
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # lxml ships no stubs
 
 from vdfmu.arm.equations.flexible_joint import spring
-from vdfmu.arm.imports.drives import FULL
-from vdfmu.arm.imports.tree import Mass, joined
 from vdfmu.arm.robot import Robot, check_robot, load_robot
 from vdfmu.arm.robot.parameters import JOINT_OPTIONS
 from vdfmu.arm.robot.physical import check_inertia
@@ -24,6 +22,8 @@ from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.option import checks_types
 from vdfmu.base.text import FORBIDDEN, shown
 from vdfmu.base.toml_tables import Problems
+from vdfmu.extras.robots.drives import FULL
+from vdfmu.extras.robots.tree import Mass, joined
 
 FORMS = ("mjcf", "urdf")
 _SUFFIXES = {".xml": "mjcf", ".mjcf": "mjcf", ".urdf": "urdf"}

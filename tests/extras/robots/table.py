@@ -1,6 +1,6 @@
 """The robots of example-robot-data, imported arm by arm and held against Pinocchio: a table.
 
-``python -m tests.arm.imports.table`` writes it into example_robots.md.
+``python -m tests.extras.robots.table`` writes it into example_robots.md.
 """
 
 from collections.abc import Iterator
@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import vdfmu
-from tests.arm.imports.conftest import differences, pinocchio_arm
-from vdfmu.arm.imports import import_robot
-from vdfmu.arm.imports.chain import tips
-from vdfmu.arm.imports.imported import parse_file
-from vdfmu.arm.imports.urdf import read_urdf
+from tests.extras.robots.conftest import differences, pinocchio_arm
 from vdfmu.base.toml_tables import Problems
+from vdfmu.extras.robots import import_robot
+from vdfmu.extras.robots.chain import tips
+from vdfmu.extras.robots.imported import parse_file
+from vdfmu.extras.robots.urdf import read_urdf
 
 PAGE = Path(__file__).with_name("example_robots.md")
-BEGIN, END = "<!-- begin: made by tests/arm/imports/table.py -->\n", "<!-- end -->\n"
+BEGIN, END = "<!-- begin: made by tests/extras/robots/table.py -->\n", "<!-- end -->\n"
 BOUND = 1e-10
 """Largest relative difference that is allowed: inverse dynamics agree to some 1e-15, forward ones to that times the
 condition number of the mass matrix, up to 1e4 where a heavy arm carries a light finger."""

@@ -1,13 +1,14 @@
 """An arm of a MuJoCo file is that of MuJoCo."""
 
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
 import vdfmu
-from tests.arm.imports.conftest import largest_difference
-from vdfmu.arm.imports import import_robot
+from tests.extras.robots.conftest import largest_difference
+from vdfmu.extras.robots import import_robot, robot_from_mjcf
 
 ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="1 2 -9"/>
 <default><joint damping="0.3" armature="0.01"/></default>
@@ -38,7 +39,7 @@ def mjcf(tmp_path):
 
 def test_inverse_dynamics_are_those_of_mujoco_from_a_base_to_a_tip(mjcf):
     path = mjcf(ARM)
-    robot = vdfmu.robot_from_mjcf(path)
+    robot = robot_from_mjcf(path)
     assert robot.joint_types == ("revolute", "prismatic", "revolute")
     assert largest_difference(path, robot, ["turn", "slide", "last"]) < 1e-12  # some 100 n roundings
     imported = import_robot(path, tip="two")
@@ -47,7 +48,7 @@ def test_inverse_dynamics_are_those_of_mujoco_from_a_base_to_a_tip(mjcf):
 
 
 def test_what_the_file_says_of_drives_and_shapes_is_taken_over(mjcf):
-    robot = vdfmu.robot_from_mjcf(mjcf(ARM))
+    robot = robot_from_mjcf(mjcf(ARM))
     first, second, _ = robot.to_dict()["joints"]
     assert (first["limits"]["q_min"], first["limits"]["q_max"]) == (-1.0, 1.0)
     assert first["limits"]["tau_stall"] == 3 * 20 / 100  # motor-side
@@ -80,11 +81,25 @@ def test_what_is_no_arm_is_refused(mjcf, inside, further, expected):
     path = mjcf(f"<mujoco><worldbody>{inside}</worldbody>{further}</mujoco>")
     with pytest.raises(vdfmu.VdfmuError) as error:
         tip = "b" if 'name="b"' in inside else None
-        vdfmu.robot_from_mjcf(path, tip=tip)
+        robot_from_mjcf(path, tip=tip)
     assert expected in str(error.value)
 
 
 def test_without_mujoco_the_package_is_named(mjcf, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(vdfmu.VdfmuError, match=r"Install it: pip install 'vdfmu\[robots\]'"):
-        vdfmu.robot_from_mjcf(mjcf(ARM))
+        robot_from_mjcf(mjcf(ARM))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the platform has no pipes in folders")
+@pytest.mark.parametrize("text", [
+    '<mujoco><include file="special"/></mujoco>',
+    '<mujoco><include file="more.xml"/></mujoco>',
+    '<mujoco><compiler meshdir="meshes"/><asset><mesh name="a" file="../special"/></asset></mujoco>',
+])  # fmt: skip
+def test_a_special_file_is_no_part_of_a_model(special, text):
+    Path("meshes").mkdir()
+    Path("more.xml").write_text('<mujoco><include file="special"/></mujoco>')
+    Path("arm.xml").write_text(text)
+    with pytest.raises(vdfmu.VdfmuError, match=r"special must be a regular file, but"):
+        import_robot(Path("arm.xml"))
