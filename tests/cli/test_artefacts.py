@@ -14,7 +14,7 @@ WRITERS = [
     ("run planar_tracking --stop 0.02 --no-reference", 1), ("ssp planar_tracking --reference", 2),
 ]  # fmt: skip
 """Commands, and how many files they write that can be checked."""
-READERS = {"check", "doctor", "judge", "linear", "report", "robot", "scenario", "sweep", "unit"}
+READERS = {"check", "doctor", "judge", "report", "robot", "scenario", "sweep", "unit"}
 
 
 def test_every_command_that_writes_is_among_these():

@@ -28,8 +28,7 @@ COMMANDS = (
     *(
         Job(tuple(words.split()))
         for words in (
-            "robot list", "robot show manipulator_6dof", "check --schema robot", "linear planar_tracking",
-            "linear planar_2dof --bode 1 -o out/bode.png",
+            "robot list", "robot show manipulator_6dof", "check --schema robot",
             "robot drives", "unit examples out", "doctor", "doctor --cache",
         )
     ),

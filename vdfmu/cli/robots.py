@@ -64,7 +64,7 @@ def show_robot(
     robot = looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
     if page:
         from vdfmu.base.toml_file import locate
-        from vdfmu.cli.analysis import read_numbers
+        from vdfmu.cli.options import read_numbers
         from vdfmu.study.report.robot_page import write_robot_page
 
         target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_numbers("--pose", pose)

@@ -14,7 +14,7 @@ from vdfmu.cli.terminal import say_notes, say_written
 
 def _read_tool(text: str) -> list[float]:
     """Return the numbers of --tool; UsageError for a wrong count, as a shell without quotes passes only the first."""
-    from vdfmu.cli.analysis import read_numbers
+    from vdfmu.cli.options import read_numbers
     from vdfmu.extras.robots.tool import read_placement
 
     numbers = read_numbers("--tool", text)

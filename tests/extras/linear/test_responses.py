@@ -5,10 +5,16 @@ import pytest
 
 import vdfmu
 from tests.conftest import invoked, ran
-from tests.study.analysis.lift import MASS
+from tests.study.analysis.lift import MASS, ONE_JOINT
 from tests.study.analysis.lift import roots as poles_of
 from vdfmu.base.errors import UsageError
-from vdfmu.study.analysis.bode import bode, joint_bode
+from vdfmu.extras.linear import bode, joint_bode
+
+
+@pytest.fixture
+def lift(tmp_path):
+    (tmp_path / "lift.toml").write_text(ONE_JOINT)
+    return vdfmu.load_robot(tmp_path / "lift.toml")
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""``vdfmu linear`` and ``judge``."""
+"""``vdfmu linear``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from vdfmu.base.measure import number, per_cent, unit_of
-from vdfmu.base.option import Option, option_of
+from vdfmu.base.measure import unit_of
+from vdfmu.base.option import Option
 from vdfmu.cli.app import RUNS, meets_code
 from vdfmu.cli.options import (
     JsonOption,
@@ -17,12 +17,12 @@ from vdfmu.cli.options import (
     RobotOption,
     known_scenarios,
     load,
+    read_numbers,
     refuse,
     target_file,
 )
-from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table, tell
-from vdfmu.engine.options import algorithm_option, parameters_option
-from vdfmu.study.options import JudgeOptions, LoopOptions, known_robots
+from vdfmu.cli.terminal import console, say, say_error, say_json, say_notes, say_written, table
+from vdfmu.study.options import LoopOptions, known_robots
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -155,16 +155,6 @@ def _modes(
         _draw_bode(arm, q, bode, dry, target, as_json)
 
 
-def read_numbers(option: str, text: str) -> list[float]:
-    """Return the numbers of an option; UsageError for any other text."""
-    from vdfmu.base.errors import UsageError
-
-    try:
-        return [float(number) for number in text.replace(",", " ").split()]
-    except ValueError:
-        raise UsageError(f"{option} {text}: expected numbers, such as '0.3 -0.5'.") from None
-
-
 def _numbers(modes: Modes) -> dict[str, Any]:
     """Return modes for JSON: Hz, damping ratio, shapes of the sides that move."""
     return {
@@ -199,8 +189,8 @@ def _print(motors: str, q: list[float], modes: Modes) -> None:
 
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path, as_json: bool) -> None:
     from vdfmu.base.style import save
-    from vdfmu.study.analysis.bode import joint_bode
-    from vdfmu.study.report.drawings import draw_bode
+    from vdfmu.extras.linear.drawings import draw_bode
+    from vdfmu.extras.linear.responses import joint_bode
 
     bode = joint_bode(robot, q, joint, dry)
     unit = unit_of("velocity", robot.joint_types[joint - 1])
@@ -220,8 +210,9 @@ def _modes_along(path: str, robot: str | None, dry: bool, out: Path | None, over
     scenario = load(path, robot)
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
     from vdfmu.base.style import save
-    from vdfmu.study.analysis.modes import MOTORS, modes_along, ranges
-    from vdfmu.study.report.drawings import draw_modes
+    from vdfmu.extras.linear.along import modes_along, ranges
+    from vdfmu.extras.linear.drawings import draw_modes
+    from vdfmu.study.analysis.modes import MOTORS
 
     times, along = modes_along(scenario, dry=dry)
     n = scenario.arm.n
@@ -301,53 +292,5 @@ def _margins(
         say(f"{words[:1].upper()}{words[1:]}.")
 
 
-@meets_code(RUNS)
-def judge(
-    system: Annotated[
-        str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO", names=known_scenarios)
-    ],
-    robot: RobotOption = None,
-    wanted: Annotated[
-        float | None, option_of(JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")
-    ] = None,
-    step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
-    stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
-    algorithm: Annotated[str | None, algorithm_option] = None,
-    parameters: Annotated[dict[str, str] | None, parameters_option] = None,
-    sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Estimate the error that the communication step causes in a system.
-
-    Runs with the step, its half and its quarter give the error of each real output, as a fraction of its range. The
-    exit code is 0 if the system is right, 1 if it is not, 3 if this cannot be decided, and 2 for wrong usage.
-    """
-    from vdfmu.study.connected import load as load_system
-
-    if system.lower().endswith((".ssp", ".fmu")):
-        refuse({"--robot": robot}, "is for a scenario")
-        judging = load_system(system)
-    else:
-        judging = load_system(load(system, robot, parameters))
-    judged = judging.judge(
-        0.01 if wanted is None else wanted,
-        stop=stop,
-        step=step,
-        parameters=parameters,
-        algorithm=algorithm,
-        sampled=sampled,
-    )
-    if as_json:
-        say_json(judged.to_dict())
-    else:
-        shown = table("signal", "error", "half / whole", "at", title=f"Step {judged.step:g} s, {judged.algorithm}")
-        for signal in judged.signals[:_MOST_SIGNALS]:
-            shown.add_row(signal.name, per_cent(signal.error), number(signal.q, 2), f"{number(signal.time, 4)} s")
-        if judged.signals:
-            tell(shown)
-        (say if judged.right else say_error)(str(judged))
-    if not judged.right:
-        raise SystemExit(3 if judged.right is None else 1)
-
-
-_MOST_SIGNALS = 8
+COMMANDS = {"Analyse": [(linear, "vdfmu linear tracking --algorithm jacobi --at 2.5")]}
+"""By group: commands and their examples."""
