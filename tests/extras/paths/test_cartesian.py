@@ -7,9 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import vdfmu
-from vdfmu.arm import motion as motions
-from vdfmu.arm.motion.cartesian import follow
-from vdfmu.base.errors import UsageError
+from tests.arm.motion.files import require_read, writer
+from tests.arm.motion.jumps import jumps, rounding
+from vdfmu.base.errors import ModelError, UsageError
+from vdfmu.extras import paths as motions
+from vdfmu.extras.paths.cartesian import follow
 
 
 @pytest.mark.heavy
@@ -139,3 +141,40 @@ def test_a_circle_that_does_not_fit_is_named(planar):
             motions.circle(
                 planar, [0.3, 0.8], **({"centre": [0.6, 0.0, 0.5], "axis": [0, 1, 0], "duration": 1.0} | keys)
             )
+
+
+@pytest.mark.heavy
+def test_no_derivative_up_to_the_fourth_jumps_and_paths_rest_at_both_ends(planar, arm):
+    for motion in (
+        motions.line(planar, [0.3, 0.8], [0.5, 0.0, 0.6], velocity=1.0, acceleration=3.0),
+        motions.circle(arm, [0.3, 0.5, 0.7, 0.2, 0.8, 0.1], [0.13, 0.0, 1.18], [0, 1, 0], speed=0.2),
+    ):
+        assert np.all(jumps(motion) < rounding(motion))
+        assert np.all(rounding(motion)[1:] < 1e-3 * motion.peaks.max(axis=1))  # so that a jump would show
+        assert np.abs(motion.at(0.0)[1:]).max() == 0.0
+
+
+@pytest.mark.parametrize(("kind", "table"), [
+    ("line", "start = [0.3, 0.8]\npoints = [[0.5, 0, 0.6], [0.4, 0, 0.6]]\nspeed = 0.2\ndwell = 0.1"),
+    ("circle", 'start = [0.3, 0.8]\ncentre = [0.6, 0, 0.5]\naxis = [0, -1, 0]\norientation = "free"\nduration = 2'),
+])  # fmt: skip
+def test_a_path_is_read_from_a_file(planar, tmp_path, kind, table):
+    require_read(writer(tmp_path), kind, table, planar)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('kind = "circel"', 'Did you mean "circle"?'),
+    ('kind = "line"\npoints = [0.5, 0, 0.6]', "motion.start: expected a value for line, got nothing"),
+    ('kind = "line"\nstart = [0.3, 0.8]\npoints = [5, 0, 0]\nduration = 1', "out of reach"),
+])  # fmt: skip
+def test_problems_of_a_table_are_named(planar, tmp_path, text, words):
+    with pytest.raises(ModelError) as caught:
+        vdfmu.load_motion(writer(tmp_path)(text), planar)
+    assert words in str(caught.value)
+
+
+def test_what_is_no_robot_and_no_number_is_named(planar):
+    with pytest.raises(UsageError, match="^robot: expected a Robot, got 'planar_2dof'"):
+        motions.circle(planar.name, [0.3, 0.8], [0.6, 0, 0.5])
+    with pytest.raises(UsageError, match="^start: expected a number, .* got 'home'"):
+        motions.line(planar, "home", [0.5, 0, 0.6])
