@@ -22,9 +22,9 @@ from benchmarks.report import Report, Table
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import VdfmuError
-from vdfmu.engine.container import write_container
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run.once import simulate
+from vdfmu.extras.container import write_container
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import write_ssp
 from vdfmu.system.reference.reference import reference

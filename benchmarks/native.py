@@ -14,8 +14,8 @@ from benchmarks.importers import PACKAGES, ask, missing
 from benchmarks.report import Report, Table
 from benchmarks.system import container_run, packed, quiet_run, write_emptied
 from benchmarks.timing import Clock
-from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Results
+from vdfmu.extras.container import write_container
 from vdfmu.system.scenario import Scenario, load_scenario
 
 TITLE = "Native FMUs in all forms, and what of a step is the master's"

@@ -85,8 +85,8 @@ _MOVED = {
     "load_ssp": "engine.package.read",
     "package_limit": "engine.package.archive",
     "tune": "extras.tune",
-    "write_container": "engine.container",
-    "write_robot_page": "study.report.robot_page",
+    "write_container": "extras.container",
+    "write_robot_page": "extras.robots",
     "write_ssp": "system.package.write",
 }
 """Names that this package had before, and their modules now."""

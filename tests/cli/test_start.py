@@ -46,7 +46,7 @@ def test_help_imports_nothing_heavy(arguments):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["run", "--foo"], ["ran"], ["build", "trackng", "--container"],
+        ["run", "--foo"], ["ran"], ["build", "trackng"],
         ["run", "--robot", "manipulator"],
     ],
 )  # fmt: skip

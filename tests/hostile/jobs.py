@@ -52,7 +52,6 @@ _SWEEP = (
 )  # fmt: skip
 _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
-CONTAINER = ("build", "planar_tracking", "--container", "--out", "out/arm.fmu")
 JOBS = {
     "run": Job((*RUN, "0.02"), (_EARLIER,), together=True),
     "run, Parquet": Job((*RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
@@ -63,7 +62,6 @@ JOBS = {
     "sweep report": Job(("sweep", "report", "out"), (_SWEEP,)),
     "build": Job(BUILD, ((*BUILD, *OTHER),)),
     "ssp": Job(_SSP, ((*_SSP, *OTHER),)),
-    "build --container": Job(CONTAINER, ((*CONTAINER, *OTHER),)),
     "ssp --reference": Job(("ssp", "planar_tracking", "--reference", "--out", "out")),
     "report": Job(("report", "out"), (_EARLIER,)),
     "check of an FMU": Job(("check", "out/Plant.fmu"), (BUILD,)),

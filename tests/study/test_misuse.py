@@ -49,7 +49,6 @@ def calls(folder, system):
         "System.run": (system.run, dict(stop=None, step=None, parameters=None)),
         "System.margins": (system.margins, dict(opened=(), at=())),
         "System.write": (system.write, dict(path=folder / "o.ssp")),
-        "System.container": (system.container, dict(path=folder / "nothing.zip", step=None)),
         "Simulator.reset": (simulator.reset, dict(start=None, stop=None, step=None, parameters=None)),
         "Simulator.set": (simulator.set, dict(name="a.u", value=1.0)),
         "Simulator.get": (simulator.get, dict(name="a.u")),

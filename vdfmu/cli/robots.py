@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.markup import escape
 
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option
 from vdfmu.base.trust import CodeNotRunError
@@ -65,8 +66,8 @@ def show_robot(
     if page:
         from vdfmu.base.toml_file import locate
         from vdfmu.cli.options import read_numbers
-        from vdfmu.study.report.robot_page import write_robot_page
 
+        write_robot_page = module_of_extra("robot_page", "robots", "--page").write_robot_page
         target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_numbers("--pose", pose)
         with replacing_foreign(overwrite):
             say_notes(write_robot_page(robot, target, pose=start, folder=locate(name, "robots").parent))

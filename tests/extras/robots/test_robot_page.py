@@ -8,10 +8,12 @@ from scipy.spatial.transform import Rotation
 
 import vdfmu
 from tests.conftest import ran, refused
+from tests.study.conftest import browser as browser
 from tests.study.page.browser import WIDE, Browser, pixels, show
+from tests.study.page.conftest import quiet as quiet
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import data_path
-from vdfmu.study.report.robot_page import robot_page, write_robot_page
+from vdfmu.extras.robots.robot_page import mode_facts, robot_page, write_robot_page
 
 in_browser = pytest.mark.usefixtures("quiet")
 
@@ -165,3 +167,14 @@ def test_where_motion_is_not_wanted_a_mode_is_still(page, browser):
     assert still != browser.run("report.state.q")
     browser.settle()
     assert browser.run("report.scene.q") == still
+
+
+def test_the_shape_of_a_mode_has_a_largest_part_of_1():
+    modes = vdfmu.natural_modes(vdfmu.load_robot("planar_2dof"), (0.3, -0.5), motors="held")
+    for k in range(len(modes.frequency)):
+        facts = mode_facts(modes, k)
+        shape = np.array(facts["real"]) + 1j * np.array(facts["imaginary"])
+        # a division of each of two numbers
+        assert np.abs(shape).max() == pytest.approx(1.0, rel=4 * np.finfo(float).eps)
+        np.testing.assert_allclose(shape * np.abs(modes.links[k]).max(), modes.links[k], rtol=1e-15)
+        assert facts["joint"] == modes.joint[k] + 1

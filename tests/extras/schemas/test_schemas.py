@@ -11,7 +11,7 @@ from jsonschema import Draft7Validator
 
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.files import data_path
-from vdfmu.system.scenario.schema import robot_schema, scenario_schema, system_schema
+from vdfmu.extras.schemas import robot_schema, scenario_schema, system_schema
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "units"
 
@@ -75,3 +75,21 @@ def test_wrong_values_of_a_scenario_are_marked_and_a_robot_has_every_row_of_the_
     assert len(problems(scenario_schema(), data)) == 3
     text = json.dumps(robot_schema())
     assert all(f'"{row.key}": ' in text for row in PARAMETERS.values())
+
+
+def test_kinds_of_motions_have_their_keys_and_a_scenario_needs_no_robot():
+    schema = scenario_schema()
+    kinds = schema["properties"]["motion"]["anyOf"][1:]
+    keys = {kind["properties"]["kind"]["const"]: set(kind["properties"]) for kind in kinds}
+    assert {"file", "points", "times", "dwell"} <= keys["waypoints"]
+    assert "robot" not in schema["required"]
+
+
+def test_a_drive_may_have_the_words_of_a_data_sheet():
+    data = content(data_path("models") / "robots" / "planar_2dof.toml")
+    for joint in data["joints"]:
+        for key in ("K_f0", "c_f", "K_w0", "c_w", "I_m"):
+            joint["drive"].pop(key)
+        joint["drive"] |= {"stiffness": 5e3, "rotor_inertia": 1e-4}
+    assert problems(robot_schema(), data) == []
+    assert "[N.m/rad or N/m]" in str(robot_schema()["properties"]["joints"])
