@@ -15,7 +15,6 @@ from vdfmu.base import page as frame
 from vdfmu.base.extras import extra_modules
 from vdfmu.base.files import read_member
 from vdfmu.engine.results.results import Signal
-from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scene import arm_of
@@ -64,10 +63,15 @@ def run() -> ShownRun:
 def pages(tmp_path):
     robot, shown, study = vdfmu.load_robot("planar_2dof"), run(), StudyPart("study", "about", "", {}, "lead")
     return {
-        "run": report_page([shown]), "runs": report_page([shown, shown]), "sweep": report_page([shown], study=study),
-        "study": study_page(study), "gallery": write_gallery(tmp_path, tmp_path / "index.html").read_bytes(),
+        "run": report_page([shown]), "sweep": report_page([shown], study=study),
+        "study": study_page(study), 
         "package": frame.page("package", "", "", 76),
         **{each.__name__: each.robot_page(robot, None, None)[0] for each in extra_modules("robot_page")},
+        **{
+            each.__name__: each.write_gallery(tmp_path, tmp_path / "index.html").read_bytes()
+            for each in extra_modules("gallery")
+        },
+        **{each.__name__: report_page([shown, shown]) for each in extra_modules("comparison")},
     }  # fmt: skip
 
 

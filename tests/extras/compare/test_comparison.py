@@ -8,7 +8,7 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.engine.results.results import Results
-from vdfmu.study.report.comparison import answer, change, difference_sheet, joint_sheets
+from vdfmu.extras.compare.comparison import answer, change, difference_sheet, joint_sheets
 from vdfmu.study.report.page import report_page, write_report
 from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.system.scenario import load_scenario

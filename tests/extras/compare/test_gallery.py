@@ -12,7 +12,7 @@ from tests.conftest import ran, refused
 from tests.study.page.browser import show
 from vdfmu.engine.package_run import run_system
 from vdfmu.engine.results.verdict import headline_of
-from vdfmu.study.report.gallery import gallery_page, write_gallery
+from vdfmu.extras.compare.gallery import gallery_page, write_gallery
 from vdfmu.study.report.shown_run import is_gallery, read_run
 
 

@@ -16,7 +16,7 @@ from vdfmu.base.files import write_whole
 from vdfmu.base.page import page
 from vdfmu.base.text import amount
 from vdfmu.engine.results.verdict import STATES, headline_of, state_of
-from vdfmu.study.report.comparison import sortable
+from vdfmu.extras.compare.comparison import sortable
 from vdfmu.study.report.scripts import look, scripts_of
 from vdfmu.study.report.shown_run import NAME, require_file, run_folders
 from vdfmu.study.run.summary_keys import Summary, read_summary
