@@ -18,7 +18,6 @@ from benchmarks.work_precision import COSIM, INTERVAL, Fall, Motion, WorkPrecisi
 from vdfmu.arm.equations.plant import equilibrium_torque
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
-from vdfmu.extras.robots import export_robot
 
 TITLE = "Work and precision: the plant beside engines of robot simulation"
 MUJOCO = ("RK4", "implicit", "implicitfast")
@@ -71,6 +70,8 @@ def study(robot: Robot, stop: float, rounds: int, say: Callable[[str], None]) ->
 @contextmanager
 def rigid_file(robot: Robot) -> Generator[str]:
     """Write the rigid arm as MJCF, with rotors as armature, and friction."""
+    from vdfmu.extras.robots import export_robot
+
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         path = str(Path(folder, "arm.xml"))
         export_robot(dataclasses.replace(robot, limits=False), path, rigid=True)

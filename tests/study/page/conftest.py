@@ -23,7 +23,7 @@ def quiet(browser):
 
 @pytest.fixture(scope="session")
 def pages(tmp_path_factory) -> dict[str, Path]:
-    """Return a page of each kind: of a run, of an arm alone and of a study; with an extra of two, and the list of runs."""
+    """Return a page of each kind: of a run, of an arm alone and of a study; with an extra of two, and a list."""
     folder = tmp_path_factory.mktemp("pages")
     vdfmu.run("tracking", stop=1.0, out=folder / "tracking", parameters={"trajectory.T": 1.0})
     run = read_run(folder / "tracking")
