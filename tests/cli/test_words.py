@@ -63,7 +63,7 @@ def test_every_option_has_help_and_values_that_there_are_can_be_completed():
     ("rum", "No such command 'rum'."),
     ("scenario show tracking reach", "Got unexpected extra argument (reach). See"),
     ("run --step fast", "Invalid value for '--step'"),
-    ("linear --at 1 --at nan", "Invalid value for '--at': expected a number, got nan."),
+    ("judge x.ssp --step nan", "Invalid value for '--step': expected a number, got nan."),
     ("run --set", "Option '--set' requires an argument. See 'vdfmu run --help'."),
 ])  # fmt: skip
 def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
@@ -148,7 +148,7 @@ def test_the_start_page_has_commands_that_there_are(line):
     node, words, name = app, shlex.split(line), "vdfmu"
     while inner := getattr(node, "commands", {}):
         name = words.pop(0)
-        if name not in inner and name in ("identify", "tune"):
+        if name not in inner and name in ("export", "identify", "import", "linear", "tune"):
             pytest.skip("a command of an extra that is not here")
         node = inner[name]
     node.make_context(name, words)  # raises for a word that the command does not take
