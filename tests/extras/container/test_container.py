@@ -7,6 +7,7 @@ from fmpy.validation import validate_fmu
 
 import vdfmu
 from tests.conftest import ran, refused
+from tests.engine.reference import models
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.extras.container import write_container
@@ -94,3 +95,10 @@ def test_a_system_that_cannot_be_one_fmu_says_why(pack, tmp_path):
     ring = pack(["a Adder a:input b:input y:output"], ["a.y -> a.a"])
     with pytest.raises(UsageError, match="algebraic loop during initialization: .* run the system without"):
         write_container(ring, tmp_path / "x.fmu", step=0.5)
+
+
+def test_a_container_refuses_connections_that_convert_a_type(system, tmp_path):
+    units = dict.fromkeys("ab", (models.FEEDTHROUGH_2, "2.0"))
+    path = system(units, ["a.Int32_output -> b.Float64_input"])
+    with pytest.raises(UsageError, match="b.Float64_input: a container FMU converts no types, got Integer to Real"):
+        write_container(path, tmp_path / "c.fmu", step=0.1)
