@@ -5,7 +5,6 @@ import pytest
 
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.container import write_container
 from vdfmu.engine.fmu import instance
 from vdfmu.engine.fmu.access import Transfer
 from vdfmu.engine.package.read import load_ssp
@@ -61,13 +60,6 @@ def test_whole_numbers_and_truths_feed_reals(system):
         assert results["s.u"].tolist() == [[-(2.0**53), 1.0, 2.0]] * 3  # to the nearest real
         assert results["a.Float64_output"].tolist() == [1.0] * 3
         assert results["a.Int64_output"].tolist() == [-(2**53) - 1] * 3
-
-
-def test_a_container_refuses_connections_that_convert_a_type(system, tmp_path):
-    units = dict.fromkeys("ab", (models.FEEDTHROUGH_2, "2.0"))
-    path = system(units, ["a.Int32_output -> b.Float64_input"])
-    with pytest.raises(UsageError, match="b.Float64_input: a container FMU converts no types, got Integer to Real"):
-        write_container(path, tmp_path / "c.fmu", step=0.1)
 
 
 def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import require_ours, storing
 from vdfmu.base.option import checks_types, pick, with_options
 from vdfmu.base.text import amount
@@ -251,13 +252,11 @@ class System:
 
     @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
-        """Write the system as one FMU, see `vdfmu.engine.container.write_container`; the default is its own `step`."""
+        """Write the system as one FMU, see `vdfmu.extras.container.write_container`; the default is its own `step`."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")
-        from vdfmu.engine.container import write_container  # takes long to import
-
-        return write_container(self.path, path, step=chosen)
+        return module_of_extra("containers", "container", "container").write_container(self.path, path, step=chosen)
 
     def _with(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the options of the system, replaced by those of a call."""
