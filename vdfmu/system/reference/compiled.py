@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from ctypes import CDLL, CFUNCTYPE, Structure, addressof, byref, c_double, c_int, c_size_t, c_void_p, cast
 from dataclasses import dataclass
@@ -27,8 +26,6 @@ Move = Callable[[float, float], None]
 _FILES = [Path(__file__).with_name(name) for name in ("dop853.c", "radau.c", "rows.c", "solvers.h")]
 _FLAGS = ("-fno-unroll-loops",)
 """They take a third of the compile time; unrolled loops are no faster."""
-_ROOM = 14
-"""Numbers of work for each state that DOP853 takes."""
 _FIRST = 1e-4
 """First step of a continuous reference [s]."""
 _FAILED = -1
@@ -41,7 +38,7 @@ def _fields(pointers: str, numbers: str = "", sizes: str = "") -> list[tuple[str
 
 
 class _Problem(Structure):
-    _fields_ = [*_fields("rate x x_dot", sizes="n"), ("relative", c_double), ("absolute", c_double)]
+    _fields_ = [*_fields("rate x x_dot room", sizes="n"), ("relative", c_double), ("absolute", c_double)]
 
 
 class _Tables(Structure):
@@ -49,7 +46,7 @@ class _Tables(Structure):
 
 
 class _Mover(Structure):
-    _fields_ = [("problem", _Problem), *_fields("other work radau"), ("steps", c_int), ("wait", c_int)]
+    _fields_ = [("problem", _Problem), *_fields("other"), ("steps", c_int), ("wait", c_int)]
 
 
 class _Memory(Structure):
@@ -57,7 +54,7 @@ class _Memory(Structure):
 
 
 class _Motion(Structure):
-    _fields_ = [*_fields("radau", "t stop h longest"), ("is_old", c_int)]
+    _fields_ = [*_fields("", "t stop h longest"), ("is_old", c_int)]
 
 
 @cache
@@ -68,11 +65,11 @@ def _library() -> CDLL | None:
         library = load_library(compile_library(sources, this_platform(), name="references", flags=_FLAGS), "references")
     except FmuError:
         return None
-    library.sampled_rows.argtypes = [c_void_p, c_void_p, c_size_t, *[c_void_p] * 3, c_size_t, c_size_t, *[c_void_p] * 4]
+    library.sampled_rows.argtypes = [c_void_p, c_void_p, c_size_t, *[c_void_p] * 3, c_size_t, c_size_t, *[c_void_p] * 5]
     library.continuous_rows.argtypes = [*[c_void_p] * 5, c_size_t, c_void_p, c_void_p]
     library.sampled_rows.restype = library.continuous_rows.restype = c_size_t
-    library.begin.argtypes, library.begin.restype = [c_void_p], c_void_p
-    library.end.argtypes = [c_void_p]
+    library.room.argtypes, library.room.restype = [c_size_t], c_size_t
+    library.begin.argtypes = [c_void_p]
     return library
 
 
@@ -149,19 +146,23 @@ class CompiledRows:
         """Calculate rows of a block, from the state at the first of the times."""
         raise NotImplementedError
 
-    def _problem(self, rate: Any, x: Floats, x_dot: Floats, tolerances: Tolerances) -> tuple[_Problem, int]:
-        """Return what a solver integrates, and the solver with a Jacobian."""
-        data = (cast(rate, c_void_p), x.ctypes.data, x_dot.ctypes.data, x.size)
+    def _problem(self, rate: Any, x: Floats, x_dot: Floats, tolerances: Tolerances) -> _Problem:
+        """Return what both solvers integrate, with their memory."""
+        room = np.zeros(self._library.room(x.size))
+        self._kept.append(room)
+        data = (cast(rate, c_void_p), x.ctypes.data, x_dot.ctypes.data, room.ctypes.data, x.size)
         problem = _Problem(*data, tolerances["rtol"], tolerances["atol"])
-        radau = self._library.begin(byref(problem))
-        if radau is None:
-            raise MemoryError
-        weakref.finalize(self, self._library.end, radau)
-        return problem, radau
+        self._library.begin(byref(problem))
+        return problem
 
 
 class CompiledSampled(CompiledRows):
-    """Rows of a sampled reference. `moves` move the states of units that the compiled solver cannot."""
+    """Rows of a sampled reference. `moves` move the states of units that the compiled solver cannot.
+
+    Before the interval of a row, the solver of each unit took ``steps[row]``, (m, k): this decides its first step.
+    """
+
+    steps: npt.NDArray[np.intc]
 
     def __init__(
         self, system: WiredUnits, places: npt.NDArray[np.intp], names: Sequence[str], run: Mapping[str, Run],
@@ -178,10 +179,7 @@ class CompiledSampled(CompiledRows):
                 mover.other = cast(call, c_void_p)
             else:
                 unit = system.units[name]
-                mover.problem, mover.radau = self._problem(run[f"rate_{i}"], unit.x, unit.x_dot, tolerances)
-                work = np.zeros(_ROOM * unit.x.size)
-                self._kept.append(work)
-                mover.work = work.ctypes.data
+                mover.problem = self._problem(run[f"rate_{i}"], unit.x, unit.x_dot, tolerances)
         parts: list[Any] = [run[f"part_{i}"] for i in range(len(names) + 1)]
         self._parts = (c_void_p * len(parts))(*(cast(part, c_void_p).value for part in parts))
 
@@ -202,10 +200,11 @@ class CompiledSampled(CompiledRows):
         self.before = np.empty((len(out), self._system.memory.size))
         self.after = np.empty((len(out), self._system.x.size))
         inputs = np.array([[course.at(t)[0] for _, course in self._system.outside] for t in times.tolist()])
-        failed = c_size_t()
+        self.steps, failed = np.empty((len(out), len(self._names)), np.intc), c_size_t()
         done = self._library.sampled_rows(
             byref(self._memory), self._movers, len(self._names), self._parts, times.ctypes.data, inputs.ctypes.data,
-            len(out), every, self.before.ctypes.data, self.after.ctypes.data, out.ctypes.data, byref(failed),
+            len(out), every, self.before.ctypes.data, self.steps.ctypes.data, self.after.ctypes.data, out.ctypes.data,
+            byref(failed),
         )  # fmt: skip
         if self._error is not None:
             raise self._error
@@ -224,13 +223,9 @@ class CompiledContinuous(CompiledRows):
         memory = system.memory
         x, x_dot = (memory[each[0] : each[-1] + 1] for each in (system.solver_x, system.solver_x_dot))
         x[:] = self._x = memory[system.x]
-        self._states, radau = self._problem(run["rate"], x, x_dot, tolerances)
+        self._states = self._problem(run["rate"], x, x_dot, tolerances)
         outputs: Any = run["outputs"]
-        self._motion, self._outputs = _Motion(radau, 0.0, stop, _FIRST, longest, 1), cast(outputs, c_void_p)
-
-    def blocks(self, t: Floats, every: int, block: int) -> Iterator[Floats]:
-        """Yield blocks; times between rows do not matter."""
-        return super().blocks(t[::every].copy(), 1, block)
+        self._motion, self._outputs = _Motion(0.0, stop, _FIRST, longest, 1), cast(outputs, c_void_p)
 
     def _advance(self, times: Floats, every: int, out: Floats) -> None:
         states = np.empty((len(out) + 1, self._x.size))

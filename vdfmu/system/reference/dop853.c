@@ -44,11 +44,11 @@ static void combine(double *x, const double *start, const double *weights, const
 
 /* Move the states `x` from `t` to `to`, at first by a step `h`. `rate` reads `x` and sets `x_dot`.
  * `work` has room for 14 n numbers. Return the number of accepted steps, or FAILED without a finite solution. */
-int dop853(const Tables *tables, const Problem *problem, double t, double to, double h, double *work)
+int dop853(const Tables *tables, const Problem *problem, double t, double to, double h)
 {
     size_t n = problem->n;
     double *x = problem->x;
-    double *k = work, *start = work + DOP_STAGES * n, *moved = start + n;
+    double *k = problem->room, *start = k + DOP_STAGES * n, *moved = start + n;
     size_t bytes = n * sizeof(double);
     int accepted = 0, rejected = 0;
     memcpy(start, x, bytes);

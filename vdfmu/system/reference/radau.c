@@ -7,7 +7,6 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { STAGES = 5, BLOCKS = 3, MOST_ROUNDS = 10 };
@@ -41,8 +40,9 @@ static const double SLOPE[STAGES] = {
     27.780933944064646, -3.6414784980492132, 1.2525477211691149, -0.59200316718454127, 0.2,
 };
 
-/* The stages' part of the tolerance that the iterations leave. */
-static const double LEFT = 0.1;
+/* Last change of the stages, and the largest one at which only rounding is left, relative to the tolerance. A state
+ * that converges more slowly than the others does not show in their norm, so the first is small. */
+static const double LEFT = 0.001, ROUNDING = 0.1;
 /* Largest error of the polynomial, relative to the estimate: the ratio for a smooth solution and a short step. */
 static const double OF_ESTIMATE = 0.19;
 
@@ -57,12 +57,28 @@ struct Radau {
     double *z, *w, *rates, *left, *steps, *last; /* (STAGES, n); `last` is `z` of the last step */
 };
 
-Radau *new_radau(const Problem *problem)
+enum { MATRICES = 3 + 2 * BLOCKS, VECTORS = 4, ALL_STAGES = 6 };
+
+/* Numbers of `struct Radau`. */
+enum { HEAD = (sizeof(Radau) + sizeof(double) - 1) / sizeof(double) };
+
+/* Return the numbers of its memory. */
+size_t radau_room(size_t n)
+{
+    return HEAD + n * (MATRICES * n + VECTORS + ALL_STAGES * STAGES);
+}
+
+/* Return the solver after the explicit solver's memory. */
+Radau *radau_of(const Problem *problem)
+{
+    return (Radau *)(problem->room + EXPLICIT_ROOM * problem->n);
+}
+
+void new_radau(const Problem *problem)
 {
     size_t n = problem->n, matrix = n * n, stages = STAGES * n;
-    Radau *r = calloc(1, sizeof *r + ((3 + 2 * BLOCKS) * matrix + 4 * n + 6 * stages) * sizeof(double));
-    if (r == NULL) return NULL;
-    double *room = (double *)(r + 1), **matrices[] = {&r->slopes, &r->inverses, &r->spare};
+    Radau *r = radau_of(problem);
+    double *room = (double *)r + HEAD, **matrices[] = {&r->slopes, &r->inverses, &r->spare};
     double **vectors[] = {&r->start, &r->f, &r->scale, &r->work};
     double **all[] = {&r->z, &r->w, &r->rates, &r->left, &r->steps, &r->last};
     const size_t sizes[] = {matrix, 2 * BLOCKS * matrix, 2 * matrix};
@@ -70,7 +86,6 @@ Radau *new_radau(const Problem *problem)
     for (int i = 0; i < 4; i++) *vectors[i] = room, room += n;
     for (int i = 0; i < 6; i++) *all[i] = room, room += stages;
     r->problem = *problem;
-    return r;
 }
 
 /* Set `f` to the rates of states. */
@@ -95,7 +110,7 @@ int renew_slopes(Radau *r, double t)
     double *x = r->problem.x, sum = 0.0;
     evaluate(r, t, r->start, r->f);
     for (size_t j = 0; j < n; j++) {
-        double change = sqrt(DBL_EPSILON * fmax(1e-5, fabs(x[j])));
+        double change = sqrt(DBL_EPSILON) * (1.0 + fabs(x[j]));
         x[j] += change;
         r->problem.rate(t);
         for (size_t i = 0; i < n; i++) {
@@ -250,7 +265,7 @@ static int iterate(Radau *r, double t, double h)
         if (round > 1) r->rate_of_iteration = fmax(size / before, DBL_EPSILON);
         double rate = r->rate_of_iteration;
         if (rate < 1.0 && rate / (1.0 - rate) * size <= LEFT) return round;
-        if (round > 1 && rate >= 1.0) return size <= LEFT ? round : 0; /* rounding */
+        if (round > 1 && rate >= 1.0) return size <= ROUNDING ? round : 0;
         before = size;
     }
     return 0;

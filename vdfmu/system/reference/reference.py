@@ -176,6 +176,8 @@ def _solved(
     system.start()
     times: Floats = step * np.arange(n + 1, dtype=np.float64)
     run = runs(system, solution.lists, sources(system, solution.lists))
+    if name == "continuous":
+        times, every = times[::every].copy(), 1
     return solution.blocks(times, run, every, BLOCK, places), solution
 
 

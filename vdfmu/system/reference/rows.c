@@ -3,7 +3,6 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 typedef void (*Calculate)(double t);
@@ -16,8 +15,6 @@ enum { WAIT = 100 };
 typedef struct {
     Problem problem;
     int (*other)(double t, double to); /* moves the states instead, if there; it returns FAILED without a solution */
-    double *work;                      /* 14 n numbers */
-    Radau *radau;
     int steps; /* of the last interval of the explicit method, at first 1 */
     int wait;  /* intervals until the implicit method is tried; negative: intervals in a row that it solved */
 } Mover;
@@ -38,11 +35,12 @@ static void gather(const Memory *memory, const size_t *places, size_t count, dou
 static int in_one_step(Mover *mover, double t, double to)
 {
     double error;
-    start_radau(mover->radau);
-    if (mover->wait == 0 && !renew_slopes(mover->radau, t)) return 0;
-    int rounds = try_step(mover->radau, t, to - t, &error);
+    Radau *radau = radau_of(&mover->problem);
+    start_radau(radau);
+    if (mover->wait == 0 && !renew_slopes(radau, t)) return 0;
+    int rounds = try_step(radau, t, to - t, &error);
     if (rounds == 0 || rounds > MOST_ROUNDS_HELD || error > 1.0) return 0;
-    take_step(mover->radau, to - t);
+    take_step(radau, to - t);
     return 1;
 }
 
@@ -53,7 +51,7 @@ static int move(const Tables *tables, Mover *mover, double t, double to)
     const Problem *problem = &mover->problem;
     if (mover->other != NULL) return mover->other(t, to);
     if (mover->steps >= STIFF && mover->wait <= 0) {
-        double *start = mover->work;
+        double *start = problem->room;
         memcpy(start, problem->x, problem->n * sizeof(double));
         if (in_one_step(mover, t, to)) {
             mover->wait -= mover->wait > -WAIT;
@@ -64,29 +62,32 @@ static int move(const Tables *tables, Mover *mover, double t, double to)
     } else {
         mover->wait -= mover->wait > 0;
     }
-    mover->steps = dop853(tables, problem, t, to, (to - t) / mover->steps, mover->work);
+    mover->steps = dop853(tables, problem, t, to, (to - t) / mover->steps);
     return mover->steps;
 }
 
 /* Calculate rows of a sampled reference over intervals with held inputs, `every` intervals a row. Before the last
- * interval of a row, the memory is kept in `before`, after it the states in `after`. `parts` are calculated before,
+ * interval of a row, the memory is kept in `before` and the movers' steps in `steps`, after it the states in `after`. `parts` are calculated before,
  * between and after the movers. Return the number of intervals without a failure; set `*failed` to the mover. */
 SHOWN size_t sampled_rows(const Memory *memory, Mover *movers, size_t count, const Calculate *parts, const double *times,
-                          const double *inputs, size_t rows, size_t every, double *before, double *after, double *out,
-                          size_t *failed)
+                          const double *inputs, size_t rows, size_t every, double *before, int *steps, double *after,
+                          double *out, size_t *failed)
 {
     for (size_t k = 0; k < rows * every; k++) {
         size_t row = k / every;
         double t = times[k], to = times[k + 1], sum = 0.0;
-        if (k % every == every - 1) memcpy(before + row * memory->size, memory->m, memory->size * sizeof(double));
+        if (k % every == every - 1) {
+            memcpy(before + row * memory->size, memory->m, memory->size * sizeof(double));
+            for (size_t i = 0; i < count; i++) steps[row * count + i] = movers[i].steps;
+        }
         for (size_t i = 0; i < memory->fed_count; i++) memory->m[memory->fed[i]] = inputs[k * memory->fed_count + i];
         parts[0](to);
         for (size_t i = 0; i < count; i++) {
             const Problem *problem = &movers[i].problem;
-            int steps = move(memory->tables, movers + i, t, to);
+            int moved = move(memory->tables, movers + i, t, to);
             for (size_t j = 0; j < problem->n; j++) sum += problem->x[j] * problem->x[j];
             *failed = i;
-            if (steps < 0 || !isfinite(sum)) return k;
+            if (moved < 0 || !isfinite(sum)) return k;
             parts[i + 1](to);
         }
         gather(memory, memory->x, memory->x_count, after + row * memory->x_count);
@@ -96,15 +97,13 @@ SHOWN size_t sampled_rows(const Memory *memory, Mover *movers, size_t count, con
 }
 
 typedef struct {
-    Radau *radau;
     double t, stop, h, longest; /* end of the last step, end of the solution, next step, longest step [s] */
     int is_old;                 /* whether the Jacobian was calculated before the last step */
 } Motion;
 
 /* Integrate the next step. Return whether this succeeded. */
-static int next_step(Motion *motion)
+static int next_step(Motion *motion, Radau *radau)
 {
-    Radau *radau = motion->radau;
     int converged = 1;
     while (motion->h > 10.0 * fabs(motion->t) * DBL_EPSILON) {
         double error, to = motion->t + motion->h;
@@ -138,10 +137,11 @@ SHOWN size_t continuous_rows(const Memory *memory, const Problem *problem, Motio
                              const double *times, size_t rows, double *states, double *out)
 {
     size_t n = problem->n;
+    Radau *radau = radau_of(problem);
     for (size_t row = 0; row < rows; row++) {
         while (times[row] > motion->t)
-            if (!next_step(motion)) return row;
-        states_within(motion->radau, motion->t, times[row], states + (row + 1) * n);
+            if (!next_step(motion, radau)) return row;
+        states_within(radau, motion->t, times[row], states + (row + 1) * n);
         memcpy(problem->x, states + (row + 1) * n, n * sizeof(double));
         outputs(times[row]);
         gather(memory, memory->shown, memory->shown_count, out + row * memory->shown_count);
@@ -149,14 +149,14 @@ SHOWN size_t continuous_rows(const Memory *memory, const Problem *problem, Motio
     return rows;
 }
 
-SHOWN Radau *begin(const Problem *problem)
+/* Return the numbers of the memory of both solvers. */
+SHOWN size_t room(size_t n)
 {
-    Radau *radau = new_radau(problem);
-    if (radau != NULL) start_radau(radau);
-    return radau;
+    return EXPLICIT_ROOM * n + radau_room(n);
 }
 
-SHOWN void end(Radau *radau)
+SHOWN void begin(const Problem *problem)
 {
-    free(radau);
+    new_radau(problem);
+    start_radau(radau_of(problem));
 }

@@ -10,6 +10,7 @@ typedef struct {
     void (*rate)(double); /* reads `x` and sets `x_dot` at a time [s] */
     double *x;
     const double *x_dot;
+    double *room; /* memory of both solvers, numbers at first 0 */
     size_t n;
     double relative, absolute; /* tolerances */
 } Problem;
@@ -20,11 +21,15 @@ typedef struct {
 
 enum { ORDER_OF_ESTIMATE = 6 };
 
-typedef struct Radau Radau; /* freed by `free` */
+typedef struct Radau Radau;
 
-int dop853(const Tables *tables, const Problem *problem, double t, double to, double h, double *work);
+enum { EXPLICIT_ROOM = 14 };
 
-Radau *new_radau(const Problem *problem);
+int dop853(const Tables *tables, const Problem *problem, double t, double to, double h);
+
+size_t radau_room(size_t n);
+void new_radau(const Problem *problem);
+Radau *radau_of(const Problem *problem);
 void start_radau(Radau *radau);
 int renew_slopes(Radau *radau, double t);
 int try_step(Radau *radau, double t, double h, double *error);
