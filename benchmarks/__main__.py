@@ -17,7 +17,7 @@ from vdfmu.base.platforms import native_available
 
 NAMES = (
     "fmu_growth", "coupling", "native", "interop", "work_precision", "engines", "whole", "sweeps", "arms", "verdict",
-    "kr300", "exporters", "environments", "optimal_motion",
+    "kr300", "exporters", "environments",
 )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Random systems of :mod:`benchmarks.judge` with events, noise or chaos, with their true solutions."""
+"""Random systems of :mod:`benchmarks.judge` with events or chaos, with their true solutions."""
 
 from __future__ import annotations
 
@@ -10,22 +10,7 @@ from scipy.integrate import solve_ivp
 
 import vdfmu
 from benchmarks.judge_kinds import PERIODS, Case, House, solved
-from benchmarks.judge_units import (
-    BLOCK,
-    DICE,
-    RELAY,
-    Coulomb,
-    Drag,
-    Floor,
-    Lags,
-    LorenzX,
-    LorenzYZ,
-    Mass,
-    Noise,
-    SampledRelay,
-    Step,
-    Well,
-)
+from benchmarks.judge_units import BLOCK, Drag, Floor, Lags, LorenzX, LorenzYZ, Mass, SampledRelay, Step
 from tests.engine.reference.models import build
 
 
@@ -71,27 +56,6 @@ def bounce(rng: Any, folder: Path) -> Case:
     return Case(system, ["mass.x", "mass.v", "floor.F"], 1.5, exact, (60, 600))
 
 
-def coulomb(rng: Any, folder: Path) -> Case:
-    """Return a mass on a spring with dry friction, until it sticks."""
-    w2, mu = 10 ** rng.uniform(0.5, 2.0), rng.uniform(0.05, 0.4)
-    mu *= w2
-    system = vdfmu.connect({"mass": Mass, "dry": Coulomb}, {"mass.v": "dry.v", "dry.F": "mass.F"},
-                           parameters={"mass.k": w2, "mass.x_0": 1.0, "dry.mu": mu})  # fmt: skip
-
-    def after(t: Any, x: Any, mode: Any) -> Any:
-        return [x[0], 0.0], 0.0 if w2 * abs(x[0]) <= mu else -np.sign(x[0])
-
-    def exact(times: Any, results: Any) -> Any:
-        x, mode = by_events(
-            lambda t, x, mode: [x[1], -w2 * x[0] - mode * mu] if mode else [0.0, 0.0],
-            lambda t, x, mode: mode * x[1] + 1e-12 if mode else 1.0, after, [1.0, 0.0], -1.0, times,
-        )  # fmt: skip
-        friction = np.where(mode == 0.0, w2 * x[:, 0], -mode * mu)
-        return np.column_stack([x, friction])
-
-    return Case(system, ["mass.x", "mass.v", "dry.F"], 12.0 / w2**0.5, exact)
-
-
 def stick(rng: Any, folder: Path) -> Case:
     """Return a block that sticks and slips, for model exchange, and a spring that draws it at constant speed."""
     m, k, c, speed = rng.uniform(0.5, 2.0), 10 ** rng.uniform(1.0, 2.0), rng.uniform(0.0, 1.0), rng.uniform(0.1, 0.5)
@@ -123,25 +87,6 @@ def stick(rng: Any, folder: Path) -> Case:
     return Case(system, ["block.x", "block.v", "drag.F"], stop, exact, (60, 200))
 
 
-def thermostat(rng: Any, folder: Path) -> Case:
-    """Return a thermostat and a room."""
-    room, low = House(rng), rng.uniform(0.2, 0.5)
-    high = low + rng.uniform(0.05, 0.3)
-    system = vdfmu.connect(
-        {"relay": build(RELAY, "3.0", folder), "room": Lags}, {"relay.y": "room.u", "room.y": "relay.u"},
-        parameters={"relay.low": low, "relay.high": high, **room.values},
-    )  # fmt: skip
-
-    def exact(times: Any, results: Any) -> Any:
-        x, on = by_events(
-            lambda t, x, on: room.A @ x + room.b * on, lambda t, x, on: high - x[1] if on else x[1] - low,
-            lambda t, x, on: (x, 1 - on), [0.0, 0.0], 1, times,
-        )  # fmt: skip
-        return np.column_stack([x, on])
-
-    return Case(system, ["room.z", "room.y", "relay.y"], room.stop, exact)
-
-
 def sampled_thermostat(rng: Any, folder: Path) -> Case:
     """Return a thermostat with a period, and a room."""
     room, low = House(rng), rng.uniform(0.2, 0.5)
@@ -171,52 +116,6 @@ def step(rng: Any, folder: Path) -> Case:
         return np.column_stack([x, times > at])
 
     return Case(system, ["room.z", "room.y", "step.y"], room.stop, exact)
-
-
-def noise(rng: Any, folder: Path) -> Case:
-    """Return noise that each step draws anew, and two lags; the truth is without noise."""
-    room = House(rng)
-    system = vdfmu.connect(
-        {"dice": build(DICE, "3.0", folder), "room": Lags}, {"dice.y": "room.u"},
-        parameters={"dice.state": rng.random(), "room.z_0": 1, "room.y_0": 1} | room.values,
-    )  # fmt: skip
-
-    def exact(times: Any, results: Any) -> Any:
-        x = np.array([room.after(t, [1.0, 1.0], 0.0) for t in times])
-        return np.column_stack([x, np.linspace(-1e-300, 1e-300, len(x))])
-
-    return Case(system, ["room.z", "room.y", "dice.y"], room.stop, exact)
-
-
-def sampled_noise(rng: Any, folder: Path) -> Case:
-    """Return noise with a period, and two lags."""
-    room = House(rng)
-    values = {"noise.period": room.stop / PERIODS, "noise.seed": float(rng.integers(1, 1000)), **room.values}
-    system = vdfmu.connect({"noise": Noise, "room": Lags}, {"noise.y": "room.u"}, parameters=values,
-                           algorithm="gauss-seidel")  # fmt: skip
-    states = [f"noise.random[{k}]" for k in range(1, 7)]
-
-    def exact(times: Any, results: Any) -> Any:
-        middle = np.searchsorted(results.time, (np.arange(PERIODS) + 0.5) * room.stop / PERIODS)
-        drawn = iter([*results["noise.y"][middle], 0.0])
-        rows = room.held(lambda x, u: next(drawn), times, room.stop / PERIODS)
-        shown = np.column_stack([results[name] for name in states])[:: (len(results.time) - 1) // (len(times) - 1)]
-        return np.column_stack([rows, shown])
-
-    return Case(system, ["room.z", "room.y", "noise.y", *states], room.stop, exact, (100, 400))
-
-
-def bistable(rng: Any, folder: Path) -> Case:
-    """Return a mass between two wells."""
-    c, start = rng.uniform(0.1, 1.0), [rng.normal(), 2.0 * rng.normal()]
-    system = vdfmu.connect({"mass": Mass, "well": Well}, {"mass.x": "well.x", "well.F": "mass.F"},
-                           parameters={"mass.c": c, "mass.x_0": start[0], "mass.v_0": start[1]})  # fmt: skip
-
-    def exact(times: Any, results: Any) -> Any:
-        x = solved(lambda t, x: [x[1], x[0] - x[0] ** 3 - c * x[1]], start, times)
-        return np.column_stack([x, x[:, 0] - x[:, 0] ** 3])
-
-    return Case(system, ["mass.x", "mass.v", "well.F"], 20.0, exact, (200, 2000))
 
 
 def chaotic(rng: Any, folder: Path) -> Case:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
 
 import vdfmu
-from benchmarks.judge_units import DELAY, HIDDEN, NUMBERS, PIECE, Block, Lags, Pwm, Quantiser, Room, Tone
+from benchmarks.judge_units import DELAY, HIDDEN, NUMBERS, PIECE, Block, Lags, Tone
 from tests.engine.reference.models import build
 from vdfmu.arm.units import find_unit
 from vdfmu.base.files import data_path
@@ -43,14 +43,6 @@ def closed_loop(A: Any, B: Any, C: Any, D: Any, L: Any) -> tuple[Any, Any]:
     """Return the system matrix of ``x_dot = A x + B u, y = C x + D u`` with ``u = L y``, and y over x."""
     outputs = np.linalg.solve(np.eye(len(L)) - D @ L, C)
     return A + B @ L @ outputs, outputs
-
-
-def lagged(a: float, times: Any, inputs: Any) -> Any:
-    """Return a lag at times, at first 0, with inputs that are constant between them."""
-    y = [0.0]
-    for e, u in zip(np.exp(-a * np.diff(times)), inputs, strict=True):
-        y.append(u + (y[-1] - u) * e)
-    return np.array(y)
 
 
 class House:
@@ -134,19 +126,6 @@ def unseen(rng: Any, folder: Path) -> Case:
     return linear(rng, folder, unseen=True)
 
 
-def offset(rng: Any, folder: Path) -> Case:
-    """Return two rooms in kelvin."""
-    a, b, p = 10 ** rng.uniform(-0.5, 0.7, 2), 10 ** rng.uniform(-1.5, 0.0, 2), rng.uniform(0.0, 5.0, 2)
-    start = 290.0 + rng.uniform(-3.0, 3.0, 2)
-    values = {f"{n}.{k}": v[i] for i, n in enumerate("ab") for k, v in (("a", a), ("b", b), ("p", p), ("T_0", start))}
-    system = vdfmu.connect({"a": Room, "b": Room}, {"a.T": "b.other", "b.T": "a.other"}, parameters=values)
-
-    def exact(times: Any, results: Any) -> Any:
-        return solved(lambda t, T: a * (T[::-1] - T) + b * (280.0 - T) + p, start, times)
-
-    return Case(system, ["a.T", "b.T"], 4.0 / a.max(), exact, (20, 200))
-
-
 def tone(rng: Any, folder: Path) -> Case:
     """Return a tone above the rate of the steps, or near it, and a lag: a multiple of it in half of the systems."""
     a, stop, n = 10 ** rng.uniform(0.0, 1.0), 5.0, 400
@@ -162,47 +141,6 @@ def tone(rng: Any, folder: Path) -> Case:
         return np.column_stack([np.sin(w * times + phi), y])
 
     return Case(system, ["tone.y", "lag.y"], stop, exact, (400, 800))
-
-
-def pwm(rng: Any, folder: Path) -> Case:
-    """Return pulses with a rate above that of the steps, or near it, and a lag."""
-    a, stop, n = 10 ** rng.uniform(0.0, 1.0), 5.0, 400
-    f = n / stop * (2.0 ** rng.integers(0, 5) if rng.random() < 0.5 else rng.uniform(0.4, 16.0))
-    duty = rng.uniform(0.1, 0.9)
-    system = vdfmu.connect(
-        {"pwm": Pwm, "lag": Lag}, {"pwm.y": "lag.u"}, parameters={"pwm.f": f, "pwm.duty": duty, "lag.T": 1.0 / a}
-    )
-
-    def exact(times: Any, results: Any) -> Any:
-        edges = np.unique(np.concatenate([times, (np.arange(f * stop + 1) / f), (np.arange(f * stop + 1) + duty) / f]))
-        edges = edges[edges <= times[-1]]
-        on = np.mod(f * 0.5 * (edges[1:] + edges[:-1]), 1.0) < duty
-        share = f * times - np.floor(f * times + 1e-9)
-        return np.column_stack([share < duty, np.interp(times, edges, lagged(a, edges, on))])
-
-    return Case(system, ["pwm.y", "lag.y"], stop, exact, (400, 800))
-
-
-def quantiser(rng: Any, folder: Path) -> Case:
-    """Return a slow tone, a quantiser and a lag."""
-    a, f, q, phi = (
-        10 ** rng.uniform(0.0, 1.0),
-        rng.uniform(0.1, 0.5),
-        10 ** rng.uniform(-2.5, -0.5),
-        rng.uniform(0.0, 6.0),
-    )
-    system = vdfmu.connect(
-        {"tone": Tone, "quantiser": Quantiser, "lag": Lag}, {"tone.y": "quantiser.u", "quantiser.y": "lag.u"},
-        parameters={"tone.f": f, "tone.phi": phi, "quantiser.q": q, "lag.T": 1.0 / a},
-    )  # fmt: skip
-
-    def exact(times: Any, results: Any) -> Any:
-        fine = np.linspace(0.0, times[-1], 100 * (len(times) - 1) + 1)
-        rounded = q * np.floor(np.sin(2.0 * np.pi * f * fine + phi) / q + 0.5)
-        y = lagged(a, fine, rounded[:-1])
-        return np.column_stack([np.sin(2.0 * np.pi * f * times + phi), rounded[::100], y[::100]])
-
-    return Case(system, ["tone.y", "quantiser.y", "lag.y"], 5.0, exact)
 
 
 def delay(rng: Any, folder: Path) -> Case:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.engine.reference.models import Model, V
-from vdfmu.unit import Derivative, Input, Output, Parameter, Sampled, State, Unit, maximum, normal, seeded, where
+from vdfmu.unit import Derivative, Input, Output, Parameter, Sampled, State, Unit, maximum, where
 
 
 class Block(Unit):
@@ -64,18 +64,6 @@ class Drag(Unit):
         self.F = self.k * (self.speed * self.t - self.x) + self.c * (self.speed - self.v)
 
 
-class Room(Unit):
-    """Room with a neighbour."""
-
-    other, T = Input("K", text="temperature of the neighbour"), State("K", text="temperature")
-    a, b = Parameter("1/s", text="rate to the neighbour"), Parameter("1/s", text="rate outdoors")
-    p, T_dot = Parameter("K/s", text="heat"), Derivative(T)
-
-    def derivatives(self) -> None:
-        """Heat flows to the neighbour and outdoors, at 280 K."""
-        self.T_dot = self.a * (self.other - self.T) + self.b * (280.0 - self.T) + self.p
-
-
 class Tone(Unit):
     """Tone."""
 
@@ -85,27 +73,6 @@ class Tone(Unit):
     def outputs(self) -> None:
         """Tone."""
         self.y = np.sin(2.0 * np.pi * self.f * self.t + self.phi)
-
-
-class Pwm(Unit):
-    """Pulses with a share of their period."""
-
-    y = Output("1", text="pulse")
-    f, duty = Parameter("1", text="frequency"), Parameter("1", text="share")
-
-    def outputs(self) -> None:
-        """Pulse."""
-        self.y = where(self.f * self.t - np.floor(self.f * self.t + 1e-9) < self.duty, 1.0, 0.0)
-
-
-class Quantiser(Unit):
-    """Rounds to a quantum."""
-
-    u, y, q = Input("1", text="input"), Output("1", text="rounded"), Parameter("1", text="quantum", start=0.1)
-
-    def outputs(self) -> None:
-        """Round."""
-        self.y = self.q * np.floor(self.u / self.q + 0.5)
 
 
 class Floor(Unit):
@@ -119,28 +86,6 @@ class Floor(Unit):
     def outputs(self) -> None:
         """Spring and damper."""
         self.F = where(self.x < 0.0, maximum(-self.k * self.x - self.c * self.v, 0.0), 0.0)
-
-
-class Coulomb(Unit):
-    """Dry friction."""
-
-    sampled = False
-    v, F, mu = Input("1", text="speed"), Output("1", text="force"), Parameter("1", text="its size")
-
-    def outputs(self) -> None:
-        """Against the speed."""
-        self.F = where(self.v > 0.0, -self.mu, where(self.v < 0.0, self.mu, 0.0))
-
-
-class Well(Unit):
-    """Force of two wells."""
-
-    sampled = False
-    x, F = Input("1", text="position"), Output("1", text="force")
-
-    def outputs(self) -> None:
-        """Two stable positions, 1 and -1."""
-        self.F = self.x - self.x**3
 
 
 class LorenzX(Unit):
@@ -190,38 +135,6 @@ class SampledRelay(Unit):
         self.y = where(self.u < self.low, 1.0, where(self.u > self.high, 0.0, self.y))
 
 
-class Noise(Unit):
-    """White noise that samples."""
-
-    period = Parameter("s", text="time between samples", start=0.1, minimum=1e-6)
-    random = Sampled("1", 6, "state of the random numbers")
-    y = Sampled("1", text="noise")
-    seed = Parameter("1", text="seed", start=1.0)
-
-    def start(self) -> None:
-        """Seed."""
-        self.random, self.y = seeded(self.seed), 0.0
-
-    def update(self) -> None:
-        """Draw."""
-        drawn, self.random = normal(self.random, 6)
-        self.y = drawn[0]
-
-
-RELAY = Model(
-    "Relay",
-    [V("u", "input", start=0.0), V("y", "output", needs=("u",)), V("low", "parameter", start=0.4),
-     V("high", "parameter", start=0.6)],
-    "static void outputs(Instance *I) { I->d.y = I->d.u < I->d.low ? 1.0 : I->d.u > I->d.high ? 0.0 : I->d.y; }\n",
-    step=1.0, kinds=("CoSimulation",),
-)  # fmt: skip
-DICE = Model(
-    "Dice",
-    [V("y", "output", start=0.0), V("state", "parameter", start=0.4)],
-    "static void outputs(Instance *I)\n"
-    "{\n    I->d.state = fmod(977.0 * I->d.state + 0.1234567, 1.0);\n    I->d.y = 2.0 * I->d.state - 1.0;\n}\n",
-    step=1.0, kinds=("CoSimulation",),
-)  # fmt: skip
 BLOCK = Model(
     "Block",
     [V("x", "output", start=0.0), V("v", "output", start=0.0), V("der(x)", needs=("v",)), V("der(v)", needs=("F",)),

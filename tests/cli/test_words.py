@@ -3,9 +3,6 @@
 import json
 import re
 import shlex
-import subprocess
-import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -27,7 +24,6 @@ def commands(name="", node=None):
         yield from commands(f"{name} {word}".strip(), below)
 
 
-CLICK = tuple(map(int, version("click").split(".")[:2]))
 ROOT = Path(__file__).resolve().parents[2]
 
 ALL = dict(commands())
@@ -72,18 +68,6 @@ def test_wrong_words_are_errors_of_one_kind(tmp_path, words, said):
     assert done.stderr.startswith(f"error: {said}")
     assert len(done.stderr.splitlines()) == 1
     assert "--help'." in done.stderr
-
-
-@pytest.mark.parametrize(("words", "close", "command"), [
-    ("sweep tracking --varry x=1", "'--retry', '--vary'", "sweep run"),
-    pytest.param("rum", "'run'", "", marks=pytest.mark.skipif(CLICK < (8, 4), reason="click suggests no command")),
-])  # fmt: skip
-def test_a_module_that_is_run_answers_as_the_command_and_a_wrong_word_has_a_close_one(words, close, command):
-    """Before click 8.4 options have no quotes."""
-    done = subprocess.run([sys.executable, "-m", "vdfmu.cli", *words.split()], capture_output=True, text=True)
-    said = " ".join(done.stderr.split())
-    assert close in said or close.replace("'", "") in said
-    assert said.endswith(f"See 'vdfmu {f'{command} '.lstrip()}--help'.") and done.returncode == 2
 
 
 def test_a_wrong_keyword_has_a_close_one():

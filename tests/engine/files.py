@@ -67,3 +67,9 @@ def hollow_results() -> tuple[Results, Results]:
     """Return results without rows, and results without signals."""
     empty = Results(np.empty(0), [Signal("a", "real", "m", 0)], {"real": np.empty((0, 1))})
     return empty, Results(np.arange(3.0), [], {"real": np.empty((3, 0))})
+
+
+def members(path: Path) -> dict[str, bytes]:
+    """Return the content of the members of a zip file by their names."""
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}

@@ -14,6 +14,7 @@ from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from tests.engine.reference.masses import RATES, UPDATES, WIRES
 from tests.engine.reference.models import V
+from tests.engine.reference_fmus import BALL, DAHLQUIST, RESOURCE, STAIR, VAN_DER_POL
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
@@ -35,7 +36,7 @@ GROWING = models.Model(
     "static void outputs(Instance *I) { I->d.der_x = I->d.k; I->d.n = (int)I->d.x; }\n", step=0.1, states=("x",),
 )  # fmt: skip
 EVENTFUL = models.feedthrough(("Int32", "Boolean"), "Events", models.EVENTS)
-ALONE = {"dahlquist": models.DAHLQUIST, "van der pol": models.VAN_DER_POL, "resource": models.RESOURCE}
+ALONE = {"dahlquist": DAHLQUIST, "van der pol": VAN_DER_POL, "resource": RESOURCE}
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
 
     def rates(version):
         hints = {name: OWN_STEP.format(step) for name, step in {"slow": 0.3, "gain": 0.2}.items()}
-        units = {"fast": (models.VAN_DER_POL, version), "gain": (NUMBERS_2, version)}
+        units = {"fast": (VAN_DER_POL, version), "gain": (NUMBERS_2, version)}
         units |= dict.fromkeys(("slow", "after"), (models.LAG, version))
         links = ["fast.x0 -> gain.Float64_input", "gain.Float64_output -> slow.u", "slow.x -> after.u"]
         return system(units, links, hints)
@@ -61,6 +62,16 @@ def packaged(system, pack, built, xml, arm_package, strict):
         links += ["a.Float32_output -> two.Float64_input", "two.Float64_output -> b.Float32_input"]
         return system(units, links), {"parameters": {f"a.{kind}_input": value for kind, value in EXTREMES.items()}}
 
+    def widened():
+        units = {"a": (NUMBERS, "3.0"), "two": (NUMBERS_2, "2.0"), "s": (models.STATE_SPACE, "3.0")}
+        units |= {f"f{i}": (NUMBERS, "3.0") for i in range(len(EXTREMES))}
+        links = [f"a.{kind}_output -> f{i}.Float64_input" for i, kind in enumerate(EXTREMES)]
+        links += ["a.Boolean_output -> f0.Int64_input", "a.Enumeration_output -> f0.UInt8_input"]
+        links += ["f0.UInt8_output -> two.Float64_input", "two.Boolean_output -> s.u[2]", "two.Int32_output -> s.u[3]"]
+        links.append("two.Boolean_output -> f1.Int8_input")
+        values = {f"a.{kind}_input": value for kind, value in EXTREMES.items()}
+        return system(units, links), {"parameters": values | {"two.Boolean_input": True, "two.Int32_input": -7}}
+
     def arrays():
         units = {"k": (NUMBERS_2, "2.0"), "s": (models.STATE_SPACE, "3.0"), "t": (models.STATE_SPACE, "3.0")}
         return system(units, ["k.Float64_output -> s.u[2]", "s.y[3] -> t.u[1]", "s.y[1] -> t.u[3]"])
@@ -68,10 +79,12 @@ def packaged(system, pack, built, xml, arm_package, strict):
     def events(units, links=(), **options):
         return lambda: (system({name: (model, "3.0") for name, model in units.items()}, links), options)
 
-    made = {"types": types, "arrays": arrays, "arm": lambda: (arm_package(), {"step": 1e-3})}
-    made["ball"] = events({"b": models.BOUNCING_BALL, "f": models.LAG}, ["b.h -> f.u"])
-    stairs = {"s": models.STAIR, "a": EVENTFUL, "b": EVENTFUL}
+    made = {"types": types, "widened": widened, "arrays": arrays, "arm": lambda: (arm_package(), {"step": 1e-3})}
+    made["ball"] = events({"b": BALL, "f": models.LAG}, ["b.h -> f.u"])
+    stairs = {"s": STAIR, "a": EVENTFUL, "b": EVENTFUL}
     made["stair"] = events(stairs, ["s.counter -> a.Int32_input", "a.Int32_output -> b.Int32_input"], step=0.7)
+    made["counted"] = events({"s": STAIR, "f": models.LAG, "g": EVENTFUL},
+                            ["s.counter -> f.u", "s.counter -> g.Int32_input"], step=0.7)  # fmt: skip
     made["loop"] = events({"c": models.CONTROLLER, "p": models.LAG}, ["p.x -> c.e", "c.u -> p.u"], step=0.15)
     made["clocks"] = events({"k": models.CLOCKS, "n": models.COUNTER}, ["k.outClock -> n.c"], step=0.3)
     for version in ("2.0", "3.0"):
@@ -79,7 +92,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
         for name, model in ALONE.items():
             made[f"{name} {version}"] = lambda m=model, v=version: system({"m": (m, v)})
         texts = (models.FEEDTHROUGH if version == "3.0" else models.FEEDTHROUGH_2, version)
-        units = {"v": (models.VAN_DER_POL, version), "t": texts, "f": (models.LAG, version)}
+        units = {"v": (VAN_DER_POL, version), "t": texts, "f": (models.LAG, version)}
         links = ["v.x0 -> t.Float64_input", "t.Float64_output -> f.u"]
         pair = {name: (RATES, version) for name in "ab"}
         made[f"slopes {version}"] = lambda pair=pair: (system(pair, WIRES), {"parameters": {"a.x": 1.0}})
@@ -94,7 +107,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
 
 
 NAMES = [
-    "types", "arrays", "arm", "strict", "ball", "stair", "loop", "clocks",
+    "types", "widened", "arrays", "arm", "strict", "ball", "stair", "counted", "loop", "clocks",
     *(f"{kind} {version}" for version in ("2.0", "3.0") for kind in ("scaled", "rates", "texts", "slopes", *ALONE)),
 ]  # fmt: skip
 SAMPLED = "rates", "loop", "clocks"
@@ -144,8 +157,8 @@ def test_all_systems_have_the_same_bits(packaged, both, name, algorithm):
     step = options.pop("step", 0.1)
     apart = algorithm == "gauss-seidel" or name in ("types", "arm")  # a process takes a quarter of a second to start
     results = both(package, apart, step=step, stop=20 * step, algorithm=algorithm, record=["*"], **options)
-    assert len(results) == (14 if name == "stair" else 21)  # the stair ends at 9 s, in the step from 8.4 s
-    assert name.startswith(("types", "resource")) or any(
+    assert len(results) == (14 if name in ("stair", "counted") else 21)  # the stair ends at 9 s, in the step from 8.4 s
+    assert name.startswith(("types", "widened", "resource")) or any(
         (results[each][1:] != results[each][0]).any() for each in results
     )
 
@@ -198,7 +211,7 @@ def test_rows_come_from_another_process_block_by_block(packaged, tmp_path, monke
 def test_a_unit_of_version_3_ends_the_simulation(system, both):
     """The stair ends it at 9 s. Components with their own steps have no events."""
     hints = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}
-    results = both(system({"m": (models.STAIR, "3.0"), "n": (models.DAHLQUIST, "3.0")}, (), hints), step=0.5, stop=12.0)
+    results = both(system({"m": (STAIR, "3.0"), "n": (DAHLQUIST, "3.0")}, (), hints), step=0.5, stop=12.0)
     assert results.summary["ended"] == {"component": "m", "time": 9.0}
 
 
@@ -235,7 +248,7 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
     arrays = replace(models.STATE_SPACE, name="Slopes", simulation={"maxOutputDerivativeOrder": "1"})
     parts = system({name: (arrays, "3.0") for name in "ab"}, ["a.y[2] -> b.u[1]"])
     assert stepper(parts, algorithm="extrapolated") == "fmpy: rates of parts of an array"
-    updates = system({"m": (UPDATES, "3.0")})
+    updates = system({"m": (UPDATES, "3.0"), "v": (VAN_DER_POL, "3.0")}, ["v.x0 -> m.x_o"])
     assert stepper(updates, algorithm="extrapolated") == "fmpy: m takes its inputs within steps"
     assert stepper(package, stepper="fmpy") == "fmpy: chosen"
     said = r"stepper: must be fmpy or auto here, got c\. The steps cannot be made in C: steps that may be repeated\."

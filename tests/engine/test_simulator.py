@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import heavy
-from vdfmu.base.errors import CosimError, SspError, UsageError
+from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.run import Simulator, simulate
 
@@ -37,22 +37,6 @@ def test_each_run_is_that_of_components_that_are_new(arm_package, backend, algor
     assert same(first, alone) and same(again, alone)
     assert same(other, changed)
     assert first.summary["notes"] == again.summary["notes"] == alone.summary["notes"]
-
-
-def test_each_run_has_its_own_times_and_signals(package):
-    with Simulator(package) as simulator:
-        short = simulator.run(stop=0.01, step=2e-3, record=["plant.q[*]"])
-        long = simulator.run(start=0.5, stop=0.53, step=1e-3)
-    assert short.names == ["plant.q[1]", "plant.q[2]"] and len(short) == 6
-    alone = simulate(package, start=0.5, stop=0.53, step=1e-3)
-    assert same(long, alone) and long.time[0] == 0.5
-    with Simulator(package) as simulator:
-        alone = simulator.run(**OPTIONS)
-        before = list(alone.messages)
-        with pytest.raises(CosimError, match="plant"):
-            simulator.run(parameters={"plant.q_dot_0[1]": 1e11}, **OPTIONS)
-        assert alone.messages == before
-        assert same(simulator.run(**OPTIONS), alone)
 
 
 @pytest.mark.heavy

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from vdfmu.base.errors import SspError
+from vdfmu.engine.fmu.variables import CONVERT_TYPE
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.run import simulate
@@ -191,7 +192,7 @@ def test_connectors_of_the_outermost_system_fit_what_they_join(pack):
     path = pack(
         ["r Radians m:input:Real:m u:input:Real y:output:Real:m width:parameter:Real:m"],
         ["M -> r.m", "U -> r.u", "r.y -> Y", "W -> r.width"],
-        connectors="M:input:Real:kg U:input:Integer Y:output:Real:mm W:parameter:Real:mm",
+        connectors="M:input:Real:kg U:input:String Y:output:Real:mm W:parameter:Real:mm",
         units=units,
     )
     with pytest.raises(SspError) as info:
@@ -199,5 +200,5 @@ def test_connectors_of_the_outermost_system_fit_what_they_join(pack):
     assert info.value.problems == [
         "connection M -> r.m: unit mismatch, 'kg' (kg) to 'm' (m). "
         "Connect signals of one quantity, or put a component between them",
-        "connection U -> r.u: type mismatch, Integer to Real",
+        f"connection U -> r.u: type mismatch, String to Real. {CONVERT_TYPE}",
     ]

@@ -7,6 +7,7 @@ import sys
 import threading
 from functools import partial
 
+import numpy as np
 import pytest
 
 import vdfmu
@@ -38,6 +39,19 @@ def test_each_run_is_that_of_components_that_are_new(package):
         assert_same_bits(results, expected)
         assert results.messages == expected.messages
         assert {**results.summary, "wall_s": 0.0} == {**expected.summary, "wall_s": 0.0}
+
+
+def test_values_that_are_equal_but_not_the_same_are_set_anew(ramp):
+    """A run with the values of the run before is not checked again: 0.0 == -0.0, and an array may change in place."""
+    system, value = vdfmu.load(ramp), np.array([1.0])
+    first = system.run(parameters={"ramp.u": value}, **RUN)["ramp.y"][-1]
+    value[:] = 2.0
+    assert system.run(parameters={"ramp.u": value}, **RUN)["ramp.y"][-1] == pytest.approx(2.0 * first, rel=1e-5)
+    signs = [np.signbit(system.run(parameters={"ramp.y_0": zero}, **RUN)["ramp.y"][0]) for zero in (0.0, -0.0, 0.0)]
+    assert signs == [False, True, False]
+    system.run(parameters={"ramp.y_0": 1.0}, **RUN)
+    with pytest.raises(UsageError, match=r"'ramp\.y_0': expected a number"):
+        system.run(parameters={"ramp.y_0": True}, **RUN)
 
 
 def test_times_records_and_options_may_change(package):

@@ -141,12 +141,13 @@ def _check_of(
     types |= {o.name: (o.annotation, o.option.kind, o.option.choices) for o in options}
     call = _call_of(function)
     exact = {name: [_PLAIN[part] for part in kind[0].split(" | ") if part in _PLAIN] for name, kind in types.items()}
+    checked = {name for name, kind in types.items() if _checks(kind[0])}
 
     def check(args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
         arguments = {**dict(zip(leading, args, strict=False)), **kwargs}
         if former := [name for name in kwargs if name not in exact and FORMER.get(name) in exact]:
             raise UsageError("\n".join(f"{call}: {name} is now {FORMER[name]}." for name in former))
-        odd = [name for name, value in arguments.items() if name in exact and type(value) not in exact[name]]
+        odd = [name for name, value in arguments.items() if name in checked and type(value) not in exact[name]]
         faults = (type_problem(name, types[name][0], arguments[name], *types[name][1:]) for name in odd)
         if problems := [*filter(None, faults)]:
             raise UsageError("\n".join(problems))

@@ -40,7 +40,7 @@ class ScenarioForm(ScenarioRunOptions, total=False):
 
     opened: OpenOption
     study: Annotated[
-        Path | None, Option("Run a point of this study: folder or sweep.parquet.", flag="--from", metavar="SWEEP")
+        Path | None, Option("Run a point of this study: its folder or table.", flag="--from", metavar="SWEEP")
     ]
     row: Annotated[str | None, Option("Point: worst, best or a number (default worst).", metavar="POINT")]
     by: Annotated[str | None, Option("Measure that ranks the points (default the first).", metavar="NAME")]
@@ -83,13 +83,15 @@ def run(
         raise
     from vdfmu.engine.results.folder import written
     from vdfmu.engine.results.verdict import FAILED, state_of
-    from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
+    from vdfmu.study.report.sheets import events_lines, run_panel, sheet_table, sheets, verdict_table
 
     summary = results.summary
     folder, failed, verbose = _folder(options, summary), state_of(summary) == FAILED, LOG.isEnabledFor(logging.INFO)
     _say_verdict(summary)
     if fmus or verbose:
         tell(run_panel(summary))
+    else:
+        tell(*events_lines(summary))
     tell(*map(sheet_table, sheets(summary) if verbose else ()))
     if not fmus:
         (console.print if failed else tell)(verdict_table(summary, verbose))
@@ -242,8 +244,8 @@ def report(
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
+    from vdfmu.study.report.latex import LATEX
     from vdfmu.study.report.page import report_of
-    from vdfmu.study.report.sheets import LATEX
 
     with replacing_foreign(overwrite):
         page = report_of(folders or (), out, simulate=simulate)
@@ -254,8 +256,7 @@ def report(
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:
     """Print the verdict on a run; with ``--quiet`` only its headline."""
-    from vdfmu.engine.results.verdict import headline_of, state_of
-    from vdfmu.study.report.sheets import state_text, verdict_text
+    from vdfmu.study.report.sheets import outcome_text, verdict_text
 
-    if text := state_text(state_of(summary), headline_of(summary)) if errors.quiet else verdict_text(summary):
+    if text := outcome_text(summary) if errors.quiet else verdict_text(summary):
         console.print(text, soft_wrap=True)

@@ -149,7 +149,8 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
             notes.setdefault(words if colon else name, {}).update({name: None} if colon else {})
         elif LOG.isEnabledFor(logging.INFO) or message.status not in ("ok", "error", "fatal"):
             # the error that ends the run quotes these; with --verbose they come in full
-            text = str(message) if message.unit else f"{message.status}: {message.text}"
+            named = message.unit or message.status == "connections"
+            text = str(message) if named else f"{message.status}: {message.text}"
             _aside(elided(text))
 
     try:

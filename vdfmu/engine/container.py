@@ -74,6 +74,8 @@ def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.
     for link in checked.links:
         if not link.conversion.trivial:
             raise UsageError(f"{link}: a container FMU passes values on unchanged; remove the conversion.")
+        if link.source.kind != link.sink.kind:
+            raise UsageError(f"{link}: a container FMU converts no types, got {link.source.type} to {link.sink.type}.")
         if link.sink.type == "String":
             raise UsageError(f"{link}: a container FMU passes no text on; remove the connection.")
     if exchanged := [name for name, description in checked.descriptions.items() if description.exchange]:

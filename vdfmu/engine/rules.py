@@ -167,7 +167,7 @@ SSP023 | The system has components | add one
 SSP030 | A connection refers to existing elements and connectors | correct the name
 SSP031 | A connection leads from a source to a sink: table *Allowed connections* | swap or correct its ends
 SSP032 | A connector has only one source | remove the other connection
-SSP033 | Both ends of a connection have the same type | convert the type in a component
+SSP033 | The type of a connection's source is that of its sink, or converts without loss | convert it in a component
 SSP034 | The units of a connection can be converted | correct the unit, or suppress the conversion
 SSP035 | The ends of a connection have the same size, and indices are within the arrays | correct size or index
 SSP036 | A transformation suits the type and has one entry for each value | correct the transformation

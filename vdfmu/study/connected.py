@@ -21,9 +21,9 @@ from vdfmu.base.option import checks_types, pick, with_options
 from vdfmu.base.text import amount
 from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
-from vdfmu.engine.package.join import join
+from vdfmu.engine.package.join import JOINED, join
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import Connections
+from vdfmu.engine.package.system import Connections, FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator, simulate
@@ -73,6 +73,8 @@ class System:
         self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
         self._scenario = scenario
         self._loaded, self._simulator, self._loaded_as = ExitStack(), None, None
+        self._read_as: tuple[Any, FlatSystem] | None = None
+        """Package as it was read last, with its stamp."""
         self._lock, self._process = threading.Lock(), os.getpid()
         util.Finalize(self, self._loaded.close, exitpriority=0)  # at the end of children of multiprocessing too
         self._options = {key: value for key, value in (options or {}).items() if value}
@@ -97,9 +99,16 @@ class System:
 
     @property
     def _checked(self) -> Checked:
-        flat = load_ssp(self.path)
+        flat = self._read()
         algorithm = self._options.get("algorithm") or flat.experiment.algorithm
         return check_system(flat, algorithm=algorithm)
+
+    def _read(self) -> FlatSystem:
+        """Return the package, read again if it has changed."""
+        stamp = stamp_of(self.path)
+        if self._read_as is None or self._read_as[0] != stamp:
+            self._read_as = stamp, load_ssp(self.path)
+        return self._read_as[1]
 
     def __repr__(self) -> str:
         sizes = amount(len(self.components), "component"), amount(len(self.connections), "connection")
@@ -175,7 +184,7 @@ class System:
         loaded_as = stamp_of(self.path), options
         if self._simulator is None or self._loaded_as != loaded_as:
             self._unload()
-            self._simulator = self._loaded.enter_context(Simulator(self.path, **options))
+            self._simulator = self._loaded.enter_context(Simulator(self._read(), **options))
             self._loaded_as = loaded_as
         return self._simulator
 
@@ -267,7 +276,7 @@ def _shortened(texts: Sequence[str]) -> list[str]:
 def connect(
     components: Mapping[str, Part], connections: Connections = (), *, robot: Robot | str | None = None,
     fmi: str = "2.0", stop: float | None = None, step: float | None = None, algorithm: str | None = None,
-    parameters: Mapping[str, Any] | None = None, name: str = "system",
+    parameters: Mapping[str, Any] | None = None, name: str = JOINED,
 ) -> System:  # fmt: skip
     """Connect FMUs.
 

@@ -1,4 +1,4 @@
-"""Virtual decomposition against formulations of other origin: Newton-Euler, Pinocchio, a book."""
+"""Virtual decomposition against formulations of other origin: Newton-Euler and Pinocchio."""
 
 import dataclasses
 
@@ -9,7 +9,6 @@ import pytest
 from tests.arm.balanced import EVERY_CHAIN
 from vdfmu.arm.equations.forward_dynamics import forward_dynamics
 from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.arm.equations.mapping import joint_space_mass_matrix
 from vdfmu.arm.equations.newton_euler import newton_euler
 from vdfmu.arm.kernel import Kernel
@@ -47,43 +46,6 @@ def test_numpy_equations_agree_with_pinocchio(name, general, draw, pinocchio_mod
         M = np.triu(M) + np.triu(M, 1).T
         ours = joint_space_mass_matrix(robot, state.q)
         np.testing.assert_allclose(ours, M, rtol=0, atol=1e-12 * np.abs(M).max())
-
-
-def planar_closed_form(q, q_dot, q_ddot):
-    """Return joint torques of the planar arm by text-book formulas (Spong, Robot Dynamics and Control, 6.4)."""
-    # Angles from the horizontal, upwards. Numbers as in models/robots/planar_2dof.toml.
-    m1, m2, l1, lc1, lc2, I1, I2, g = 2.0, 1.0, 0.5, 0.25, 0.2, 0.04, 0.015, 9.81
-    c1, c12 = np.cos(q[0]), np.cos(q[0] + q[1])
-    c2, s2 = np.cos(q[1]), np.sin(q[1])
-    d11 = m1 * lc1**2 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * c2) + I1 + I2
-    d12 = m2 * (lc2**2 + l1 * lc2 * c2) + I2
-    d22 = m2 * lc2**2 + I2
-    h = -m2 * l1 * lc2 * s2
-    g1 = (m1 * lc1 + m2 * l1) * g * c1 + m2 * lc2 * g * c12
-    g2 = m2 * lc2 * g * c12
-    return np.array(
-        [
-            d11 * q_ddot[0] + d12 * q_ddot[1] + h * q_dot[1] * (2 * q_dot[0] + q_dot[1]) + g1,
-            d12 * q_ddot[0] + d22 * q_ddot[1] - h * q_dot[0] ** 2 + g2,
-        ]
-    )
-
-
-def test_planar_arm_has_the_closed_form_and_the_pose_of_the_text_book(planar, draw):
-    for state in draw(planar, 100, seed=69):
-        tau = planar_closed_form(state.q, state.q_dot, state.q_ddot)
-        ours = inverse_dynamics(planar, state.q, state.q_dot, state.q_ddot)
-        # Some 50 products of the size of the largest torque, up to 30 N m.
-        np.testing.assert_allclose(ours, tau, rtol=0, atol=100 * EPS * 30)
-        back = forward_dynamics(planar, state.q, state.q_dot, tau)
-        # cond(M) is up to 50.
-        np.testing.assert_allclose(back, state.q_ddot, rtol=0, atol=100 * 50 * EPS * 30)
-    planar = load_robot("planar_2dof")
-    q = np.array([0.4, 0.7])
-    p_O, _ = end_effector_pose(planar, q)
-    # A few roundings.
-    x, z = 0.5 * np.cos(q[0]) + 0.4 * np.cos(q.sum()), 0.5 * np.sin(q[0]) + 0.4 * np.sin(q.sum())
-    np.testing.assert_allclose(p_O, [x, 0.0, z], rtol=0, atol=5 * EPS)
 
 
 def test_a_payload_of_no_mass_changes_no_bit(robot, draw):

@@ -7,7 +7,7 @@ from scipy.integrate import quad, solve_ivp
 from tests.arm.laws.traced import assert_traced
 from vdfmu.arm.drive.backlash import gap_compliance, gap_deformation, gap_energy
 from vdfmu.arm.drive.bristles import bristle_rate, bristle_torque
-from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
+from vdfmu.arm.drive.dahl import dahl_loss, dahl_rate
 from vdfmu.arm.drive.load_loss import mesh_friction
 from vdfmu.arm.drive.option import Friction
 from vdfmu.arm.drive.options import OPTIONS as DRIVE_OPTIONS
@@ -47,18 +47,6 @@ def test_hysteresis_takes_the_energy_of_its_loop_in_every_closed_cycle(amplitude
     assert work == pytest.approx(area, rel=1e-6)
     assert loss == pytest.approx(area, rel=1e-6)
     assert area > 0.0
-
-
-def test_dahls_element_holds_at_rest_and_never_makes_energy():
-    random = np.random.default_rng(50)
-    for v, torque in zip(random.normal(size=500), random.uniform(-F, F, 500), strict=True):
-        stored = torque * dahl_rate(K, v, torque, F) / K
-        assert dahl_loss(v, torque, F) == pytest.approx(torque * v - stored, abs=8 * EPS * F * abs(v))
-        assert dahl_loss(v, torque, F) >= 0.0
-        assert dahl_rate(K, 0.0, torque, F) == 0.0
-    for sign in (1.0, -1.0):  # it slips
-        assert dahl_rate(K, 0.7 * sign, F * sign, F) == pytest.approx(0.0, abs=4 * EPS * K)
-    assert dahl_energy(K, 2.0) == 4.0 / (2.0 * K)
 
 
 def test_backlash_is_crossed_by_small_torques_and_stores_what_is_put_into_it(with_options):

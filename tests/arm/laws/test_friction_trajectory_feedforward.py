@@ -10,12 +10,9 @@ from tests.arm.laws.ends import rounded_ends
 from vdfmu.arm.equations.desired_drive import desired_drive_motion
 from vdfmu.arm.equations.feedforward import FeedbackGains, feedforward_inverse, feedforward_vdc
 from vdfmu.arm.equations.friction import coulomb_friction, joint_friction, stribeck_friction
-from vdfmu.arm.equations.inverse_dynamics import inverse_dynamics
-from vdfmu.arm.equations.mapping import velocity_mapping
 from vdfmu.arm.equations.pd import pd_control
-from vdfmu.arm.equations.rigid_body import coriolis_matrix, mass_matrix
 from vdfmu.arm.equations.trajectory import Desired, desired_motion
-from vdfmu.compiler.scalar.jet import Jet, derivative, jets
+from vdfmu.compiler.scalar.jet import Jet
 
 EPS = np.finfo(float).eps
 VELOCITIES = (0.0, 1e-5, 1e-3, 0.02, 0.15, 2.0)
@@ -144,69 +141,6 @@ def test_vdc_without_errors_is_the_exact_inverse(chain, coupling):
     # Both run some 1000 products on torques of up to 100 N m.
     np.testing.assert_allclose(vdc.tau_s, exact.tau_s, rtol=0, atol=1e-10)
     np.testing.assert_allclose(vdc.tau_m, exact.tau_m, rtol=0, atol=1e-11)
-
-
-def test_vdc_pushes_against_velocity_errors(chain):
-    desired = inside(chain)
-    drive = desired_drive_motion(chain, desired)
-    exact = feedforward_inverse(chain, desired)
-    lag = 0.01
-    behind = feedforward_vdc(chain, gains(chain), desired, desired.q_d, desired.q_d_dot, drive.kappa_dot - lag)
-    # Only k_vkappa (kappa_dot_r - kappa_dot) of (27) differs: 0.05 * 0.01, to roundings of torques of up to 1
-    # N m.
-    np.testing.assert_allclose(behind.tau_m - exact.tau_m, 0.05 * lag, rtol=0, atol=1e-11)
-
-
-def rotor_moment(robot, i, drive, desired, w, w_r, w_r_dot, q_dot_r, q_ddot_r):
-    """Return the moment that turns rotor i as required, in the axes of the link that carries it, by 3-vectors."""
-    a = robot.rotation[i][:, 2]
-    J = robot.I_m[i] / robot.ell[i]
-    kappa_dot_r = q_dot_r + drive.kappa_dot[i] - desired.q_d_dot[i]
-    kappa_ddot_r = q_ddot_r + drive.kappa_ddot[i] - desired.q_d_ddot[i]
-    spin_r = robot.ell[i] * kappa_dot_r + a @ w_r
-    spin_r_dot = robot.ell[i] * kappa_ddot_r + a @ w_r_dot
-    # (61) of the inertia J a a.T: w x J a spin_r + J a (a . (w x w_r))
-    return J * (a * spin_r_dot + np.cross(w, a) * spin_r + a * (a @ np.cross(w, w_r)))
-
-
-def test_vdc_is_the_required_motion_in_joint_space_and_its_link_gain_dissipates_the_velocity_error(chain, draw):
-    # (48)-(53) link by link equal M q_ddot_r + C q_dot_r + G + J.T K_V J (q_dot_r - q_dot), with C of the
-    # measured velocity, J of (40)-(41) and its derivative by jets; (26) adds k_vq and the link's friction.
-    # A coupled rotor adds s.T (J_r sigma_dot_r + gyroscopic terms) by the row s of J about its axis.
-    desired = inside(chain)
-    g = gains(chain)
-    zero = np.zeros(chain.n)
-    drive = desired_drive_motion(chain, desired, F_E)
-    for state in draw(chain, 5, seed=29):
-        q, q_dot = state.q, state.q_dot
-        q_dot_r = desired.q_d_dot + g.Lambda * (desired.q_d - q)
-        q_ddot_r = desired.q_d_ddot + g.Lambda * (desired.q_d_dot - q_dot)
-        J = velocity_mapping(chain, q)
-        J_dot = derivative(velocity_mapping(chain, jets(q, q_dot, zero)), 1)
-        tau = inverse_dynamics(chain, q, zero, zero, F_E)
-        for i in range(chain.n):
-            J_i, J_i_dot = J[6 * (i + 1) : 6 * (i + 2)], J_dot[6 * (i + 1) : 6 * (i + 2)]
-            body = chain.body(i)
-            net = mass_matrix(*body) @ (J_i @ q_ddot_r + J_i_dot @ q_dot_r)
-            net = net + coriolis_matrix(*body, J_i[3:] @ q_dot) @ (J_i @ q_dot_r)
-            tau = tau + J_i.T @ (net + g.K_V[i] * (J_i @ (q_dot_r - q_dot)))
-            if chain.rotor_coupling and i + 1 < chain.n:
-                tau = tau + J_i[3:].T @ rotor_moment(
-                    chain, i + 1, drive, desired, J_i[3:] @ q_dot, J_i[3:] @ q_dot_r,
-                    J_i[3:] @ q_ddot_r + J_i_dot[3:] @ q_dot_r, q_dot_r[i + 1], q_ddot_r[i + 1],
-                )  # fmt: skip
-        xi_l, _ = joint_friction(chain, desired.q_d_dot, desired.q_d_dot)
-        tau = tau + xi_l + chain.ell * g.k_vq * (q_dot_r - q_dot)
-        torques = feedforward_vdc(chain, g, desired, q, q_dot, state.kappa_dot, F_E)
-        # Some 1000 products of the size of the largest torque.
-        np.testing.assert_allclose(torques.tau_s, tau, rtol=0, atol=1000 * EPS * np.abs(tau).max())
-    # (50): the power of K_V (V_r - V) on the velocity error is K_V |V_r - V|^2 >= 0, link by link.
-    still = np.zeros(chain.n)
-    strong, weak = gains(chain)._replace(K_V=np.full(chain.n, 7.0)), gains(chain)._replace(K_V=still)
-    for state in draw(chain, 5, seed=30):
-        a, b = (feedforward_vdc(chain, g, desired, state.q, state.q_dot, state.kappa_dot) for g in (strong, weak))
-        q_dot_r = desired.q_d_dot + 10.0 * (desired.q_d - state.q)
-        assert (a.tau_s - b.tau_s) @ (q_dot_r - state.q_dot) > 0
 
 
 def test_jets_follow_product_quotient_and_chain_rules():

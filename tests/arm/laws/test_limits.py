@@ -6,11 +6,9 @@ from scipy.integrate import solve_ivp
 
 from tests.arm.laws.traced import assert_traced
 from vdfmu.arm.drive.limits import motor_torque, stop_torque
-from vdfmu.arm.equations.friction import joint_friction
 from vdfmu.arm.equations.plant import plant_derivative, plant_outputs
 from vdfmu.arm.robot import load_robot, robot_from_dict
 from vdfmu.base.errors import ModelError
-from vdfmu.compiler.scalar.jet import derivative, jets
 from vdfmu.system.scenario import load_scenario
 
 EPS = np.finfo(float).eps
@@ -71,29 +69,6 @@ def test_a_drive_may_have_its_full_torque_up_to_a_speed():
         )
     line = (1.0 - 1.5 / 3.0) * 0.6
     assert (motor_torque(ROBOT, np.full(2, 9.0), np.full(2, 1.5)) == line).all()  # without it, to the bit
-
-
-def test_power_balance_beyond_stops_and_torque_line(draw):
-    """What the motors give, less friction, the wrench is 0, and less what the stops dissipate."""
-    robot = ROBOT.with_parameters(theta_err_amplitude=0.0)
-    active = 0
-    for state in draw(robot, 20, seed=34):
-        q, q_dot, kappa_dot = state.q, state.q_dot, state.kappa_dot
-        x_dot = plant_derivative(robot, state.x, state.tau, np.zeros(6))
-        outputs = plant_outputs(robot, jets(state.x, x_dot, 0.0))
-        rates = [float(np.ravel(derivative(getattr(outputs, e), 1))[0]) for e in ("E_kin", "E_pot", "E_spring")]
-        xi_l, xi_m = joint_friction(robot, q_dot, kappa_dot)
-        stops = stop_torque(robot, q, q_dot)
-        depth = np.maximum(q - robot.q_max, 0.0) - np.maximum(robot.q_min - q, 0.0)
-        dissipated = -(stops + robot.stop_stiffness * depth) @ q_dot
-        assert dissipated >= 0.0
-        torque = motor_torque(robot, state.tau, kappa_dot)
-        flow = (torque - xi_m) @ (robot.ell * kappa_dot) - xi_l @ q_dot - dissipated
-        size = sum(map(abs, rates)) + np.abs(stops) @ np.abs(q_dot) + 10.0 * np.abs(x_dot).max()
-        # as the test of the plant without limits: some 1000 roundings of the powers that flow
-        assert sum(rates) == pytest.approx(flow, abs=1000 * EPS * size)
-        active += bool(dissipated > 0.0) and bool((torque != state.tau).any())
-    assert active > 3
 
 
 @pytest.mark.parametrize("robot", [ROBOT, limited(full_speed=0.8)], ids=["line", "full to a speed"])

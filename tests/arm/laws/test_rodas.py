@@ -50,14 +50,6 @@ def test_step_on_a_linear_problem_equals_the_stability_function(z):
     assert float(error) == pytest.approx(R - embedded, abs=1e4 * EPS)
 
 
-@pytest.mark.parametrize("angle", [0.1, 1.0, 5.0, 100.0])
-def test_step_on_an_oscillator_shrinks_by_the_stability_function(angle):
-    x_new, _ = step_of([[0.0, -angle], [angle, 0.0]])([1.0, 0.0], 1.0)
-    R, _ = stability(1j * angle)
-    # The oscillator is z = i angle in the complex plane; roundings as above.
-    np.testing.assert_allclose(x_new.full().ravel(), [R.real, R.imag], rtol=0, atol=1e4 * EPS)
-
-
 def test_step_is_L_stable_of_order_four_and_the_embedded_one_three():
     # R(inf) = 0: R(z) = O(1/z), so it falls with z until rounding (1e-12) takes over.
     assert abs(stability(-1e4)[0]) < 1e-3

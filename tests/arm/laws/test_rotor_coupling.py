@@ -1,4 +1,4 @@
-"""The rotors as bodies on the links, (4), (7), (10)-(11): feedforward, momentum, energy, limit of Spong's model."""
+"""How much coupled rotors matter to the paper's arm; the plant against bodies is in dynamics/test_rotor_bodies.py."""
 
 import dataclasses
 
@@ -20,21 +20,6 @@ def coupled(arm):
 def test_a_robot_file_that_does_not_say_has_coupled_rotors(arm):
     assert load_robot("planar_2dof").rotor_coupling
     assert not arm.rotor_coupling  # the paper's (46), (53) and (56)
-
-
-def test_the_first_rotor_stands_on_the_ground(coupled, draw):
-    # Joint 1 alone, rotors 2 to 6 without inertia: both forms give the same accelerations.
-    light = coupled.with_parameters(I_m=[0.00114, 1e-12, 1e-12, 1e-12, 1e-12, 1e-12])
-    for state in draw(coupled, 3, seed=80):
-        tau = np.zeros(6)
-        tau[1:] = state.tau_s[1:] / coupled.ell[1:]  # no torque on the light rotors, which would spin up
-        light_free = light.with_parameters(f_c=0.0, f_s=0.0, f_v=0.0)
-        a, b = (
-            plant_derivative(dataclasses.replace(light_free, rotor_coupling=coupling), state.x, tau, np.zeros(6))
-            for coupling in (True, False)
-        )
-        # Torques of 1e-12 kg m2 times 200 rad/s squared, over 0.002 kg m2: 1e-9 for the links and rotor 1.
-        np.testing.assert_allclose(a[6:13], b[6:13], rtol=0, atol=1e-7)
 
 
 @pytest.mark.heavy

@@ -72,7 +72,6 @@ def test_a_library_is_the_one_that_zigs_own_c_library_gives(platform, cold, monk
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_compiler_says_nothing_about_any_file(planar, version):
     """With warnings as errors, those of the platforms that differ most: 32-bit long, and a C library of its own."""
     for unit in FAST:

@@ -1,7 +1,6 @@
 """What a native FMU holds: libraries, sources, pages, reference results that the unit makes again."""
 
 import os
-import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,6 +10,7 @@ from lxml import etree
 
 from tests.compiler.conftest import Lazy
 from tests.compiler.exports import REFERENCE
+from tests.engine.files import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base import platforms
 from vdfmu.engine.inspect.fmu import related_notes
@@ -28,12 +28,6 @@ def native(planar, tmp_path_factory):
 @pytest.fixture(params=VERSIONS)
 def version(request):
     return request.param
-
-
-def members(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        assert archive.testzip() is None
-        return {name: archive.read(name) for name in archive.namelist()}
 
 
 @pytest.mark.parametrize(("chosen", "folders"), [

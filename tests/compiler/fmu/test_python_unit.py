@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-NAN, INF = float("nan"), float("inf")
 H = 1e-3
 BEFORE = "it is allowed only before enterInitializationMode"
 AFTER = "it is allowed only after exitInitializationMode and before terminate"
@@ -34,18 +33,6 @@ def test_a_call_in_the_wrong_phase_is_refused(open_unit, unit_name):
             with unit.refuses(f"unit: {name[0].lower()}{name[1:]}.* failed: {words}") as no:
                 no(name, *arguments)
         assert unit.complete() == before
-
-
-@pytest.mark.parametrize(("experiment", "words"), [
-    *(((0, 0.0, x, 0, 0.0), rf"expected a finite start time, got {x} s\.") for x in (NAN, INF)),
-    *(((1, x, 0.0, 0, 0.0), rf"expected a finite positive tolerance, got {x}\.") for x in (0.0, -1e-6, NAN, INF)),
-    ((1, 1e-17, 0.0, 0, 0.0), r"tolerance: expected at least 1e-12, got 1e-17\."),
-])  # fmt: skip
-def test_a_start_time_and_a_tolerance_that_make_no_sense_are_refused(open_unit, experiment, words):
-    """Units without a solver take any tolerance."""
-    with open_unit("plant").refuses(f"unit: setupExperiment failed: {words}") as no:
-        no("SetupExperiment", *experiment)
-    open_unit("controller").start(tolerance=1e-17)
 
 
 def test_an_error_is_one_fatal_message_whatever_the_name_of_the_instance_holds(open_unit):

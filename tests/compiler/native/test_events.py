@@ -11,8 +11,6 @@ from fmpy.validation import validate_fmu
 
 from tests.compiler import eventful
 from tests.compiler.native.binding import Instance, Model, same_bits
-from tests.compiler.native.conftest import fuzz_program, sanitized_objects
-from tests.compiler.native.conftest import run as run_program
 from tests.conftest import heavy
 from vdfmu.arm.fmus import build_fmus
 
@@ -239,17 +237,3 @@ def test_intermediate_updates_see_events_and_their_inputs_cause_them(instance):
     assert min(abs(time - 2.0) for time in times) < 1e-14
     assert unit.get("side") == 1.0
     np.testing.assert_allclose(unit.get("w"), np.add(2.0, 2.0 * np.array([4.0, 1.0])), rtol=1e-12)
-
-
-# ------------------------------------------------------------------ sanitizers
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("form", FORMS[:2])
-@pytest.mark.parametrize("name", ["Clutch", "Relay", "Endless", "Ball"])
-def test_random_calls_find_nothing(built, tmp_path, name, form):
-    """A call that fails changes nothing, to the bit, though events may have happened before it did; no wrong access."""
-    sources = Path(fmpy.extract(built(name, form), tmp_path / "fmu")) / "sources"
-    target = fuzz_program(sources, sanitized_objects(sources, tmp_path), form, tmp_path / "fuzz")
-    for seed in (1, 2):
-        assert run_program([target, 10_000, seed], ASAN_OPTIONS="detect_leaks=1", seconds=600) == "10000 calls\n"

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.compiler.native.conftest import GCC, HERE, VERSIONS, fuzz_program, program, run, version_flags
+from tests.compiler.native.conftest import GCC, HERE, fuzz_program, program, run, version_flags
 
 pytestmark = pytest.mark.heavy
 
 SECONDS = float(os.environ.get("VDFMU_FUZZ_SECONDS", "12"))
 
 
-@pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("unit", ["plant", "feedforward"])
 def test_random_calls_find_nothing(model, sanitized, tmp_path, unit, version):
     """The same calls every time, 10,000 for each seed, as many seeds as the time allows."""
@@ -42,7 +41,6 @@ def fuzzer(tmp_path: Path) -> str:
     return clang
 
 
-@pytest.mark.parametrize("version", VERSIONS)
 def test_calls_that_reach_new_code_find_nothing(model, tmp_path, version):
     """LibFuzzer changes inputs towards code that none has reached; VDFMU_FUZZ_CORPUS keeps them."""
     folder, target = model("plant", version).folder / "sources", tmp_path / "fuzz"

@@ -1,22 +1,22 @@
-"""Units of a user under the sanitizers: sampled states, choices, none of the robot's parameters."""
+"""Units of a user under the sanitizers: sampled states, choices, events, none of the robot's parameters."""
 
 from pathlib import Path
 
 import fmpy
 import pytest
 
-from tests.compiler.native.conftest import VERSIONS, fuzz_program, run, sanitized_objects
+from tests.compiler.native.conftest import fuzz_program, run, sanitized_objects
 from vdfmu.arm.fmus import build_fmus
 
-FILE = Path(__file__).parents[1] / "fmu" / "own_units.py"
+FOLDER = Path(__file__).parents[1]
+UNITS = {"fmu/own_units.py": ("Words", "Encoder", "Mixer"), "eventful.py": ("Clutch", "Relay", "Endless", "Ball")}
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", ["Words", "Encoder", "Mixer"])
-def test_random_calls_find_nothing(tmp_path, name, version):
-    """Not in steps over several samples, in saved states or in a call that fails, either."""
-    (path,) = build_fmus(None, tmp_path, units=[f"{FILE}:{name}"], backend="native", fmi_version=version).values()
+@pytest.mark.parametrize("unit", [f"{file}:{name}" for file, names in UNITS.items() for name in names])
+def test_random_calls_find_nothing(tmp_path, unit, version):
+    """Not in steps over several samples or events, in saved states or in a call that fails, either."""
+    (path,) = build_fmus(None, tmp_path, units=[f"{FOLDER}/{unit}"], backend="native", fmi_version=version).values()
     sources = Path(fmpy.extract(path, tmp_path / "unpacked")) / "sources"
     (tmp_path / "objects").mkdir()
     objects = sanitized_objects(sources, tmp_path / "objects")

@@ -9,9 +9,8 @@ import pytest
 
 import vdfmu
 from tests.compiler.unit.conftest import EXAMPLES, command
-from vdfmu.arm.equations.kinematics import end_effector_pose
 from vdfmu.base.errors import ModelError
-from vdfmu.compiler.unit.evaluate import Plain, Traced
+from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.run import simulate
 from vdfmu.system.package.description import SystemDescription
@@ -27,7 +26,6 @@ NAMES = [name for name, _, _ in UNITS]
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(("name", "needs", "model"), UNITS, ids=NAMES)
 def test_build_makes_a_valid_fmu_of_the_file(examples, name, needs, model, version):
     options = ["--robot", "planar_2dof"] if needs else []
@@ -95,27 +93,6 @@ def test_derivatives_of_the_spline_are_those_of_its_position(example, planar):
         np.testing.assert_allclose(here["q_d"], q, rtol=0, atol=1e-11)
         np.testing.assert_allclose(here["q_d_dot"], 0.0, atol=1e-9)
         np.testing.assert_allclose(here["q_d_ddot"], 0.0, atol=1e-7)
-
-
-def test_the_wall_pushes_along_its_normal_and_never_pulls(example, planar):
-    """By spring and damper, behind the plane alone."""
-    middle, random = np.array([0.35, 0.2]), np.random.default_rng(4)
-    distance = end_effector_pose(planar, middle)[0][2]
-    unit, pushed = Traced(Interface(example("wall"), planar)), 0
-    unit.group("normal")[:], unit.group("distance")[0] = [0.0, 0.0, 1.0], distance
-    for _ in range(200):
-        q, q_dot, h = middle + random.normal(scale=0.02, size=2), random.normal(scale=2.0, size=2), 1e-6
-        unit.group("q")[:], unit.group("q_dot")[:] = q, q_dot
-        unit.outputs()
-        low, high = (end_effector_pose(planar, q + s * h * q_dot)[0][2] for s in (-1.0, 1.0))
-        depth, rate = end_effector_pose(planar, q)[0][2] - distance, (high - low) / (2.0 * h)
-        force = end_effector_pose(planar, q)[1] @ unit.group("F_e")[:3]
-        N = max(0.0, 2e4 * depth + 100.0 * rate) if depth > 0.0 else 0.0
-        # truncation and rounding of the rate, 1e-10 m/s, times 100 N.s/m; rounding of rotated forces up to 1e4 N
-        np.testing.assert_allclose(force, [0.0, 0.0, N], rtol=0, atol=1e-7)
-        assert (unit.group("F_e")[3:] == 0.0).all()
-        pushed += N > 0.0
-    assert 20 < pushed < 180
 
 
 def test_an_unknown_signal_in_a_system_file_stays_an_error(examples):

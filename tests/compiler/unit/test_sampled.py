@@ -204,7 +204,6 @@ def test_jacobi_has_a_step_of_delay_for_each_unit_and_says_so(scenario, run):
     assert len(results.summary["notes"]) == 2
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_the_fmu_declares_that_samples_depend_on_inputs_and_names_its_period(scenario, tmp_path, version):
     file = scenario("plain").parent / "loop.py"
     (path,) = build_fmus(None, tmp_path, units=[f"{file}:Control"], fmi_version=version).values()

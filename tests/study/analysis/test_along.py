@@ -18,7 +18,6 @@ from vdfmu.study.run.prepare import prepare
 from vdfmu.study.verdict import loop_checks, loop_sentences
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.scenario_file import scenario_names
-from vdfmu.system.scenario.values import group_value
 
 SLOW_WRIST = {
     "controller.K_p": [2e3, 2e3, 2e3, 1e3, 1e3, 500.0],
@@ -76,26 +75,6 @@ def test_the_margin_is_the_smallest_over_the_run_where_a_wrist_is_slow():
 def test_the_margin_is_the_smallest_of_1000_times(name):
     loops, rows, _ = on_a_grid(name, 1000)
     assert agree(loops, rows)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("name", "factors", "sets"),
-    [("planar_tracking", (0.2, 6.0), 22), ("slider_tracking", (0.2, 4.0), 16), ("tracking", (0.3, 3.0), 12)],
-)
-def test_the_margin_of_random_gains_is_the_smallest_of_1000_times(name, factors, sets):
-    scenario, random = load_scenario(name), np.random.default_rng(7)
-    gains = {key: np.asarray(group_value(scenario, f"controller.{key}")) for key in ("K_p", "K_v")}
-    for _ in range(sets):
-        drawn = {key: np.exp(random.uniform(*np.log(factors), gain.shape)) * gain for key, gain in gains.items()}
-        settings = {f"controller.{key}": values.tolist() for key, values in drawn.items()}
-        loops, rows, grid = on_a_grid(name, 1000, parameters=settings)
-        assert agree(loops, rows), settings
-        # the growth between two rows is that of a line: of a grid 3 to 6 times as fine some per cent
-        times, rates = (np.array([getattr(pose, key) for pose in rows]) for key in ("time", "rate"))
-        ours = loops.growth(grid.begin, grid.end, 0.0).exponent
-        rate = np.maximum(np.interp(np.linspace(grid.begin, grid.end, 20_001), times, rates), 0.0)
-        assert ours <= 1.1 * np.trapezoid(rate, dx=(grid.end - grid.begin) / 20_000) + 0.02
 
 
 @pytest.mark.heavy

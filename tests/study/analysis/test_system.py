@@ -8,12 +8,9 @@ from scipy.linalg import expm
 
 import vdfmu
 from tests.conftest import ran, refused
-from tests.engine.system_loops import system_loop
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
-from vdfmu.base.state_space import Linear, held
-from vdfmu.engine.linear.loops import Loop
-from vdfmu.study.analysis.arm_space import linearized
+from vdfmu.base.state_space import Linear
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.system.scenario import load_scenario
 
@@ -43,22 +40,6 @@ def masses_and_springs():
     ]
     K = np.hstack([-np.diag([1500.0, 500.0]), zero, -np.diag([40.0, 20.0]), zero]) / robot.ell[:, None]
     return robot, Linear(np.block(rows), np.vstack([zero, zero, rotor, zero])), K
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("algorithm", "delay"), [("gauss-seidel", 0), ("jacobi", 1)])
-def test_margins_by_fmus_are_those_of_masses_and_springs(algorithm, delay):
-    robot, plant, K = masses_and_springs()
-    A, B = held(plant, 1e-3)
-    n, m = B.shape
-    if delay:
-        A, B, K = np.block([[A, B], [np.zeros((m, n + m))]]), np.eye(n + m)[:, n:], np.hstack([K, np.zeros((m, m))])
-    wanted = Loop(Linear(A, B), K, 1e-3).margins()
-    scenario = load_scenario("planar_tracking", robot)
-    margins = system_loop(linearized(scenario, algorithm=algorithm, parameters=AT_REST), ["plant.tau"]).margins()
-    # of the gravity's difference quotient: its rounding, 1e-15 of 30 N.m over 2e-6, of slopes of 10 N.m/rad
-    for mine, other in zip(margins, wanted, strict=True):
-        np.testing.assert_allclose(mine, other, rtol=1e-5)
 
 
 @pytest.mark.heavy

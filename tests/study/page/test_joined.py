@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.engine.files import members
 from tests.engine.reference import models
 from tests.study.page.browser import show
-from tests.study.run.conftest import members
 from tests.warm import command
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import pack_zip
@@ -57,6 +57,30 @@ def test_a_page_of_joined_fmus_has_diagram_figures_components_and_verdict(place)
     for name in "abc":
         assert f"<td>{name}</td><td>FMI 2.0, co-simulation</td>" in text.replace(' class="name"', "")
     assert run.package == folder / "system.ssp" and run.package.is_file()
+
+
+def test_a_run_that_was_not_judged_says_how_far_it_ran_and_how_to_judge_it(place):
+    folder, lag = place
+    words = (f"filter={lag.name}", f"plant={lag.name}", "--connect", "filter.x=plant.u", "--stop", "1", "--step", "0.1")
+    said = command("run", *words, "--out", "unjudged", cwd=folder).stdout
+    line = "Ran to 1 s in 10 steps; coupling not judged: add --judge"
+    assert said.startswith(f"\u2013 {line}\n")
+    text = (folder / "unjudged" / "report.html").read_text(encoding="utf-8")
+    assert line in text and "<title>filter and plant</title>" in text and "Joined FMUs, one run of vdfmu" in text
+    assert "verdict" not in read_run(folder / "unjudged").summary
+    alone = command("run", lag.name, "--stop", "1", "--step", "0.1", "--out", "alone", cwd=folder).stdout
+    assert alone.startswith("\u2013 Ran to 1 s in 10 steps; not judged: add --expect\n")
+    text = (folder / "alone" / "report.html").read_text(encoding="utf-8")
+    assert f"FMU {lag.stem}, one run of vdfmu" in text
+
+
+def test_an_option_of_scenarios_is_refused_for_fmus_without_a_temporary_path(place):
+    folder, lag = place
+    axis = (f"a={lag.name}", "--vary", "a.u=1, 2", "--vary", "robot=x")
+    for words, said in ((axis[:3], "engine: batch needs a scenario"), (axis, "robot: expected a scenario, got FMUs")):
+        engine = ("--engine", "batch")[: 2 * (len(words) == 3)]
+        done = command("sweep", *words, *engine, cwd=folder)
+        assert done.returncode == 2 and said in done.stderr and "/" not in done.stderr
 
 
 def test_the_diagram_and_a_table_have_the_coupling_errors_of_a_judged_run(place):

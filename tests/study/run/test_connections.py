@@ -5,6 +5,7 @@ import json
 import pytest
 
 import vdfmu
+from tests.conftest import ran
 from tests.warm import command
 from vdfmu.base.errors import UsageError
 from vdfmu.study.report.page import run_command
@@ -78,6 +79,32 @@ def test_an_input_that_nothing_feeds_is_refused_unless_it_is_connected_or_set_or
     assert prepare("planar_tracking", units=renamed, connections=measured | wanted).system.unfed == {}
     left = prepare("planar_tracking", units=renamed, connections=measured, unfed="ok").system.unfed
     assert left == {"controller.wanted": ["trajectory.q_d", "plant.q"]}
+
+
+def test_an_output_of_a_component_is_no_candidate_for_its_own_input(renamed):
+    text = OWN.replace("torque =", "tau =").replace("self.torque", "self.tau").replace("measured", "q")
+    text = text.replace(
+        "    def outputs(self)", '    q_hat = Output("position", JOINTS, "estimate")\n\n    def outputs(self)'
+    )
+    renamed["controller"].write_text(f"{text}        self.q_hat = self.q\n")
+    with pytest.raises(
+        UsageError, match=r"^controller\.wanted: expected a connected output, such as trajectory\.q_d, "
+    ):
+        prepare("planar_tracking", units=renamed)
+
+
+def test_a_run_prints_a_short_table_of_the_connections_of_units(tmp_path):
+    said = []
+    units = {"controller": "PDController", "feedforward": "Feedforward"}
+    vdfmu.run("planar_tracking", units=units, stop=0.001, reference=False, out=False, log=said.append)
+    head, *rows, last = next(message.text for message in said if message.status == "connections").splitlines()
+    assert head == "connections of controller, feedforward:"
+    assert len(rows) == 12 and rows[0] == "  trajectory.q_d          -> feedforward.q_d"
+    assert last == "  and 4 more, see system.ssp or --verbose"
+    words = ["planar_tracking", "--unit", "controller=PDController", "--stop", "0.001", "--no-reference"]
+    words += ["--out", tmp_path / "run"]
+    assert "  plant.q                 -> controller.q\n" in ran("run", *words).output
+    assert "->" not in ran("-q", "run", *words).output
 
 
 def test_an_input_of_a_plant_that_a_unit_no_longer_feeds_is_refused(renamed):

@@ -169,17 +169,3 @@ def test_the_estimation_scenario_shows_both_estimates_on_the_plants_own_signals(
     for unknown in ("tracking", "planar_tracking"):
         with pytest.raises(UsageError, match=r"estimator\.tau_hat_max: expected .* a component of trajectory"):
             vdfmu.run(unknown, parameters={"estimator.tau_hat_max": 1.0}, out=tmp_path)
-
-
-@pytest.mark.heavy
-def test_a_run_without_files_returns_what_files_would_hold(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options = {"stop": 0.05, "reference": False}
-    kept = vdfmu.run("planar_tracking", out="kept", **options)
-    results = vdfmu.run("planar_tracking", out=False, **options)
-    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
-    assert results.names == kept.names
-    assert all(np.array_equal(results[name], kept[name], equal_nan=True) for name in kept.names)
-    assert [c["state"] for c in results.summary["verdict"]["checks"]] == [
-        c["state"] for c in kept.summary["verdict"]["checks"]
-    ]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.study.run.conftest import members
+from tests.engine.files import members
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.files import pack_zip
 from vdfmu.engine.inspect.inspection import inspect_file

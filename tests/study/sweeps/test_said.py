@@ -1,5 +1,6 @@
 """What a study says of files that are none of its, and of points that all fail."""
 
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -44,13 +45,32 @@ def test_a_study_of_joined_fmus_keeps_their_package(tmp_path):
     assert f"must be NAME=FILE if there are several. Write {lag.stem}={lag}." in refused("sweep", lag, lag, *axis)
 
 
-def test_a_study_asks_for_its_package_before_work_begins(monkeypatch, tmp_path):
-    def missing():
-        raise UsageError("Parquet needs the package pyarrow.")
-
-    monkeypatch.setattr("vdfmu.study.sweeps.sweep.needed", missing)
-    with pytest.raises(UsageError, match="needs the package pyarrow"):
-        vdfmu.sweep(tmp_path / "none.toml", {"controller.K_p": [1.0]})  # the file would be missed next
+def test_a_study_without_pyarrow_is_csv(tmp_path, monkeypatch):
+    """It is resumed, read, shown and compared with the table in Parquet of the same study."""
+    lag = models.build(models.LAG, "2.0", tmp_path)
+    words = ["sweep", lag, "--vary", f"{lag.stem}.x=0.1, 2, 3", "--vary", "algorithm=jacobi, gauss-seidel"]
+    words += ["--measure", f"end=final({lag.stem}.x)", "--record", "*.x", "--stop", "1", "--step", "0.25"]
+    ran(*words, "--out", tmp_path / "parquet")
+    for module in ("pyarrow", "pyarrow.parquet"):
+        monkeypatch.setitem(sys.modules, module, None)
+    done = ran(*words, "--out", tmp_path / "csv")
+    assert "note: The table is CSV, because pyarrow is not installed" in done.output
+    assert "sweep.csv, report.html; 6 points" in done.output
+    plain = Sweep(tmp_path / "csv" / "sweep.csv").table().to_pylist()
+    (tmp_path / "csv" / "sweep.csv").write_text("point,failed\n0,\n1")  # cut off by a full disk
+    again = ran(*words, "--out", tmp_path / "csv")
+    assert "sweep.csv: is not whole: " in again.output.replace("\n", " ")
+    repeated = Sweep(tmp_path / "csv").table().to_pylist()
+    ran("sweep", "report", tmp_path / "csv", "--out", tmp_path / "page.html")
+    with pytest.raises(UsageError, match="Parquet needs the package pyarrow"):
+        Sweep(tmp_path / "parquet")
+    monkeypatch.undo()
+    columns = Sweep(tmp_path / "parquet").table()
+    expected = columns.to_pylist()
+    assert Sweep(tmp_path / "csv").columns == columns.column_names
+    for rows in (plain, repeated):
+        for row, same in zip(rows, expected, strict=True):
+            assert row | {"wall_s": 0.0} == same | {"wall_s": 0.0}
 
 
 @pytest.mark.parametrize(("fail", "code"), [((0, 1, 2), 1), ((0, 1), 0)])

@@ -272,5 +272,5 @@ def test_the_command_says_what_it_found(wild, tmp_path):
 def test_a_study_that_is_not_there_is_said_and_none_above_it_is_read(tmp_path):
     (tmp_path / "parts").mkdir()  # of a study that has begun
     (tmp_path / "sweep.json").write_text("{}")
-    with pytest.raises(UsageError, match=r"none: expected sweep.parquet of a .*; there is none\.$"):
+    with pytest.raises(UsageError, match=r"none: expected sweep.parquet or sweep.csv of a .*; there is none\.$"):
         Sweep(tmp_path / "none")

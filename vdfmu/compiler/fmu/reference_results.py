@@ -25,7 +25,7 @@ from vdfmu.compiler.unit.solver import TOLERANCE, ScipySolver, margin
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 10
 """Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
-_MOST_SOLVED = 1280
+_MOST_SOLVED = 480
 """Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"

@@ -32,6 +32,21 @@ def type_of(name: str) -> str:
     return _TYPES.get(name, name)
 
 
+_WIDER = {"Boolean": ("Integer", "Real"), "Enumeration": ("Integer", "Real"), "Integer": ("Real",)}
+"""Types of sources to the other types that hold all of their values. SSP leaves conversions to the implementation."""
+CONVERT_TYPE = (
+    "Booleans and enumerations may also feed integers and reals, integers may feed reals; for other types put a "
+    "component between them that converts the value"
+)
+"""Fix for types that do not convert."""
+
+
+def feeds(source: str, sink: str) -> bool:
+    """Whether a source of a type may feed a sink of a type of FMI or SSP: no value may be lost."""
+    start, end = type_of(source), type_of(sink)
+    return start == end or end in _WIDER.get(start, ())
+
+
 @dataclass(frozen=True)
 class Clock:
     """A clock of FMI 3.0: variability of the interval, interval (NaN if not declared) and first tick [s]."""

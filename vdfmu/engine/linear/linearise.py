@@ -86,7 +86,7 @@ class Linearisation:
             if start in columns and end in rows and link.stepped:
                 links[rows[end], columns[start]] = link.conversion.factor
                 fresh[rows[end]] = link.end in checked.schedule.fresh
-            elif link.source.type == "Real" and end.partition(".")[0] in groups and link.discrete:
+            elif link.sink.type == "Real" and end.partition(".")[0] in groups and link.discrete:
                 constant[start] = None
         step /= max(1, checked.how.substeps)
         every = {name: n for name, period in periods(checked).items() if (n := round(period / step)) != 1}

@@ -97,7 +97,17 @@ static double now(void)
         const int64_t y = ((int64_t *)a->values)[t] = (int64_t)x;                                                      \
         bad |= (y < 1) != (x < 1);                                                                                     \
         break;                                                                                                         \
+    }                                                                                                                  \
+    case 16 * other + DOUBLE: {                                                                                        \
+        const Other x = ((const Other *)a->source)[s];                                                                 \
+        ((double *)a->values)[t] = (double)x;                                                                          \
+        bad |= ((int64_t)x < 1) != (x < 1);                                                                            \
+        break;                                                                                                         \
     }
+#define TRUTH(to, To)                                                                                                  \
+    case 16 * BOOL + to: /* an FMU may set any bit, which a bool may not have */                                       \
+        ((To *)a->values)[t] = ((const unsigned char *)a->source)[s] != 0;                                             \
+        break;
 
 /* Copy values; return whether an integer does not fit. */
 static bool copy(const Action *a)
@@ -112,9 +122,12 @@ static bool copy(const Action *a)
             MOVE(LONG, LONG, int64_t, int64_t)
             MOVE(INT, INT, int32_t, int32_t)
             MOVE(INT, BOOL, int32_t, bool)
-        case 16 * BOOL + INT: /* an FMU may set any bit, which a bool may not have */
-            ((int32_t *)a->values)[t] = ((const unsigned char *)a->source)[s] != 0;
-            break;
+            MOVE(INT, BYTE, int32_t, int8_t) /* a boolean of FMI 1.0 */
+            MOVE(BYTE, INT, int8_t, int32_t)
+            MOVE(LONG, DOUBLE, int64_t, double)
+            TRUTH(INT, int32_t)
+            TRUTH(LONG, int64_t)
+            TRUTH(DOUBLE, double)
             WHOLE(INT, int32_t)
             WHOLE(SHORT, int16_t)
             WHOLE(BYTE, int8_t)
@@ -122,6 +135,7 @@ static bool copy(const Action *a)
             WHOLE(UNSIGNED_INT, uint32_t)
             WHOLE(UNSIGNED_SHORT, uint16_t)
             WHOLE(UNSIGNED_BYTE, uint8_t)
+        default: bad = true; /* left to Python */
         }
     }
     return bad;

@@ -63,7 +63,7 @@ class Coupled:
         self.starts, self.ends, self.slopes = np.zeros(n), np.zeros(n), np.zeros(max(n, 1))
         """Real inputs at the start and the end of the step, and their slopes."""
         variables = [v for _, v in bank.variables[: bank.outputs.size]]
-        self.discrete = np.array([v.variability == "discrete" for v in variables], bool)
+        self.discrete = np.array([v.variability == "discrete" or v.kind != bank.kind for v in variables], bool)
         """Whether a real output changes at communication points only."""
         self.nominal = np.array([v.size for v in variables])
         self.begun = [each.outputs.copy() for each in exchange.banks]

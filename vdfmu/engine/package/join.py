@@ -24,6 +24,8 @@ from vdfmu.engine.results.recorded import group_of
 
 _TYPES = {"Real", "Integer", "Boolean", "String"}
 """Types of SSP 1.0 that need no further attributes; for other types a connector may omit the type."""
+JOINED = "system"
+"""Name of a system without another name."""
 _CAUSALITIES = {"from": ("output", "calculatedParameter", "parameter"), "to": ("input", "parameter")}
 
 
@@ -32,7 +34,7 @@ def join(
     connections: Connections,
     path: Path,
     *,
-    name: str = "system",
+    name: str = JOINED,
     stop: float | None = None,
     step: float | None = None,
     algorithm: str | None = None,

@@ -8,6 +8,7 @@ from typing import Any
 
 from vdfmu.base.errors import SspError
 from vdfmu.base.standards import SSP_FORMATS
+from vdfmu.engine.fmu.variables import CONVERT_TYPE, feeds
 from vdfmu.engine.package.elements import Node, Scope, read_boolean, read_transformation
 from vdfmu.engine.package.parse import NAMESPACES
 from vdfmu.engine.package.system import Connection, Connector, Hop, Index, Shape, UnitFactor
@@ -198,9 +199,8 @@ def _misfits(
     units: Mapping[str, UnitFactor], begin: Connector, target: Connector, hop: Hop
 ) -> Iterator[tuple[str, str]]:
     """Yield reasons why two connectors do not fit together, according to the SSD."""
-    types = {begin.type, target.type}
-    if None not in types and len(types) > 1 and hop.transformation is None:
-        yield "SSP033", f"type mismatch, {begin.type} to {target.type}"
+    if begin.type and target.type and not feeds(begin.type, target.type) and hop.transformation is None:
+        yield "SSP033", f"type mismatch, {begin.type} to {target.type}. {CONVERT_TYPE}"
     if begin.unit and target.unit and not hop.suppress_unit_conversion:
         a, b = (units.get(unit, UnitFactor(unit)) for unit in (begin.unit, target.unit))
         if None not in (a.exponents, b.exponents) and a.exponents != b.exponents:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.algorithms import ALGORITHMS, DELAYED, Algorithm, choice
@@ -46,7 +47,7 @@ class Checked:
         """The row of the algorithm."""
         return ALGORITHMS[self.algorithm]
 
-    @property
+    @cached_property
     def held(self) -> list[str]:
         """Inputs, without indices, that hold the value of their source at the start of each step."""
         late = (k.end for k in self.links if k.stepped and k.start[0] != SOURCE and k.end not in self.schedule.fresh)
@@ -265,7 +266,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
             f"{', '.join(ticking)}: have clocks, and {', '.join(multiples)} their own steps; clocks need components "
             "that step together. Leave out the steps or the clocks"
         )
-    for name in set(slow) & checked.early:
+    for name in set(slow) & checked.early if slow else ():
         late = [k for k in checked.links if k.stepped and k.start[0] == name and k.start not in checked.schedule.direct]
         if late:
             problems.append(

@@ -6,11 +6,12 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.base.text import close_to
 from vdfmu.engine.fmu.description import Description, inspect_description
-from vdfmu.engine.fmu.variables import FmuVariable, type_of
+from vdfmu.engine.fmu.variables import CONVERT_TYPE, FmuVariable, feeds, type_of
 from vdfmu.engine.package.archive import Archive, stamp_of
 from vdfmu.engine.package.system import (
     BoundParameter,
@@ -261,8 +262,8 @@ class Checker:
                 self.findings.append(finding(rule, f"connection {connection}: {text}", connection.hops[-1].place))
 
             types = [source.declared, *(h.type for h in connection.hops[:-1] if h.type), sink.declared]
-            if len({type_of(name) for name in types}) > 1:
-                fault("SSP033", f"type mismatch, {' to '.join(types)}")
+            if not all(feeds(*pair) for pair in pairwise(types)):
+                fault("SSP033", f"type mismatch, {' to '.join(types)}. {CONVERT_TYPE}")
                 continue
             if (source.causality, sink.causality) not in _PAIRS:
                 if self._as_declared(connection.start, source) and self._as_declared(connection.end, sink):
@@ -277,7 +278,7 @@ class Checker:
                     connection.hops,
                     self.port_unit(connection.start, source),
                     self.port_unit(connection.end, sink),
-                    source.type,
+                    sink.type,
                     self.system.units,
                     sink.relative,
                     (source.items, sink.items),

@@ -19,7 +19,10 @@ class MisfitError(ValueError):
 
 @dataclass(frozen=True)
 class Conversion:
-    """``target = factor * source + offset``, or for booleans and integers a table; other values pass unchanged."""
+    """``target = factor * source + offset``, or for booleans and integers a table; other values pass unchanged.
+
+    The source is first converted to the type of the target.
+    """
 
     factor: float = 1.0
     offset: float = 0.0
@@ -59,7 +62,7 @@ def compose(
     relative: bool = False,
     items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
-    """Compose the hops between two variables of a type, such as ``Real``; MisfitError if type or unit do not fit.
+    """Compose the hops to a variable of a type, such as ``Real``; MisfitError if type or unit do not fit.
 
     Each hop converts the unit first, unless the hop suppresses it or one side has no unit. Then it applies the
     transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes its source's unit.
@@ -137,7 +140,8 @@ class Link:
     @property
     def discrete(self) -> bool:
         """Whether the value changes at communication points only."""
-        return self.sink.type != "Real" or "discrete" in (self.source.variability, self.sink.variability)
+        ends = self.source, self.sink
+        return any(v.type != "Real" or v.variability == "discrete" for v in ends)
 
     @property
     def is_given(self) -> bool:

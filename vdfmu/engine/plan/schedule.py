@@ -149,8 +149,8 @@ def make_schedule(
                 groups |= dict.fromkeys(group, group)
                 inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
                 problems += [
-                    f"{k}: is of type {k.sink.type}, but must be real, because {', '.join(group)} depend on each other "
-                    f"within a step and are integrated together; use {way_out}"
+                    f"{k}: is of type {k.source.type}, but must be real, because {', '.join(group)} depend on each "
+                    f"other within a step and are integrated together; use {way_out}"
                     for k in inner
                     if {k.source.kind, k.sink.kind} != {"Real"}
                 ]

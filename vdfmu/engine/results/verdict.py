@@ -113,6 +113,18 @@ def headline_of(summary: Mapping[str, Any]) -> str:
     return _verdict(summary).get("headline", "")
 
 
+def outcome_of(summary: Mapping[str, Any]) -> str:
+    """Return the headline; of FMUs that were not judged how far they ran, and the option that judges them."""
+    if headline_of(summary) or "scenario" in summary or "steps" not in summary:
+        return headline_of(summary)
+    ended = summary.get("ended")
+    ran = f"Ran to {summary['stop']:.9g} s in {summary['steps']:,} steps"
+    if ended:
+        ran = f"Ran until {ended['component']} ended it at {ended['time']:.9g} s"
+    joined = len(summary.get("order", ())) > 1
+    return _short(f"{ran}; {'coupling not judged: add --judge' if joined else 'not judged: add --expect'}")
+
+
 def results_of(summary: Mapping[str, Any]) -> str:
     """Return the results of a run in addition to its headline: largest errors, and checks that were not judged."""
     return _verdict(summary).get("results", "")

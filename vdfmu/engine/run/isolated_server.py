@@ -9,7 +9,7 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ class Server:
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
+        self._box.take = self._said.append
         self._words = mapped(Path(memory))
         self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 
@@ -136,7 +137,7 @@ class Server:
             return None
         self._said.clear()
         self._box.pending.clear()
-        return reply | {"messages": [asdict(message) for message in messages], "ended": self._box.ended}
+        return reply | {"messages": [message._asdict() for message in messages], "ended": self._box.ended}
 
 
 def _fault(error: Exception) -> str:

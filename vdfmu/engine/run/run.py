@@ -81,6 +81,7 @@ class Run:
         self._how, self._steps = (f"{FMPY}: {steps}", None) if isinstance(steps, str) else (C, steps)
         self.lasts = bool(self._steps and self._steps.lasting and grid.n <= ROWS and not (files or taps))
         """Whether it may begin again."""
+        self._times = grid.times(0, grid.n + 1) if self.lasts else None
         self.row = -1
         """The last complete row."""
         self.summary: dict[str, Any] = {}
@@ -215,7 +216,9 @@ class Run:
             summary["wall_s"] -= self._pace.waited
             summary["pace"] = self._pace.facts()
         summary |= self._stepper.facts()
-        time = self.grid.times(0, done + 1)
+        if box.events.facts:
+            summary["events"] = box.events.facts
+        time = self.grid.times(0, done + 1) if self._times is None else self._times[: done + 1].copy()
         if done == self.grid.n or "ended" in summary:
             time[done] = summary["stop"]
         for block in self._blocks:

@@ -16,7 +16,7 @@ from vdfmu.base.option import checks_types, lists_options, with_options
 from vdfmu.base.process import is_contained
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import DEFAULT
-from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.fmu.messages import EventLog, LogMessage, MessageBox
 from vdfmu.engine.masters.components import CONVERGENCE, Components, failure_message, report_exits, unpack_units
 from vdfmu.engine.options import Limits, RowOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
@@ -30,6 +30,9 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.run.by_hand import ByHand
 from vdfmu.engine.run.isolated import Isolated
 from vdfmu.engine.run.run import Run, wanted
+
+_PLAIN = (float, int, str)
+"""Types of values that their text states to the bit; that of an array does not."""
 
 
 @lists_options
@@ -87,6 +90,8 @@ class Simulator:
         """Results of the last run."""
         self._by_hand: ByHand | None = None
         self._begun: Any = None
+        self._asked: tuple[Any, Checked] | None = None
+        """Step and plain parameters of the last run, and the system with them."""
         self.owner: object = None
         """What keeps the files of the system, such as a temporary folder, as long as the simulator exists."""
 
@@ -116,7 +121,7 @@ class Simulator:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
-        self._checked = None
+        self._checked = self._asked = None
         self._free(error)
 
     @with_options
@@ -150,7 +155,7 @@ class Simulator:
         for path in files:
             format_of(path).needs()
         checked = self._prepared(grid.step, parameters)
-        reach = outside(self._tables, grid.begin, grid.end)
+        reach = outside(self._tables, grid.begin, grid.end) if self._tables else []
         with self._freeing():
             components = self._ready(checked, grid, reach)
             summary = {
@@ -164,7 +169,7 @@ class Simulator:
                 "step": grid.step,
                 "steps": grid.n,
                 "isolated": isinstance(components, Isolated),
-                "held": checked.held,
+                "held": [*checked.held],
                 "notes": [*checked.notes, *reach],
                 **({"names": self._names} if self._names else {}),
             }
@@ -271,10 +276,15 @@ class Simulator:
         """Return the system with the parameters of a run."""
         if self._checked is None:
             raise UsageError("Simulator: its runs are made in a block, 'with Simulator(...) as simulator:'.")
+        plain = parameters is None or all(isinstance(value, _PLAIN) for value in parameters.values())
+        asked = (step, repr(parameters)) if plain else None  # 1 == True, 0.0 == -0.0
+        if asked is not None and self._asked is not None and self._asked[0] == asked:
+            return self._asked[1]
         checked = with_steps(with_parameters(self._checked, parameters or {}), step)
-        if parameters and (changed := checked.sizes.items() - self._checked.sizes.items()):
+        if parameters and self.sizes and (changed := checked.sizes.items() - self._checked.sizes.items()):
             names = ", ".join(sorted(name for name, _ in changed))
             raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
+        self._asked = None if asked is None else (asked, checked)
         return checked
 
     @property
@@ -353,6 +363,7 @@ class Simulator:
         box.flush()
         box.kept.clear()
         box.ended.clear()
+        box.events = EventLog()
         self._results, self._resting = None, False
         if self._run is not None and not self._run.lasts:
             self._run = None

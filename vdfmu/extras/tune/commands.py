@@ -39,6 +39,7 @@ def tune(
 ) -> None:
     """Search for the values of lowest cost. After Ctrl-C, repeat it to resume."""
     from vdfmu.extras.tune.search import tune as run_tune
+    from vdfmu.study.sweeps.ledger import table_in
     from vdfmu.study.sweeps.sweep import Sweep
 
     tuned = run_tune(scenario, vary, cost, **options)
@@ -52,7 +53,7 @@ def tune(
     tell(shown, (tuned.folder / "tuned.toml").read_text().rstrip())
     tell(f"{amount(tuned.evaluations, 'evaluation')}, {amount(tuned.failed, 'failed run')}.")
     page = study.report()
-    say_written(*(tuned.folder / name for name in ("tuned.toml", "tune.json", "sweep.parquet")), page)
+    say_written(tuned.folder / "tuned.toml", tuned.folder / "tune.json", table_in(tuned.folder), page)
 
 
 COMMANDS = {

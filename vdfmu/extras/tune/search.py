@@ -20,7 +20,6 @@ from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
 from vdfmu.base.toml_file import toml_text
 from vdfmu.engine.linear.loops import Margins
-from vdfmu.engine.results.parquet import needed
 from vdfmu.extras.tune.options import METHODS, ProblemOptions, TuneOptions
 from vdfmu.extras.tune.problem import Evaluations, Score, SpentError, make_problem
 from vdfmu.study.analysis.loops import Judged
@@ -148,7 +147,7 @@ class Tuned:
     """The results of a search."""
 
     folder: Path
-    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; ``sweep.parquet``, all runs."""
+    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; the table of all runs."""
     parameters: dict[str, Any]
     """The values, as `vdfmu.run` accepts them."""
     before: Score
@@ -219,7 +218,6 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
         if value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}.")
     check_workers(options)
-    needed()  # before work begins
     import scipy
 
     problem = make_problem(scenario, vary, cost, **pick(ProblemOptions, options))

@@ -15,7 +15,7 @@ from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import write_whole
 from vdfmu.base.page import page
 from vdfmu.base.text import amount
-from vdfmu.engine.results.verdict import STATES, headline_of, state_of
+from vdfmu.engine.results.verdict import STATES, outcome_of, state_of
 from vdfmu.study.report.comparison import sortable
 from vdfmu.study.report.scripts import look, scripts_of
 from vdfmu.study.report.shown_run import NAME, require_file, run_folders
@@ -72,7 +72,7 @@ def _row(folder: Path, link: str) -> _ListedRun:
         stamp = datetime.fromisoformat(summary.get("date", "")).timestamp()
     names = [summary[key] for key in ("scenario", "robot") if summary.get(key)] or [summary.get("system", "system")]
     date = datetime.fromtimestamp(stamp, UTC).strftime("%Y-%m-%d %H:%M UTC")
-    verdict = f'<span class="verdict {state_of(summary)}">{escape(headline_of(summary))}</span>'
+    verdict = f'<span class="verdict {state_of(summary)}">{escape(outcome_of(summary))}</span>'
     return _ListedRun(
         stamp, summary, [link, verdict, escape(" on ".join(names)), f'<data value="{stamp!r}">{date}</data>']
     )

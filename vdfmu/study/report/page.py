@@ -22,16 +22,18 @@ from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.base.text import error_text
 from vdfmu.base.toml_file import locate, read_toml, shipped_names
 from vdfmu.engine.algorithms import DEFAULT
+from vdfmu.engine.package.join import JOINED
 from vdfmu.engine.results.folder import write_summary
 from vdfmu.engine.results.results import Results
-from vdfmu.engine.results.verdict import headline_of, results_of, state_of
+from vdfmu.engine.results.verdict import outcome_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
 from vdfmu.study.report.gallery import write_gallery
-from vdfmu.study.report.parts import checks, components_table, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.sheets import LATEX, sheets, write_tables
+from vdfmu.study.report.latex import LATEX, write_tables
+from vdfmu.study.report.parts import checks, components_table, events, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.sheets import sheets
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.run.joint_components import cut_figures, wired_arm
 from vdfmu.system.package.drawing import Coupling, system_diagram
@@ -128,6 +130,7 @@ def report_page(
             "simulation": simulation,
             "command": command,
             "marks": marks(run.summary),
+            "events": events(run.summary),
         }
         for name, run, simulation, command in zip(names, runs, simulations, commands, strict=True)
     ]
@@ -170,7 +173,7 @@ def report_page(
     lines = [
         (f"{name}: {line}" if len(runs) > 1 else line, results_of(summary), state_of(summary), k)
         for k, (name, summary) in enumerate(zip(names, summaries, strict=True))
-        if (line := headline_of(summary))
+        if (line := outcome_of(summary))
     ]
     about = _about(summaries)
     head = scripts.run_head("; ".join(line for line, *_ in lines) or about, arm_alone)
@@ -215,7 +218,7 @@ def _wired(run: ShownRun) -> dict[str, Any]:
 
 def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
     """Return the subtitle: robots or systems, number of runs, version; for a single run also description and date."""
-    each = [f"robot {s['robot']}" if "robot" in s else f"system {s.get('system', '')}" for s in summaries]
+    each = [f"robot {s['robot']}" if "robot" in s else _system_of(s) for s in summaries]
     about = "; ".join(dict.fromkeys(each))
     count, version = "one run" if len(summaries) == 1 else f"{len(summaries)} runs", summaries[0].get("vdfmu", "")
     purpose = f"{summaries[0].get('description', '').rstrip('.')}. " if len(summaries) == 1 else ""
@@ -223,9 +226,25 @@ def _about(summaries: Sequence[Mapping[str, Any]]) -> str:
     return f"{purpose.removeprefix('. ')}{about[0].upper()}{about[1:]}, {count} of vdfmu {version}{made}".strip()
 
 
+def _system_of(summary: Mapping[str, Any]) -> str:
+    """Return what was run, for the subtitle."""
+    name = summary.get("system", "")
+    return f"FMU {name}" if [name] == summary.get("order") else "joined FMUs" if name == JOINED else f"system {name}"
+
+
+def _name_of(run: ShownRun) -> str:
+    """Return the scenario or system; of FMUs that were joined for the run the components, at most four."""
+    name, parts = run.summary.get("scenario") or run.summary.get("system"), run.summary.get("order", ())
+    if name != JOINED or not parts:
+        return str(name or run.name)
+    more = [f"{len(parts) - 3} more"] if len(parts) > 4 else []
+    *first, last = [*parts[: 3 if more else 4], *more]
+    return f"{', '.join(first)} and {last}" if first else last
+
+
 def _names(runs: Sequence[ShownRun]) -> list[str]:
-    """Return the scenarios; if two are the same, the folders; equal folder names get a number."""
-    names = [str(run.summary.get("scenario") or run.summary.get("system") or run.name) for run in runs]
+    """Return the scenarios or systems; if two are the same, the folders; equal folder names get a number."""
+    names = [_name_of(run) for run in runs]
     if len(set(names)) < len(names):
         names = [run.name for run in runs]
     return [f"{name} ({names[: i + 1].count(name)})" if names.count(name) > 1 else name for i, name in enumerate(names)]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import LOG, UsageError
 from vdfmu.base.platforms import compiler_version
 from vdfmu.base.standards import PYTHON_FMI
 from vdfmu.compiler.fmu.build import build_notes, choose_backend
@@ -17,6 +18,7 @@ from vdfmu.study.expected import Expected, read_expected
 from vdfmu.study.judgement import check_wanted
 from vdfmu.study.limits import OF_SCENARIO, Limit, own_limits, read_limits
 from vdfmu.study.options import ScenarioRunOptions
+from vdfmu.study.run.prepare import connection_table
 from vdfmu.study.run.scene import arm_of, scene_of
 from vdfmu.study.run.summary import ArmLimits, limits_of, run_facts
 from vdfmu.system.package.description import SystemDescription
@@ -24,6 +26,8 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.check import model_notes, remarks
 from vdfmu.system.scenario.values import system_values
 
+_CONNECTIONS = 12
+"""Most connections of replaced components that a run prints."""
 _LEFT_OUT = "dropped: the replacement has no signal of that name"
 _JOINED = "connected automatically: the only output that fits by name, terminal, shape and unit of measurement"
 
@@ -73,6 +77,8 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     native = options["backend"] is None and options["fmi_version"] != PYTHON_FMI.name
     backend = choose_backend("native" if native else options["backend"])
     system = SystemDescription(scenario, system_values(scenario, options["parameters"]))
+    if options["units"] and not LOG.isEnabledFor(logging.INFO):  # else `prepare` has written all of them
+        note(options, connection_table(scenario, options["units"], _CONNECTIONS), "connections")
     for text in _notes(scenario, options, backend):
         note(options, text)
     of_file = read_limits(scenario.limits, OF_SCENARIO)
@@ -81,10 +87,10 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
     return RunCase(scenario, options, system, backend, limits, limits_of(system), expected, facts)
 
 
-def note(options: ScenarioRunOptions, text: str) -> None:
-    """Write a note into the log of a run."""
+def note(options: ScenarioRunOptions, text: str, status: str = "note") -> None:
+    """Write a note, or a table of connections, into the log of a run."""
     if (log := options["log"]) is not None:
-        log(LogMessage("", 0.0, "note", "", text))
+        log(LogMessage("", 0.0, status, "", text))
 
 
 def _notes(scenario: Scenario, options: ScenarioRunOptions, backend: str) -> Iterator[str]:

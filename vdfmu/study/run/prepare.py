@@ -66,7 +66,7 @@ def prepare(
     if options["unfed"] not in (None, "ok"):
         raise UsageError(f"unfed: expected ok, got {options['unfed']}.")
     if options["units"]:
-        _log_connections(scenario, options["units"])
+        LOG.info("%s", connection_table(scenario, options["units"]))
         _require_fed(scenario, [*names, *(options["parameters"] or ())], options["unfed"])
     if scenario.algorithm not in ALGORITHMS:
         ALGORITHMS.names()  # so that the choice has those of other packages
@@ -76,16 +76,19 @@ def prepare(
     return scenario
 
 
-def _log_connections(scenario: Scenario, components: Iterable[str]) -> None:
-    """Write the connections of components into the log, as a table of outputs and inputs."""
+def connection_table(scenario: Scenario, components: Iterable[str], most: int | None = None) -> str:
+    """Return the connections of components as a table of at most `most` rows, those made automatically first."""
     rows = [
         link
         for link in ends_of(scenario.system.connections)
         if any(end.partition(".")[0] in components for end in link)
     ]
-    width = max((len(source) for source, _ in rows), default=0)
-    table = "\n".join(f"  {source:<{width}} -> {target}" for source, target in rows)
-    LOG.info("connections of %s:\n%s", ", ".join(components), table)
+    rows.sort(key=lambda link: " -> ".join(link) not in scenario.system.joined)
+    shown = rows[:most]
+    width = max((len(source) for source, _ in shown), default=0)
+    lines = [f"connections of {', '.join(components)}:", *(f"  {a:<{width}} -> {b}" for a, b in shown)]
+    more = [f"  and {len(rows) - len(shown)} more, see system.ssp or --verbose"] if shown != rows else []
+    return "\n".join([*lines, *more])
 
 
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:

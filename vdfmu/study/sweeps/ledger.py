@@ -1,11 +1,12 @@
-"""The folder of a parameter study: a Parquet file for each chunk of points, both result and record of progress.
+"""The folder of a parameter study: a file for each chunk of points, both result and record of progress.
 
 A part takes its place when it is whole. So a killed study resumes, and no point occurs twice.
-When all are done, the parts become one file, ``sweep.parquet``.
+When all are done, the parts become one file, ``sweep.parquet``; without pyarrow all are CSV, see `PlainTable`.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -26,33 +27,34 @@ from vdfmu.base.text import elided
 from vdfmu.engine.results.parquet import needed
 from vdfmu.study.sweeps.axes import Points
 from vdfmu.study.sweeps.job import Row
+from vdfmu.study.sweeps.plain_table import TEXTS, PlainTable
 from vdfmu.study.sweeps.worker import KILLED
 
-TABLE = "sweep.parquet"
-"""All points, once they are done."""
+TABLE, PLAIN = TABLES = "sweep.parquet", "sweep.csv"
+"""All points, once they are done, in Parquet or in CSV."""
 LEDGER = "sweep.json"
 """Facts of the study."""
 _PARTS = "parts"
 _METADATA = b"vdfmu"
-_PART = re.compile(r"part_\d+_\d+\.parquet")
+_PART = re.compile(r"part_\d+_\d+\.(parquet|csv)")
+_NUMBERS = ("failed_at", "wall_s")
 
 
 class Ledger:
-    """Finished points of a study, in a folder that only one process writes to.
+    """Finished points of a study, in a folder that only one process writes to, in Parquet, or CSV without pyarrow.
 
     The study has `facts` and their digest `key`; each row gets the axes' values, `points`. UsageError if the folder
-    holds another study and `overwrite` is not set, is in use, or cannot be written to.
+    holds another study and `overwrite` is not set, is in use, cannot be written to, or needs pyarrow.
     """
 
     def __init__(
         self, folder: Path, facts: Mapping[str, Any], key: str, points: Points, overwrite: bool = False
     ) -> None:
-        self._arrow, self._parquet = needed()
+        self.notes: list[str] = []
         self.folder, self._parts, self._key, self._points = folder, folder / _PARTS, key, points
         self._facts: dict[str, Any] = {**facts, "key": key}
         self._facts["seal"] = seal(self._facts, str(folder.resolve()))
         self._overwrite = overwrite
-        self.notes: list[str] = []
 
     def __enter__(self) -> Ledger:
         try:
@@ -63,6 +65,7 @@ class Ledger:
                 f"{self.folder}: cannot hold the study: {error.strerror or error}. Choose another folder with --out."
             ) from None
         try:
+            self._choose_format()
             self._check()
         except BaseException:
             self.__exit__(None, None, None)
@@ -73,6 +76,20 @@ class Ledger:
         closed(self._lock)
         with suppress(OSError):  # parts are in it
             self._parts.rmdir()
+
+    def _choose_format(self) -> None:
+        """Choose CSV if the folder has CSV, or has no files and pyarrow is missing; UsageError if it is needed."""
+        plain = [file.suffix == Path(PLAIN).suffix for file in files_of(self.folder)]
+        try:
+            if not any(plain):
+                self._arrow, self._parquet = needed()
+        except UsageError:
+            if plain:
+                raise
+            way = "'pip install vdfmu[parquet]' makes it smaller and faster to read"
+            self.notes.append(f"The table is CSV, because pyarrow is not installed; {way}.")
+            plain = [True]
+        self._table_name = TABLES[any(plain)]
 
     def _check(self) -> None:
         """Take the folder, if it is empty or has this study."""
@@ -133,7 +150,7 @@ class Ledger:
     def _files(self) -> list[Path]:
         """Return the files, after removing parts that are in the table: left by a kill just after it was made."""
         files = files_of(self.folder)
-        if len(files) > 1 and files[0].name == TABLE:
+        if len(files) > 1 and files[0].name in TABLES:
             points = set(table_of(files[0], ["point"])["point"].to_pylist())
             for file in files[1:]:
                 if points.issuperset(table_of(file, ["point"])["point"].to_pylist()):
@@ -154,7 +171,7 @@ class Ledger:
             if reasons.null_count == len(reasons):  # none failed: without a look at each
                 yield rows
                 continue
-            good = self._arrow.array([why is None or not why.startswith(again) for why in reasons.to_pylist()])
+            good = [why is None or not why.startswith(again) for why in reasons.to_pylist()]
             kept = rows.filter(good)
             if kept.num_rows < rows.num_rows:
                 points = kept["point"].to_numpy()
@@ -179,22 +196,28 @@ class Ledger:
             self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
 
     def _place(self, first: int, last: int) -> Path:
-        return self._parts / f"part_{first:08d}_{last:08d}.parquet"
+        return self._parts / f"part_{first:08d}_{last:08d}{Path(self._table_name).suffix}"
 
     def _write(self, table: Any, place: Path) -> None:
         """Write a part; the facts of the study, perhaps thousands of values, are in `LEDGER` once for all parts."""
+        if isinstance(table, PlainTable):
+            self._put(place, table.packed())
+            return
         buffer = self._arrow.BufferOutputStream()
         self._parquet.write_table(table.replace_schema_metadata(), buffer, compression="zstd", write_page_checksum=True)
         self._put(place, buffer.getvalue())
 
     def _table(self, rows: Sequence[Row]) -> Any:
+        if self._table_name == PLAIN:
+            axes = self._points.items()
+            kept = [row | {target: values[row["point"]] for target, values in axes} for row in rows]
+            return PlainTable.of_rows(kept, ("point", *self._points, *TEXTS, *_NUMBERS))
         pa = self._arrow
         index = np.array([row["point"] for row in rows])
         columns: dict[str, Any] = {"point": pa.array(index, pa.int64())}
         for target, values in self._points.items():
             columns[target] = pa.array(values[index])
-        texts, numbers = ("failed", "failed_in", "kind"), ("failed_at", "wall_s")
-        for name, kind in (dict.fromkeys(texts, pa.string()) | dict.fromkeys(numbers, pa.float64())).items():
+        for name, kind in (dict.fromkeys(TEXTS, pa.string()) | dict.fromkeys(_NUMBERS, pa.float64())).items():
             columns[name] = pa.array([row.get(name) for row in rows], kind)
         for name in dict.fromkeys(name for row in rows for name in row):
             if name not in columns:
@@ -205,9 +228,13 @@ class Ledger:
 
     def finish(self) -> Path:
         """Make one file of the parts, in the order of the points, and return it."""
-        place = self.folder / TABLE
+        place = self.folder / self._table_name
         files = self._files()
         if not files or files == [place]:
+            return place
+        if self._table_name == PLAIN:
+            self._write(PlainTable.joined([table_of(file) for file in files]).sort_by("point"), place)
+            self._files()
             return place
         pa = self._arrow
         try:
@@ -254,8 +281,13 @@ def files_of(folder: Path) -> list[Path]:
         parts = []
     except OSError as error:
         raise _refused(folder / _PARTS, error) from None
-    table = folder / TABLE
-    return [*([table] if table.exists() else []), *(folder / _PARTS / name for name in parts)]
+    tables = [folder / name for name in TABLES if (folder / name).exists()]
+    return [*tables, *(folder / _PARTS / name for name in parts)]
+
+
+def table_in(folder: Path) -> Path:
+    """Return the path of the table of a study, in CSV if it is there."""
+    return folder / TABLES[(folder / PLAIN).exists()]
 
 
 def _refused(path: Path, error: OSError) -> UsageError:
@@ -274,12 +306,17 @@ def readable(path: Path) -> bytes:
 
 
 def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
-    """Return the table of a Parquet file, or some of its columns; `BrokenError` if it is damaged.
+    """Return the table of a file, or some of its columns; `BrokenError` if it is damaged.
 
     Its bytes are read: Arrow takes only names in UTF-8, and reports errors of the disk as errors of the file. Without
     threads: `parquet.read_table` waits for them for ever if memory is short, and a thread that starts as the process
     ends aborts it.
     """
+    if path.suffix == Path(PLAIN).suffix:
+        try:
+            return PlainTable.read(readable(path), columns)
+        except (ValueError, csv.Error) as error:
+            raise BrokenError(path, elided(str(error))) from None
     pyarrow, parquet = needed()
     content = pyarrow.BufferReader(readable(path))
     try:
@@ -295,8 +332,12 @@ def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
 
 def _require_rows(file: Path, rows: Any, n: int | None) -> None:
     """Raise BrokenError unless rows have points, below `n`, and reasons of failure."""
-    pa, _ = needed()
-    if rows.schema.names != ["point", "failed"] or rows.schema.types != [pa.int64(), pa.string()]:
+    if isinstance(rows, PlainTable):
+        types, expected = set(map(type, rows["point"] if "point" in rows.names else ())), {int}
+    else:
+        pa, _ = needed()
+        types, expected = rows.schema.types, [pa.int64(), pa.string()]
+    if rows.schema.names != ["point", "failed"] or types != expected:
         raise BrokenError(file, "expected columns of points and of reasons of failure")
     points = rows["point"]
     most = np.inf if n is None else n
@@ -310,7 +351,7 @@ def _within(points: NDArray[np.int64], most: float) -> bool:
 
 def _in_order(files: Sequence[Path]) -> bool:
     """Whether the points of each file are known to come after the points of the file before."""
-    if files[0].name == TABLE and len(files) > 1:
+    if files[0].name in TABLES and len(files) > 1:
         return False
     ends = [int(number) for file in files for number in file.stem.split("_")[1:]]
     return all(a <= b for a, b in pairwise(ends))

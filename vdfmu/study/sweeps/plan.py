@@ -295,13 +295,13 @@ def _of_package(
 ) -> WiredSystem:
     """Take a package as it is; the master checks the names of the axes."""
     if engine == "batch":
-        raise UsageError(f"engine: batch needs a scenario, whose equations are known; {package} is a package.")
+        raise UsageError("engine: batch needs a scenario, whose equations are known, got FMUs. Choose the engine fmu.")
     wrong = [target for target in switched if target not in ("algorithm", "step", "stop")]
     wrong += [name for name in ("robot", "units", "connections", "unfed") if options.get(name) is not None]
     wrong += [axis.target for axis in axes if axis.factor]
     wrong += [name for name in ("backend",) if options.get(name) is not None]
     if wrong:
-        raise UsageError(f"{', '.join(wrong)}: expected a scenario, got the package {package}, whose units are fixed.")
+        raise UsageError(f"{', '.join(wrong)}: expected a scenario, got FMUs, which have only parameters.")
     chosen: dict[str, Any] = {
         name: value for name, value in {**options, "start": start, **switched}.items() if value is not None
     }

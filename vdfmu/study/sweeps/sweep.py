@@ -14,7 +14,6 @@ from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
-from vdfmu.engine.results.parquet import needed
 from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.answer import Answer, answer_of
 from vdfmu.study.sweeps.indices import Indices, indices
@@ -32,7 +31,7 @@ class Sweep(StudyTable):
     Parameters
     ----------
     path : path
-        ``sweep.parquet``, or its folder. An incomplete study has its finished points.
+        ``sweep.parquet`` or ``sweep.csv``, or its folder. An incomplete study has its finished points.
     notes : sequence of str
         Remarks on the study.
     plan : Plan, optional
@@ -122,7 +121,6 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
     KeyboardInterrupt
         After finished points are kept.
     """
-    needed()  # before work begins
     chunk = options["chunk"]
     if chunk is not None and not 1 <= chunk:
         raise UsageError(f"chunk: expected a number of points of at least 1, got {chunk}.")

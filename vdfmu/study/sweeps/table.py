@@ -24,7 +24,8 @@ from vdfmu.study.report.sheets import Sheet
 from vdfmu.study.run.summary_keys import ANY, NUMBER, TEXT, WHOLE, Keyed, List, Record, typed
 from vdfmu.study.sweeps.axes import is_option, read_axes
 from vdfmu.study.sweeps.job import WiredSystem
-from vdfmu.study.sweeps.ledger import LEDGER, TABLE, files_of, readable, table_of
+from vdfmu.study.sweeps.ledger import LEDGER, PLAIN, TABLE, TABLES, files_of, readable, table_in, table_of
+from vdfmu.study.sweeps.plain_table import PlainTable
 
 _FACTS = Record({
     **dict.fromkeys(("scenario", "source", "vdfmu", "sample"), TEXT), "n": WHOLE, "seed": WHOLE,
@@ -65,7 +66,9 @@ def _sealed(folder: Path) -> bool:
 
 
 def _foreign_table(path: Path, columns: Sequence[str] | None = None) -> Any:
-    """Return the table of a Parquet file of someone else, or some of its columns; see `read_foreign`."""
+    """Return the table of a file of someone else, or some of its columns; see `read_foreign`."""
+    if path.suffix == Path(PLAIN).suffix:
+        return table_of(path, columns)
     pyarrow, _ = needed()
     return pyarrow.ipc.open_file(read_arrow(path, columns)).read_all()
 
@@ -78,17 +81,18 @@ class StudyTable:
         self.notes = list(notes)
         folder = self.path if self.path.is_dir() else self.path.parent
         self.folder = folder
-        table = folder / TABLE if self.path.is_dir() else self.path
+        table = table_in(folder) if self.path.is_dir() else self.path
         self._files = [table] if table.exists() else files_of(folder)
-        expected = f"{self.path}: expected {TABLE} of a parameter study, or its folder"
-        named = self.path.name == TABLE or self.path.exists()  # the table of an unfinished study is not there yet
+        expected = f"{self.path}: expected {TABLE} or {PLAIN} of a parameter study, or its folder"
+        named = self.path.name in TABLES or self.path.exists()  # the table of an unfinished study is not there yet
         if not named or not self._files and not (folder / LEDGER).exists():
             raise UsageError(f"{expected}; there is none.")
         content: Any = None
         try:
             self._table_of = table_of if _sealed(folder) else _foreign_table
             self._schemas = [self._table_of(file, []).schema for file in self._files]
-            content = read_json(self._table_facts() if self._files == [table] else readable(folder / LEDGER))
+            inside = self._files == [table] and table.suffix != Path(PLAIN).suffix
+            content = read_json(self._table_facts() if inside else readable(folder / LEDGER))
             self.facts, problems = typed(renamed(content), _FACTS)
         except (UsageError, ValueError, KeyError, TypeError) as error:
             problems = [elided(str(error))]
@@ -115,8 +119,7 @@ class StudyTable:
         return [c for c in self.columns if c.partition("[")[0] in names]
 
     def table(self, columns: Sequence[str] | None = None) -> Any:
-        """Return a ``pyarrow.Table`` of some columns, or all."""
-        pyarrow, _ = needed()
+        """Return a ``pyarrow.Table`` of some columns, or all; of a study in CSV a table with some of its methods."""
         for name in columns or ():
             if name not in self.columns:
                 if (group := name.partition("[")[0]) in self.facts["measures"]:
@@ -129,6 +132,9 @@ class StudyTable:
         ]
         if not tables:
             raise UsageError(f"{self.path}: no point is done yet.")
+        if isinstance(tables[0], PlainTable):
+            return PlainTable.joined(tables)
+        pyarrow, _ = needed()
         try:
             return pyarrow.concat_tables(tables, promote_options="permissive")
         except pyarrow.ArrowException as error:

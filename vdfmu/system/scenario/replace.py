@@ -108,7 +108,7 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
         dropped=tuple(map(" -> ".join, dropped)),
         joined=tuple(map(" -> ".join, joined)),
         unfed={
-            end: [source for source in sources if resolved.fits(source, end)]
+            end: [each for each in sources if each.split(".")[0] != end.split(".")[0] and resolved.fits(each, end)]
             for end in dict.fromkeys([*new, *lost])
             if not resolved.is_fed(end, system.fed)
         },

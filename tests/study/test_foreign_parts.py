@@ -1,10 +1,7 @@
-"""The six tasks of the tutorial Start, done with FMUs of another tool: `models` has their C and their descriptions.
+"""FMUs of another tool as bodies, drive, plant and controller of a system; `models` has their C and descriptions.
 
-Their solver is the explicit Euler method with the step H, so a recursion of a line has their numbers. Both sum the
-same terms, perhaps in another order: a rounding of 1e-16 a step.
+Their solver is the explicit Euler method, so a recursion of a line has their numbers: a rounding of 1e-16 a step.
 """
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ import vdfmu
 from tests.engine.reference import models
 from tests.engine.reference.models import Model, V
 
-H = 1e-2
 JOINTS = (1, 2)
 BODY = Model(
     "Body",
@@ -62,55 +58,13 @@ LAW = Model(
 
 @pytest.fixture(scope="module", name="fmu")
 def _fmu(tmp_path_factory):
-    """Return what builds an FMU, once each."""
-    folder, built = tmp_path_factory.mktemp("foreign"), dict[tuple[str, str], Path]()
-
-    def build(model: Model, version: str = "2.0") -> Path:
-        key = model.name, version
-        if key not in built:
-            built[key] = models.build(model, version, folder)
-        return built[key]
-
-    return build
-
-
-def lag(u: np.ndarray) -> np.ndarray:
-    """Return x of x' = u - x over the inputs of the steps."""
-    x = [0.0]
-    for value in u:
-        x.append(x[-1] + H * (value - x[-1]))
-    return np.array(x)
-
-
-def test_1_an_fmu_is_checked_and_run(fmu):
-    system = vdfmu.load(fmu(models.LAG))
-    assert system.check().problems == []
-    results = system.run(stop=1.0, step=H, parameters={"Lag_2.u": 2.0})
-    np.testing.assert_allclose(results["Lag_2.x"], lag(np.full(100, 2.0)), rtol=0.0, atol=1e-14)
-
-
-def test_2_two_of_different_versions_are_joined_and_judged(fmu):
-    system = vdfmu.connect({"a": fmu(models.LAG), "b": fmu(models.LAG, "3.0")}, {"a.x": "b.u"}, stop=1.0, step=4 * H)
-    system_run = system.run(step=H, parameters={"a.u": 2.0})
-    first = lag(np.full(100, 2.0))
-    np.testing.assert_allclose(system_run["b.x"], lag(first[:-1]), rtol=0.0, atol=1e-14)  # it reads the last step's
-    judged = system.judge(wanted=0.05, parameters={"a.u": 2.0})
-    assert judged.right and judged.signal == "b.x"
+    """Return what builds an FMU of a model."""
+    folder = tmp_path_factory.mktemp("foreign")
+    return lambda model: models.build(model, "2.0", folder)
 
 
 @pytest.mark.heavy
-def test_3_a_thousand_runs(fmu, tmp_path):
-    system = vdfmu.connect({"a": fmu(models.LAG), "b": fmu(models.LAG, "3.0")}, {"a.x": "b.u"}, stop=1.0, step=H)
-    values, unit = np.linspace(0.0, 2.0, 1000), lag(lag(np.ones(100))[:-1])[-1]
-    with system.instance(isolate=False) as instance:  # a process of its own for each run takes 0.25 s
-        ends = [instance.run(parameters={"a.u": u})["b.x"][-1] for u in values]
-    np.testing.assert_allclose(ends, values * unit, rtol=0.0, atol=1e-13)  # it is linear in its input
-    study = system.sweep({"a.u": "lin(0, 2, 5)"}, measure=["end=final(b.x)"], out=tmp_path)
-    np.testing.assert_allclose(study["end"], np.linspace(0.0, 2.0, 5) * unit, rtol=0.0, atol=1e-13)
-
-
-@pytest.mark.heavy
-def test_4_an_arm(fmu):
+def test_an_arm(fmu):
     """It replaces the plant of a scenario; the rows are those of its equation, q'' = tau."""
     results = vdfmu.run("planar_tracking", units={"plant": fmu(ARM)}, stop=0.05, reference=False, out=False)
     q_dot, tau = results["plant.q_dot"], results["controller.tau"]
@@ -119,7 +73,7 @@ def test_4_an_arm(fmu):
     np.testing.assert_allclose(np.diff(results["plant.q"], axis=0), 1e-3 * q_dot[:-1], rtol=0.0, atol=1e-12)
 
 
-def test_5_a_drive_between_motor_and_link(fmu):
+def test_a_drive_between_motor_and_link(fmu):
     """Two masses of 1 kg on a spring of 50 N/m swing against each other."""
     body, ends = fmu(BODY), {"motor.x": "drive.near", "link.x": "drive.far"}
     system = vdfmu.connect(
@@ -136,7 +90,7 @@ def test_5_a_drive_between_motor_and_link(fmu):
 
 
 @pytest.mark.heavy
-def test_6_a_controller(fmu):
+def test_a_controller(fmu):
     """It replaces the controller of a scenario."""
     results = vdfmu.run("planar_tracking", units={"controller": fmu(LAW)}, stop=0.05, reference=False, out=False)
     error = results["trajectory.q_d"] - results["plant.q"]

@@ -5,8 +5,7 @@ import json
 
 import pytest
 
-from tests.engine.files import check_file
-from tests.study.run.conftest import members
+from tests.engine.files import check_file, members
 from tests.warm import command
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import StorageError

@@ -2,8 +2,7 @@
 
 import pytest
 
-from tests.engine.files import check_file, zipped
-from tests.study.run.conftest import members
+from tests.engine.files import check_file, members, zipped
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import load_robot
 from vdfmu.base.errors import UsageError
