@@ -16,7 +16,6 @@ import numpy as np
 from benchmarks.report import Report
 from benchmarks.work_precision import COSIM, INTERVAL, Fall, Motion, WorkPrecision, compare, tabulate
 from vdfmu.arm.equations.plant import equilibrium_torque
-from vdfmu.arm.export import export_robot
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.robot import Robot, load_robot
 
@@ -71,6 +70,8 @@ def study(robot: Robot, stop: float, rounds: int, say: Callable[[str], None]) ->
 @contextmanager
 def rigid_file(robot: Robot) -> Generator[str]:
     """Write the rigid arm as MJCF, with rotors as armature, and friction."""
+    from vdfmu.extras.robots import export_robot
+
     with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
         path = str(Path(folder, "arm.xml"))
         export_robot(dataclasses.replace(robot, limits=False), path, rigid=True)

@@ -22,7 +22,6 @@ from benchmarks.report import Report, Table
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import shipped_units
 from vdfmu.base.errors import VdfmuError
-from vdfmu.engine.container import write_container
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run.once import simulate
 from vdfmu.system.package.description import SystemDescription
@@ -241,6 +240,8 @@ def _alone(tracking: Tracking, case: Case) -> Seen:
 def _in_fmpy(tracking: Tracking, case: Case) -> Seen:
     """Run the container of the system, or every unit by itself with the inputs of our own run."""
     if case.form == "one FMU":
+        from vdfmu.extras.container import write_container  # the other tools need no extra
+
         with tempfile.TemporaryDirectory(prefix="vdfmu-bench-") as folder:
             package = tracking.package(case.kind, case.fmi)
             path = write_container(package, Path(folder) / "system.fmu", step=tracking.step)

@@ -23,6 +23,7 @@ from vdfmu.base.toml_file import toml_text
 from vdfmu.extras.identify.fit import PRIOR, identify
 from vdfmu.extras.identify.log import Log, read_log
 from vdfmu.extras.identify.problem import regressor
+from vdfmu.extras.robots import robot_from_urdf
 
 BAND = 4.0
 """Band of the equations [Hz]; the motions of Panda and UR10e have frequencies of up to 0.7 Hz."""
@@ -145,7 +146,7 @@ def ur10e(report: Report, folder: Path) -> None:
     def read(name: str) -> Floats:
         return np.array(re.findall(rf"{name} = \[([^\]]*)\]", text)[0].split(), dtype=float)
 
-    robot = vdfmu.robot_from_urdf(folder / "URe" / "urdf" / "ur10e.urdf", base="base_link", tip="wrist_3_link")
+    robot = robot_from_urdf(folder / "URe" / "urdf" / "ur10e.urdf", base="base_link", tip="wrist_3_link")
     effort = 0.03 * np.array([330.0, 330.0, 150.0, 54.0, 54.0, 54.0])
     robot = robot.with_parameters(f_c=effort, f_s=effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
     gains = read("drvGains")
@@ -211,7 +212,7 @@ def tx40(report: Report, folder: Path) -> None:
         drives = Path(temporary, "drives.toml")
         ells = {f"joint_{i + 1}": {"drive": {"ell": abs(float(ratio))}} for i, ratio in enumerate(ratios)}
         drives.write_text(toml_text({**ells, "joint_6": {**ells["joint_6"], "link": LAST_LINK}}), encoding="utf-8")
-        robot = vdfmu.robot_from_urdf(urdf, base="base_link", tip="tool0", drives=drives)
+        robot = robot_from_urdf(urdf, base="base_link", tip="tool0", drives=drives)
     effort = 0.03 * values("effort")
     robot = robot.with_parameters(f_c=effort, f_s=effort, f_v=effort, v_s=np.full(6, 0.1))  # 0 in the file
     gear = np.diag(ratios)

@@ -14,7 +14,6 @@ from benchmarks.importers import PACKAGES, ask, missing
 from benchmarks.report import Report, Table
 from benchmarks.system import container_run, packed, quiet_run, write_emptied
 from benchmarks.timing import Clock
-from vdfmu.engine.container import write_container
 from vdfmu.engine.run import Results
 from vdfmu.system.scenario import Scenario, load_scenario
 
@@ -83,6 +82,8 @@ def study(
     importers : sequence of str
         Those of `benchmarks.importers.PACKAGES`, which record nothing while they are timed.
     """
+    from vdfmu.extras.container import write_container
+
     times = Native()
     step, n = scenario.step, round(stop / scenario.step)
     with packed(scenario) as python, packed(scenario, "native") as package:

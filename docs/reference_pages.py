@@ -11,7 +11,7 @@ from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.cli.commands import app
 from vdfmu.cli.options import TASKS
 from vdfmu.engine.rules import RULES
-from vdfmu.system.scenario.schema import scenario_schema
+from vdfmu.extras.schemas import scenario_schema
 
 
 def command_line_page() -> str:

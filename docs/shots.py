@@ -28,7 +28,7 @@ IMAGES = ROOT / "docs" / "images"
 _MADE = ("said", "recipe", "drawn", "picture")
 """What this module writes into the table."""
 _PACKED = ROOT / "vdfmu" / "study" / "report" / "bundles"
-_PAGES = ("page.py", "parts.py", "robot_page.py")
+_PAGES = ("study/report/page.py", "study/report/parts.py", "extras/robots/robot_page.py")
 _DRAWING = ("vdfmu/base/style.py", "vdfmu/engine/results/picture.py")
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
 
@@ -49,7 +49,9 @@ def digests(name: str, entry: Entry) -> dict[str, str]:
     recipe = repr(sorted((key, value) for key, value in entry.items() if key not in _MADE)).encode()
     page = str(entry.get("take", "")).partition("#")[0].endswith(".html")
     drawing = (
-        [*sorted(_PACKED.glob("*.*s")), *map(_PACKED.with_name, _PAGES)] if page else [ROOT / each for each in _DRAWING]
+        [*sorted(_PACKED.glob("*.*s")), *(ROOT / "vdfmu" / each for each in _PAGES)]
+        if page
+        else [ROOT / each for each in _DRAWING]
     )
     picture = IMAGES / name
     return {

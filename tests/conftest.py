@@ -4,9 +4,10 @@ import cProfile
 import gc
 import os
 import signal
+import socket
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -362,3 +363,21 @@ def added(monkeypatch):
     for table in [each for each in gc.get_objects() if isinstance(each, PluginTable)]:
         for name in {*table} - table._shipped:
             del table[name]
+
+
+@pytest.fixture(params=["pipe", "device", "socket", "folder", "link to a pipe"])
+def special(request, tmp_path, monkeypatch):
+    """Return the path of a file that is not regular, in the working directory."""
+    monkeypatch.chdir(tmp_path)  # the name of a socket has at most 107 bytes
+    path = Path("special")
+    if request.param == "folder":
+        path.mkdir()
+    elif request.param == "device":
+        path.symlink_to("/dev/zero")
+    elif request.param == "socket":
+        with closing(socket.socket(socket.AF_UNIX)) as listener:
+            listener.bind(str(path))
+    else:
+        os.mkfifo("pipe")
+        path.symlink_to("pipe")
+    return path

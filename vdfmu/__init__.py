@@ -7,11 +7,10 @@ Python API
 ``System``, ``Results``
     A system with methods to run, check, judge, vary and write it; the signals and the summary of a run.
 ``run``, ``judge``, ``sweep``, ``animate``
-    Run a whole scenario with references, verdict and page; estimate the coupling error of a package; tabulate many
-    runs; show the arm of a run in a notebook.
-``load_robot``, ``robot_from_urdf``, ``robot_from_mjcf``, ``export_robot``, ``load_motion``
-    Load a robot from a file or a shipped robot by name, convert robot files of other tools in both directions, load a
-    motion.
+    A whole scenario with references, verdict and page; the coupling error of a package; many runs in a table; the arm
+    of a run in a notebook.
+``load_robot``, ``load_motion``
+    A robot or a motion of a file, shipped robots by name.
 ``linearize``, ``natural_modes``
     Linearise an arm at rest or a system at a given time; compute natural frequencies, damping and mode shapes.
 ``vdfmu.dynamics``, ``vdfmu.motion``, ``vdfmu.unit``, ``vdfmu.drive``, ``vdfmu.plugin``
@@ -31,10 +30,7 @@ if TYPE_CHECKING:  # for checkers and editors, which do not read the table
     from vdfmu import motion as motion
     from vdfmu import plugin as plugin
     from vdfmu import unit as unit
-    from vdfmu.arm.export import export_robot as export_robot
     from vdfmu.arm.fmus import build as build
-    from vdfmu.arm.imports import robot_from_mjcf as robot_from_mjcf
-    from vdfmu.arm.imports import robot_from_urdf as robot_from_urdf
     from vdfmu.arm.motion.read import load_motion as load_motion
     from vdfmu.arm.robot import load_robot as load_robot
     from vdfmu.base.errors import VdfmuError as VdfmuError
@@ -58,7 +54,6 @@ _PLACES = {
     "connect": "vdfmu.study.connected",
     "drive": "",
     "dynamics": "",
-    "export_robot": "vdfmu.arm.export",
     "judge": "vdfmu.study.judgement",
     "linearize": "vdfmu.study.analysis.arm_space",
     "load": "vdfmu.study.connected",
@@ -67,8 +62,6 @@ _PLACES = {
     "motion": "",
     "natural_modes": "vdfmu.study.analysis.modes",
     "plugin": "",
-    "robot_from_mjcf": "vdfmu.arm.imports",
-    "robot_from_urdf": "vdfmu.arm.imports",
     "run": "vdfmu.study.runs",
     "sweep": "vdfmu.study.sweeps.sweep",
     "unit": "",
@@ -76,6 +69,7 @@ _PLACES = {
 """Names of the API and their modules, imported at first use so that an FMU does not load the master; "" for modules."""
 _MOVED = {
     **dict.fromkeys(("ArmEnv", "ArmVectorEnv", "Environment"), "extras.learn"),
+    **dict.fromkeys(("export_robot", "robot_from_mjcf", "robot_from_urdf"), "extras.robots"),
     **dict.fromkeys(("Simulator", "simulate"), "engine.run"),
     **dict.fromkeys(("Scenario", "load_scenario", "scenario_names"), "system.scenario"),
     **dict.fromkeys(("Robot", "robot_names"), "arm.robot"),
@@ -91,8 +85,8 @@ _MOVED = {
     "load_ssp": "engine.package.read",
     "package_limit": "engine.package.archive",
     "tune": "extras.tune",
-    "write_container": "engine.container",
-    "write_robot_page": "study.report.robot_page",
+    "write_container": "extras.container",
+    "write_robot_page": "extras.robots",
     "write_ssp": "system.package.write",
 }
 """Names that this package had before, and their modules now."""

@@ -23,6 +23,7 @@ import vdfmu
 from vdfmu.dynamics import gravity_torque, mass_matrix
 from vdfmu.extras.identify import stiffness_experiment
 from vdfmu.extras.identify.stiffness_commands import excitation_text
+from vdfmu.extras.robots import export_robot
 
 FACTORS = np.array([0.8, 1.25])
 MOUNT, MASS, HEIGHT = 60.0, 20.0, 0.3
@@ -36,7 +37,7 @@ def model_of(robot, stiff):
     """Return the model of MuJoCo, and the stiffness (n,) of its springs."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.xml"
-        vdfmu.export_robot(robot, path)
+        export_robot(robot, path)
         tree = ElementTree.parse(path)
     root = tree.getroot()
     root.find("option").set("timestep", str(FINE))

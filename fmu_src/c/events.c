@@ -11,7 +11,7 @@ void events_begin(double *m, double *above)
         above[i] = m[unit.event + i] > 0.0;
 }
 
-int events_take(double *m, double *above)
+int events_take(double *m, double *above, Happened *happened, void *context)
 {
     const double *number = m + unit.event;
     int count = 0;
@@ -27,6 +27,8 @@ int events_take(double *m, double *above)
                 unit.at_event[i](m);
                 above[i] = 1.0;
                 count++;
+                if (happened)
+                    happened(context, i);
             }
         if (count == before)
             return count;

@@ -58,7 +58,7 @@ Status update_discrete_states(Instance *I, bool pointers_given, double *next, bo
         *next = at.next;
     }
     if (unit.n_events) {
-        const int events = events_take(I->m, I->above);
+        const int events = events_take(I->m, I->above, NULL, NULL); /* the importer finds them */
         if (events < 0) {
             memcpy(I->core, I->kept, core_size());
             return fail(I, "events do not end: there are more than %d at one time.", MAXIMUM_ROUNDS);

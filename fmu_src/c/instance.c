@@ -55,6 +55,21 @@ Status discard(const Instance *I, const char *format, ...)
     return STATUS_DISCARD;
 }
 
+static void say_event(const Instance *I, const char *what, const char *name, const char *time)
+{
+    if (!is_logged(I, LOG_EVENTS))
+        return;
+    Text t = {0};
+    text_add(&t, "%s: %s%s at t = %s s", I->name, what, name, time);
+    I->host.log(&I->host, I->name, STATUS_OK, categories[LOG_EVENTS], t.text ? t.text : "");
+    text_free(&t);
+}
+
+void log_event(const Instance *I, size_t event)
+{
+    say_event(I, "event ", unit.variables[unit.event + event].name, EXACT(I->m[unit.time]));
+}
+
 Status fail_null(const Instance *I, const char *what)
 {
     return fail(I, "expected %s, got a null pointer.", what);
@@ -379,12 +394,7 @@ Status exit_initialization(Instance *I)
         events_begin(I->m, I->above);
     memcpy(I->held, I->m, unit.n * sizeof *I->m);
     I->core->phase = I->kind == CO_SIMULATION ? STEP : EVENT;
-    if (is_logged(I, LOG_EVENTS)) {
-        Text t = {0};
-        text_add(&t, "%s: starts at t = %s s", I->name, G6(I->m[unit.time]));
-        I->host.log(&I->host, I->name, STATUS_OK, categories[LOG_EVENTS], t.text ? t.text : "");
-        text_free(&t);
-    }
+    say_event(I, "starts", "", G6(I->m[unit.time]));
     return STATUS_OK;
 }
 

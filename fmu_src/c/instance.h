@@ -96,6 +96,9 @@ Status discard(const Instance *I, const char *format, ...);
 Status fail_null(const Instance *I, const char *what);
 Status fail_problem(const Instance *I, const Variable *v, double value);
 
+/* Message about an event: `<name>: event <event> at t = .. s`, with all digits of the time. */
+void log_event(const Instance *I, size_t event);
+
 /* Refuse a call outside of some phases. */
 Status refuse_phase(const Instance *I, unsigned phases);
 static inline bool allowed(const Instance *I, unsigned phases)

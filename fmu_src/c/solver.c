@@ -48,7 +48,7 @@ static void take_states(const Solver *s, double t, double done)
 static bool take_events(const Solver *s, bool cut, int *changes, SolverFailure *failure)
 {
     *changes += cut;
-    if (events_take(s->m, s->above) >= 0 && *changes <= MAXIMUM_CHANGES)
+    if (events_take(s->m, s->above, s->happened, s->context) >= 0 && *changes <= MAXIMUM_CHANGES)
         return true;
     *failure = (SolverFailure){.time = s->m[unit.time], .changes = *changes > MAXIMUM_CHANGES ? MAXIMUM_CHANGES : MAXIMUM_ROUNDS};
     return false;

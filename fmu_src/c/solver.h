@@ -28,6 +28,7 @@ typedef struct {
     /* Called after each internal step with the time since the start of the communication step and its length [s]; returns
      * the length from now on, at least `done`. NULL: nothing is called. */
     double (*accepted)(void *context, double done, double duration);
+    void (*happened)(void *context, size_t event); /* called after each event */
     void *context;
 } Solver;
 

@@ -41,6 +41,12 @@ static double intermediate_update(void *context, double done, double duration)
     return wanted > time ? fmax(wanted - s->point, done) : done;
 }
 
+static void happened(void *context, size_t event)
+{
+    const Step *s = context;
+    log_event(s->I, event);
+}
+
 /* ---------------------------------------------------------------- doStep */
 
 static Status check_step(const Instance *I, double point, double size)
@@ -99,7 +105,7 @@ static Status calculate(Instance *I, Step *s)
         for (size_t i = 0; i < unit.n; i++)
             I->m[i] += I->rate[i] * s->size;
     I->m[unit.time] = s->end;
-    if (unit.n_events && events_take(I->m, I->above) < 0) {
+    if (unit.n_events && events_take(I->m, I->above, happened, s) < 0) {
         memcpy(I->m, I->before, unit.n * sizeof *I->m);
         fail_events(I, s->end, MAXIMUM_ROUNDS);
         memcpy(I->above, I->above_before, unit.n_events * sizeof *I->above);
@@ -157,13 +163,14 @@ static Status integrate(Instance *I, Step *s)
         .step = I->solver_step,
         .m = I->m, .before = I->before, .rate = I->rate, .rates = c->rates, .h = &c->h, .tolerance = tolerance_of(I),
         .fixed = fixed_steps(I),
-        .x_new = I->x_new, .ratio = I->ratio, .accepted = I->host.update ? intermediate_update : NULL, .context = s,
+        .x_new = I->x_new, .ratio = I->ratio, .accepted = I->host.update ? intermediate_update : NULL,
+        .happened = happened, .context = s,
         .above = I->above, .trial = I->trial, .end = I->end, .level = I->level,
     };
     SolverFailure failure = {.time = s->point, .changes = MAXIMUM_ROUNDS};
     if (unit.n_events)
         memcpy(I->above_before, I->above, unit.n_events * sizeof *I->above);
-    if ((unit.n_events && events_take(I->m, I->above) < 0) || /* of inputs that have jumped */
+    if ((unit.n_events && events_take(I->m, I->above, happened, s) < 0) || /* of inputs that have jumped */
         !solver_advance(&solver, s->point, s->size, &failure)) {
         memcpy(I->m, I->before, bytes);
         c->h = h;

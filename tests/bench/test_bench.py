@@ -97,6 +97,7 @@ def test_least_of_blocks_leaves_out_what_disturbed_a_round_and_the_clock_divides
 @needs_compiler
 @pytest.mark.heavy
 def test_native(report):
+    pytest.importorskip("vdfmu.extras.container")
     timings = native.study(
         load_scenario("planar_tracking"), stop=0.2, stop_python=0.1, rounds=2, say=report.say,
         importers=[name for name in PACKAGES if not missing(name)],
@@ -116,6 +117,7 @@ def test_measured_commands_keep_bytecode_as_for_users(monkeypatch):
 @needs_compiler
 @pytest.mark.heavy
 def test_work_precision_and_engines(report):
+    pytest.importorskip("vdfmu.extras.robots")
     precision = work_precision.study(load_robot("planar_2dof"), 0.02, [1e-5, 1e-7], 1)
     for method in (work_precision.COSIM, work_precision.CVODE):
         loose, tight = precision.of(method)

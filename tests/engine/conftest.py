@@ -13,6 +13,7 @@ from pythonfmu.builder import FmuBuilder
 from tests.engine import texts
 from tests.engine.files import hard_results
 from tests.engine.reference import models
+from tests.engine.reference_fmus import Reference
 from tests.engine.texts import connection, connector_list
 from tests.wild import write_strict
 from vdfmu.engine.run import Results, simulator
@@ -249,7 +250,7 @@ IN_PROCESS = {
     "test_algorithms", "test_check", "test_clocks", "test_compiled", "test_continuous", "test_derivatives",
     "test_ends", "test_events", "test_experiment", "test_failures", "test_fmi3", "test_foreign", "test_inputs",
     "test_linear", "test_loops", "test_model_exchange", "test_multirate", "test_observer", "test_picture",
-    "test_recorder", "test_reference_models", "test_simulator", "test_systems",
+    "test_recorder", "test_simulator", "test_systems",
 }  # fmt: skip
 """Tests of signals and steps, which are the same in this process and in one of their own, except for its start."""
 
@@ -338,10 +339,13 @@ def xml():
 def built(tmp_path_factory):
     folder, archives = tmp_path_factory.mktemp("reference"), {}
 
-    def once(model: models.Model, version: str = "3.0") -> bytes:
+    def once(model: models.Model | Reference, version: str = "3.0") -> bytes:
         key = model.name, version
         if key not in archives:
-            archives[key] = models.build(model, version, folder).read_bytes()
+            path = (
+                model.build(version, folder) if isinstance(model, Reference) else models.build(model, version, folder)
+            )
+            archives[key] = path.read_bytes()
         return archives[key]
 
     return once
@@ -368,7 +372,7 @@ def system(pack, built):
         used = [end.partition(".")[::2] for c in connections for end in c.split(" -> ")]
         for name, (model, version) in components.items():
             fmu = f"{model.name}_{version[0]}"
-            kinds = {v.name: v.causality for v in model.variables}
+            kinds = model.causalities(version)
             ports = dict.fromkeys(port for owner, port in used if owner == name)
             text = " ".join(f"{port}:{kinds[port.partition('[')[0]]}" for port in ports)
             elements.append(component(name, fmu, text, (bindings or {}).get(name, "")))

@@ -1,12 +1,11 @@
 """Events and clocks of FMI 3.0."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
+from tests.engine.reference_fmus import BALL, STAIR
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import SspError, UsageError
 from vdfmu.engine.run import Results, Simulator, simulate
@@ -84,39 +83,16 @@ def test_clocks_need_event_mode_and_sampling_and_ticks(system):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("step", [0.01, 0.5])
-def test_an_early_return_is_an_event_of_the_component(system, step):
-    """The ball bounces where it does without event mode: at the steps of its own solver."""
-    two, three = (
-        simulate(system({"b": (models.BOUNCING_BALL, version)}), stop=2.0, step=step) for version in ("2.0", "3.0")
-    )
-    np.testing.assert_array_equal(two["b.h"], three["b.h"])
-    np.testing.assert_array_equal(two["b.v"], three["b.v"])
-    assert three["b.v"].max() > (2.0 if step == 0.01 else 0.0)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("step", [0.2, 1.0])
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_time_events_and_the_end_that_a_component_makes(system, version, step):
-    results = simulate(system({"s": (models.STAIR, version)}), stop=10.0, step=step)
-    expected = np.minimum(np.floor(results.time + 1e-9) + 1, 10)
-    assert results["s.counter"].tolist() == expected.tolist()
-    if version == "3.0":
-        assert results.summary["ended"] == {"component": "s", "time": pytest.approx(9.0)}
-
-
-@pytest.mark.heavy
 def test_discrete_inputs_are_set_at_events(system):
     """Feedthrough of discrete inputs at the communication point itself, through two components."""
     events = models.feedthrough(("Int32", "Boolean"), "Events", models.EVENTS)
     path = system(
-        {"s": (models.STAIR, "3.0"), "a": (events, "3.0"), "b": (events, "3.0")},
+        {"s": (STAIR, "3.0"), "a": (events, "3.0"), "b": (events, "3.0")},
         ["s.counter -> a.Int32_input", "a.Int32_output -> b.Int32_input"],
     )
     results = simulate(path, stop=5.0, step=0.5, algorithm="jacobi")
     np.testing.assert_array_equal(results["b.Int32_output"], results["s.counter"])
-    two = system({"s": (models.STAIR, "3.0"), "a": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> a.Int32_input"])
+    two = system({"s": (STAIR, "3.0"), "a": (models.FEEDTHROUGH_2, "2.0")}, ["s.counter -> a.Int32_input"])
     late = simulate(two, stop=5.0, step=0.5, algorithm="jacobi")  # FMI 2.0 has no events: a step later
     np.testing.assert_array_equal(late["a.Int32_output"][1:], late["s.counter"][:-1])
 
@@ -125,8 +101,8 @@ def test_discrete_inputs_are_set_at_events(system):
 @pytest.mark.parametrize("exchange", [False, True])
 def test_components_that_stay_loaded_begin_anew(system, exchange):
     """Clocks, events and solver too."""
-    ball = replace(models.BOUNCING_BALL, name="BallME", kinds=("ModelExchange",)) if exchange else models.BOUNCING_BALL
-    path = system(LOOP | {"b": (ball, "3.0"), "s": (models.STAIR, "3.0")}, WIRES)
+    ball = BALL._replace(exchange=exchange)
+    path = system(LOOP | {"b": (ball, "3.0"), "s": (STAIR, "3.0")}, WIRES)
     with Simulator(path, isolate=False) as simulator:
         runs = [simulator.run(stop=2.0, step=0.1, parameters={"c.w": w}) for w in (1.0, 2.0, 1.0)]
     for name in runs[0].names:

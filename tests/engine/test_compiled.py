@@ -14,6 +14,7 @@ from tests.engine.files import assert_same_bits
 from tests.engine.reference import models
 from tests.engine.reference.masses import RATES, UPDATES, WIRES
 from tests.engine.reference.models import V
+from tests.engine.reference_fmus import BALL, DAHLQUIST, RESOURCE, STAIR, VAN_DER_POL
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.interrupt import listening
@@ -35,7 +36,7 @@ GROWING = models.Model(
     "static void outputs(Instance *I) { I->d.der_x = I->d.k; I->d.n = (int)I->d.x; }\n", step=0.1, states=("x",),
 )  # fmt: skip
 EVENTFUL = models.feedthrough(("Int32", "Boolean"), "Events", models.EVENTS)
-ALONE = {"dahlquist": models.DAHLQUIST, "van der pol": models.VAN_DER_POL, "resource": models.RESOURCE}
+ALONE = {"dahlquist": DAHLQUIST, "van der pol": VAN_DER_POL, "resource": RESOURCE}
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
 
     def rates(version):
         hints = {name: OWN_STEP.format(step) for name, step in {"slow": 0.3, "gain": 0.2}.items()}
-        units = {"fast": (models.VAN_DER_POL, version), "gain": (NUMBERS_2, version)}
+        units = {"fast": (VAN_DER_POL, version), "gain": (NUMBERS_2, version)}
         units |= dict.fromkeys(("slow", "after"), (models.LAG, version))
         links = ["fast.x0 -> gain.Float64_input", "gain.Float64_output -> slow.u", "slow.x -> after.u"]
         return system(units, links, hints)
@@ -79,10 +80,10 @@ def packaged(system, pack, built, xml, arm_package, strict):
         return lambda: (system({name: (model, "3.0") for name, model in units.items()}, links), options)
 
     made = {"types": types, "widened": widened, "arrays": arrays, "arm": lambda: (arm_package(), {"step": 1e-3})}
-    made["ball"] = events({"b": models.BOUNCING_BALL, "f": models.LAG}, ["b.h -> f.u"])
-    stairs = {"s": models.STAIR, "a": EVENTFUL, "b": EVENTFUL}
+    made["ball"] = events({"b": BALL, "f": models.LAG}, ["b.h -> f.u"])
+    stairs = {"s": STAIR, "a": EVENTFUL, "b": EVENTFUL}
     made["stair"] = events(stairs, ["s.counter -> a.Int32_input", "a.Int32_output -> b.Int32_input"], step=0.7)
-    made["counted"] = events({"s": models.STAIR, "f": models.LAG, "g": EVENTFUL},
+    made["counted"] = events({"s": STAIR, "f": models.LAG, "g": EVENTFUL},
                             ["s.counter -> f.u", "s.counter -> g.Int32_input"], step=0.7)  # fmt: skip
     made["loop"] = events({"c": models.CONTROLLER, "p": models.LAG}, ["p.x -> c.e", "c.u -> p.u"], step=0.15)
     made["clocks"] = events({"k": models.CLOCKS, "n": models.COUNTER}, ["k.outClock -> n.c"], step=0.3)
@@ -91,7 +92,7 @@ def packaged(system, pack, built, xml, arm_package, strict):
         for name, model in ALONE.items():
             made[f"{name} {version}"] = lambda m=model, v=version: system({"m": (m, v)})
         texts = (models.FEEDTHROUGH if version == "3.0" else models.FEEDTHROUGH_2, version)
-        units = {"v": (models.VAN_DER_POL, version), "t": texts, "f": (models.LAG, version)}
+        units = {"v": (VAN_DER_POL, version), "t": texts, "f": (models.LAG, version)}
         links = ["v.x0 -> t.Float64_input", "t.Float64_output -> f.u"]
         pair = {name: (RATES, version) for name in "ab"}
         made[f"slopes {version}"] = lambda pair=pair: (system(pair, WIRES), {"parameters": {"a.x": 1.0}})
@@ -210,7 +211,7 @@ def test_rows_come_from_another_process_block_by_block(packaged, tmp_path, monke
 def test_a_unit_of_version_3_ends_the_simulation(system, both):
     """The stair ends it at 9 s. Components with their own steps have no events."""
     hints = {name: OWN_STEP.format(step) for name, step in {"m": 1.0, "n": 0.5}.items()}
-    results = both(system({"m": (models.STAIR, "3.0"), "n": (models.DAHLQUIST, "3.0")}, (), hints), step=0.5, stop=12.0)
+    results = both(system({"m": (STAIR, "3.0"), "n": (DAHLQUIST, "3.0")}, (), hints), step=0.5, stop=12.0)
     assert results.summary["ended"] == {"component": "m", "time": 9.0}
 
 
@@ -247,7 +248,7 @@ def test_the_reason_for_steps_by_fmpy_is_in_the_summary(system, packaged, monkey
     arrays = replace(models.STATE_SPACE, name="Slopes", simulation={"maxOutputDerivativeOrder": "1"})
     parts = system({name: (arrays, "3.0") for name in "ab"}, ["a.y[2] -> b.u[1]"])
     assert stepper(parts, algorithm="extrapolated") == "fmpy: rates of parts of an array"
-    updates = system({"m": (UPDATES, "3.0")})
+    updates = system({"m": (UPDATES, "3.0"), "v": (VAN_DER_POL, "3.0")}, ["v.x0 -> m.x_o"])
     assert stepper(updates, algorithm="extrapolated") == "fmpy: m takes its inputs within steps"
     assert stepper(package, stepper="fmpy") == "fmpy: chosen"
     said = r"stepper: must be fmpy or auto here, got c\. The steps cannot be made in C: steps that may be repeated\."

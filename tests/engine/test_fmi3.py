@@ -1,50 +1,16 @@
 """Components of FMI 3.0, and of 2.0 beside them: types, arrays, sizes, events, clocks."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from tests.conftest import heavy
 from tests.engine.reference import models
 from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.container import write_container
-from vdfmu.engine.package.join import join
+from vdfmu.engine.fmu import instance
+from vdfmu.engine.fmu.access import Transfer
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.plan.schedule import variable_graph
-from vdfmu.engine.run import ALGORITHMS, simulate
-
-LARGEST = {name: np.iinfo(name.lower()).max for name in models.INTEGERS} | {"UInt64": 2**63 - 1}
-
-
-@pytest.mark.parametrize("isolate", [False, *heavy(True)])
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_all_scalar_types_pass_through(system, algorithm, isolate):
-    path = system(
-        {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0")},
-        [f"a.{kind}_output -> b.{kind}_input" for kind in models.SCALARS],
-    )
-    values = {"Float64": 0.1, "Float32": 0.1, "Boolean": True, "Enumeration": 2, **LARGEST}
-    results = simulate(
-        path, stop=0.3, step=0.1, algorithm=algorithm, isolate=isolate,
-        parameters={f"a.{kind}_input": value for kind, value in values.items()},
-    )  # fmt: skip
-    for kind, value in values.items():
-        # a Float32 is the nearest that there is
-        expected = np.float32(value) if kind == "Float32" else value
-        assert results[f"b.{kind}_output"].tolist() == [expected] * 4
-    assert "b.String_output" not in results and "b.Binary_output" not in results  # tables hold numbers
-
-
-def test_fmus_with_an_enumeration_are_joined(built, tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / f"{name}.fmu").write_bytes(built(models.FEEDTHROUGH, "3.0"))
-    fmus = {name: tmp_path / f"{name}.fmu" for name in ("a", "b")}
-    parameters = {"a.Enumeration_input": "Option 2"}
-    path = join(fmus, {"a.Enumeration_output": "b.Enumeration_input"}, tmp_path / "ab.ssp", parameters=parameters)
-    results = simulate(path, stop=0.3, step=0.1)
-    assert results["b.Enumeration_output"].tolist() == [2] * 4
+from vdfmu.engine.run import simulate
 
 
 def test_the_graph_of_an_array_grows_with_its_length(system):
@@ -62,30 +28,6 @@ def test_the_graph_of_an_array_grows_with_its_length(system):
         return len(variable_graph(checked.descriptions, checked.links, initial=True)[1])
 
     assert edges(40) < 2.1 * edges(20)
-
-
-def test_texts_and_binary_values_arrive(system):
-    """Of components that can only be asked: their last values, before they are freed."""
-    from vdfmu.base.files import temporary_folder
-    from vdfmu.engine.fmu.messages import MessageBox
-    from vdfmu.engine.masters.components import Components, unpack_units
-
-    path = system(
-        {"a": (models.FEEDTHROUGH, "3.0"), "b": (models.FEEDTHROUGH, "3.0"), "c": (models.FEEDTHROUGH_2, "2.0")},
-        ["a.String_output -> b.String_input", "a.Binary_output -> b.Binary_input", "b.String_output -> c.String_input"],
-    )  # fmt: skip
-    values = {"a.String_input": "grün", "a.Binary_input": b"\x00\xff\x00"}
-    checked = check_system(load_ssp(path), values)
-    with temporary_folder("test-") as folder:
-        components = Components(checked, unpack_units(checked, Path(folder))[0], MessageBox(None))
-        components.load()
-        components.initialize(0.0, 1.0, None)
-        components.couple(None, None, 1.0, None).advance(0.0, 0.1, 0.1)
-        b, c = components.instances["b"], components.instances["c"]
-        assert b.get_all([b.description.variables["Binary_output"]]) == [b"\x00\xff\x00"]
-        assert b.get_all([b.description.variables["String_output"]]) == ["grün"]
-        assert c.get_all([c.description.variables["String_output"]]) == ["grün"]
-        assert components.close() is None
 
 
 def test_units_of_both_versions_in_one_system(system):
@@ -118,13 +60,6 @@ def test_whole_numbers_and_truths_feed_reals(system):
         assert results["s.u"].tolist() == [[-(2.0**53), 1.0, 2.0]] * 3  # to the nearest real
         assert results["a.Float64_output"].tolist() == [1.0] * 3
         assert results["a.Int64_output"].tolist() == [-(2**53) - 1] * 3
-
-
-def test_a_container_refuses_connections_that_convert_a_type(system, tmp_path):
-    units = dict.fromkeys("ab", (models.FEEDTHROUGH_2, "2.0"))
-    path = system(units, ["a.Int32_output -> b.Float64_input"])
-    with pytest.raises(UsageError, match="b.Float64_input: a container FMU converts no types, got Integer to Real"):
-        write_container(path, tmp_path / "c.fmu", step=0.1)
 
 
 def test_elements_of_arrays_that_fit_are_connected_one_by_one(system):
@@ -167,3 +102,18 @@ def test_structural_parameters_size_the_arrays(system):
     np.testing.assert_array_equal(y[:, 3], y[:, 0] + y[:, 1])
     with pytest.raises(UsageError, match=r"'s.A': expected one value, or 4 for A\[1,1\] to A\[2,2\], got 9"):
         simulate(path, stop=0.1, step=0.1, parameters=sizes | {"s.A": [0.0] * 9})
+
+
+def test_the_start_of_a_run_plans_the_transfer_of_a_whole_array_once(system, monkeypatch):
+    planned: list[str] = []
+
+    class Counted(Transfer):
+        """Notes what is planned."""
+
+        def __init__(self, verb, variables, *rest):
+            planned.append(verb)
+            super().__init__(verb, variables, *rest)
+
+    monkeypatch.setattr(instance, "Transfer", Counted)
+    simulate(system({name: (models.STATE_SPACE, "3.0") for name in "ab"}, ["a.y[1] -> b.u[1]"]), stop=0.2, step=0.1)
+    assert planned.count("Get") == 3  # the value of the connection, and the outputs of each

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from vdfmu.base.errors import CosimError, SspError, UsageError
-from vdfmu.engine.container import write_container
+from vdfmu.base.errors import CosimError, SspError
 from vdfmu.engine.masters.broyden import Broyden
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
@@ -31,8 +30,6 @@ def test_algebraic_loops_are_solved(pack, k):
     np.testing.assert_allclose(first["b.y"][0], expected[0], rtol=1e-7)
     with pytest.raises(SspError, match="algebraic loop in the steps: .*; jacobi breaks it"):
         simulate(path, algorithm="gauss-seidel", **options)
-    with pytest.raises(UsageError, match="algebraic loop during initialization: .* run the system without"):
-        write_container(path, path.with_name("x.fmu"), step=0.5)
 
 
 def test_a_loop_without_a_solution_of_integers_or_of_no_numbers_is_told(pack, xml):

@@ -12,6 +12,7 @@ from tests.compiler.eventful import Resting
 from tests.conftest import heavy
 from tests.engine.files import edited
 from tests.engine.reference import models
+from tests.engine.reference_fmus import Reference
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.base.errors import CosimError, SspError
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -24,7 +25,10 @@ def exchange(model: models.Model) -> models.Model:
     return replace(model, name=f"{model.name}ME", kinds=("ModelExchange",))
 
 
-LAG, BALL, STAIR = (exchange(model) for model in (models.LAG, models.BOUNCING_BALL, models.STAIR))
+LAG = exchange(models.LAG)
+BALL, DAHLQUIST, STAIR, VAN_DER_POL = (
+    Reference(name, exchange=True) for name in ("BouncingBall", "Dahlquist", "Stair", "VanDerPol")
+)
 RUNAWAY = replace(LAG, name="Runaway", code="static void outputs(Instance *I) { I->d.der_x = 1 + I->d.x * I->d.x; }\n")
 STIFF = replace(
     LAG, name="Stiff", code="static void outputs(Instance *I) { I->d.der_x = -1e6 * (I->d.x - cos(I->time)); }\n"
@@ -34,7 +38,7 @@ STIFF = replace(
 @pytest.mark.parametrize("isolate", [False, *heavy(True)])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_states_are_integrated_to_the_tolerance(system, version, isolate):
-    path = system({"d": (exchange(models.DAHLQUIST), version), "v": (exchange(models.VAN_DER_POL), version)})
+    path = system({"d": (DAHLQUIST, version), "v": (VAN_DER_POL, version)})
     results = simulate(path, stop=5.0, step=0.5, tolerance=1e-8, isolate=isolate)
     # local errors of 1e-8 in some 30 steps; the oscillator contracts to its cycle
     np.testing.assert_allclose(results["d.x"], np.exp(-results.time), atol=1e-7, rtol=0)
@@ -61,6 +65,7 @@ def test_state_events_are_located(system, version, step):
         expected[i] = height + speed * (t - begin) - 0.5 * g * (t - begin) ** 2
     # a parabola is integrated exactly; the time of an impact to rounding, and its error grows 1/e-fold at each
     np.testing.assert_allclose(results["b.h"], expected, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(results.summary["events"]["b"]["times"], edges[:2], atol=2e-9)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -85,6 +90,7 @@ def test_events_of_a_component_without_states_are_located(system, version):
 def test_time_events(system, version, step):
     results = simulate(system({"s": (STAIR, version)}), stop=7.0, step=step)
     assert results["s.counter"].tolist() == (np.floor(results.time + 1e-9) + 1).tolist()
+    assert results.summary["events"]["s"]["times"] == list(range(1, 8))
 
 
 def test_the_end_that_a_component_makes_and_a_failure_in_its_step_leave_the_rows(system):

@@ -6,7 +6,6 @@ import pytest
 from tests.conftest import heavy
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import SspError, UsageError
-from vdfmu.engine.container import write_container
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.run import Simulator, simulate
@@ -99,8 +98,3 @@ def test_runs_of_one_simulator_may_have_other_steps(system):
         runs = [simulator.run(stop=2.0, step=step) for step in (0.5, 0.125, 0.25)]
     for run in runs:
         assert np.array_equal(run["s.y"], simulate(path, stop=2.0, step=run.summary["step"])["s.y"])
-
-
-def test_a_container_does_not_step_them(system, tmp_path):
-    with pytest.raises(UsageError, match="s: has its own step, but a container FMU steps all together"):
-        write_container(system(), tmp_path / "c.fmu", step=0.125)

@@ -58,10 +58,10 @@ def test_a_new_option_is_declared_in_one_file(python, pack, tmp_path):
     shown = python(code=f"{imports}for f in ({functions}): help(f)")
     assert shown.count("label : str, optional\n        Toy: name of the run in its summary.") == 3
     assert len(re.findall(r"label: '?str \| None'? = None", shown)) == 3  # without quotes from Python 3.14 on
-    commands = ["run", "--help"], ["run", "x.ssp", "--help"], ["sweep", "run", "--help"], ["linear", "--help"]
+    commands = ["run", "--help"], ["run", "x.ssp", "--help"], ["sweep", "run", "--help"]
     invoke = "from click.testing import CliRunner\nfrom vdfmu.cli.commands import app\n"
     code = f"{invoke}for words in {commands}: print(CliRunner().invoke(app, words).output)"
-    assert len(re.findall("--label .* Toy: name", python(code=code))) == 4
+    assert len(re.findall("--label .* Toy: name", python(code=code))) == 3
     runs = f"simulate({str(package)!r}, step=0.1, stop=1.0, label='mine')"
     code = f"from vdfmu.engine.run import simulate\nprint({runs}.summary['label'])"
     assert python(code=code) == "mine\n"

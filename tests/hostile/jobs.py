@@ -31,19 +31,6 @@ def _half(folder: Path) -> None:
     (folder / "out/sweep.parquet").unlink()
 
 
-def _urdf(folder: Path) -> None:
-    """Write an arm of two joints, and a file of an arm that was imported before."""
-    links = "".join(
-        f'<link name="l{i}"><inertial><origin xyz="0 0 0.2"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.01" '
-        f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/>'
-        f'<child link="l{i}"/><axis xyz="0 1 0"/><origin xyz="0 0 0.4"/>'
-        '<limit lower="-2" upper="2" effort="50" velocity="2"/></joint>'
-        for i in (1, 2)
-    )
-    (folder / "arm.urdf").write_text(f'<robot name="arm"><link name="l0"/>{links}</robot>')
-    (folder / "arm.toml").write_text("# before\n")
-
-
 def _motion(folder: Path) -> None:
     (folder / "motion.toml").write_text(
         'name = "m"\nrobot = "planar_2dof"\nstop = 1.5\nstep = 1e-3\n[motion]\n'
@@ -65,7 +52,6 @@ _SWEEP = (
 )  # fmt: skip
 _PACKAGE = ("ssp", "planar_tracking", "--out", "arm.ssp")
 _SSP = ("ssp", "planar_tracking", "--out", "out/arm.ssp")
-CONTAINER = ("build", "planar_tracking", "--container", "--out", "out/arm.fmu")
 JOBS = {
     "run": Job((*RUN, "0.02"), (_EARLIER,), together=True),
     "run, Parquet": Job((*RUN, "0.02", "--format", "csv,parquet"), (_EARLIER,), together=True),
@@ -76,12 +62,10 @@ JOBS = {
     "sweep report": Job(("sweep", "report", "out"), (_SWEEP,)),
     "build": Job(BUILD, ((*BUILD, *OTHER),)),
     "ssp": Job(_SSP, ((*_SSP, *OTHER),)),
-    "build --container": Job(CONTAINER, ((*CONTAINER, *OTHER),)),
     "ssp --reference": Job(("ssp", "planar_tracking", "--reference", "--out", "out")),
     "report": Job(("report", "out"), (_EARLIER,)),
     "check of an FMU": Job(("check", "out/Plant.fmu"), (BUILD,)),
     "check of a package": Job(("check", "arm.ssp"), (_PACKAGE,)),
-    "robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,)),
     "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
     "scenario motion": Job(("scenario", "motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
     "unit new": Job(("unit", "new", "brake", "--out", "out/brake.py")),

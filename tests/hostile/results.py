@@ -13,6 +13,7 @@ from typing import Any
 import vdfmu
 from tests.hostile.commands import workshop
 from tests.hostile.table import Corpus
+from vdfmu.base.extras import extra_modules
 from vdfmu.engine.package_run import run_system
 from vdfmu.study.report.page import report_page
 from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
@@ -69,7 +70,7 @@ def summaries(number: int, folder: Path) -> None:
     summary = changed(json.loads((source / "summary.json").read_text()), rng)
     (folder / "summary.json").write_text(json.dumps(summary))
     run = read_run(folder)
-    report_page([run, run])
+    report_page([run, run] if extra_modules("comparison") else [run])
     run_panel(run.summary)
     verdict_table(run.summary)
     for sheet in sheets(run.summary):

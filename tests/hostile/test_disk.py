@@ -6,7 +6,7 @@ from tests.hostile.disk import failed as fail
 from tests.hostile.disk import prepared
 from vdfmu.base.errors import VdfmuError
 
-_QUICK = ("robot import",)
+_QUICK = ("unit new",)
 """A command that compiles nothing."""
 
 

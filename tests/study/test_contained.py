@@ -13,6 +13,7 @@ import pytest
 import vdfmu
 from tests.wild import write_brittle
 from vdfmu.base.errors import CosimError
+from vdfmu.cli.commands import app
 from vdfmu.engine.linear.linearise import linear_system
 from vdfmu.study.judgement import judge
 
@@ -27,6 +28,7 @@ COMMANDS = {
     "run Brittle.fmu": ("run", "Brittle.fmu", "--step", "0.1", "--stop", "1", "--overwrite"),
     "sweep": ("sweep", "pair.ssp", "--vary", "a.x=1,2", "--measure", "m=max(b.x)", "--overwrite"),
 }
+COMMANDS = {name: words for name, words in COMMANDS.items() if words[0] in app.commands}  # linear is of an extra
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the FMU crashes by a signal")
 
@@ -113,7 +115,7 @@ def test_judge_and_linear_name_call_and_component_of_a_crash_and_go_on_in_the_ne
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("command", ["run", "judge", "linear"])
+@pytest.mark.parametrize("command", [name for name in ("run", "judge", "linear") if name in COMMANDS])
 @pytest.mark.parametrize("call", ["instantiate", "getReal", "doStep"])
 def test_a_signal_ends_a_command_whose_component_hangs(folder, tmp_path, command, call, number):
     log = tmp_path / "log"

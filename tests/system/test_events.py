@@ -12,6 +12,7 @@ from tests.conftest import heavy
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.package.read import load_ssp
 from vdfmu.engine.plan.check import check_system
+from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.sampling import ambiguous
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.package.write import build_parts, write_ssp
@@ -136,3 +137,34 @@ def test_held_states_are_not_asked_about(scenario, tmp_path):
     assert link.source.variability == "discrete"
     assert [name for name in ambiguous(checked) if checked.descriptions[name].samples is not False] == []
     assert "sampled" not in vdfmu.judge(package).text
+
+
+@pytest.mark.parametrize("backend", ["native", *heavy("python")])
+def test_a_run_says_its_events_and_their_times(scenario, tmp_path, backend):
+    path = scenario({"ball": "Ball", "heater": "Thermostat"}, stop=2.5, step=0.5)
+    results = vdfmu.run(
+        path, out=tmp_path / "out", reference=False, backend=backend, parameters={"heater.tau": 0.01}, tolerance=1e-9
+    )
+    happened = read_run(tmp_path / "out").summary["events"]
+    assert happened == results.summary["events"]
+    first = math.sqrt(2.0 / eventful.G)
+    flights = [2.0 * first * 0.7**k for k in range(1, 11)]
+    # 1e-9 of each step; the error of a time is that of the height over the speed there, 0.1 m/s at least
+    np.testing.assert_allclose(happened["ball.ground"]["times"], first + np.cumsum([0.0, *flights]), atol=1e-7)
+    assert happened["ball.ground"]["count"] == 11
+    hot, cold = (happened[f"heater.{name}"] for name in ("hot", "cold"))
+    assert hot["count"] + cold["count"] == results["heater.switched"][-1] == eventful.thermostat(2.5, 0.01)[2]
+    assert hot["count"] > 500 == len(hot["times"]) and hot["last"] > hot["times"][-1]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "ball.ground at 0.45152, 1.0837, 1.5261, " in page and "summary.json has the first 500" in page
+
+
+@pytest.mark.parametrize("adaptive", [None, 1e-3])
+def test_events_of_steps_that_are_undone_do_not_count(adaptive):
+    units = {"lag": eventful.Lag, "relay": eventful.Relay}
+    system = vdfmu.connect(units, {"lag.turned": "relay.u", "relay.y": "lag.u"}, algorithm="extrapolated")
+    results = system.run(stop=10.0, step=0.01, adaptive=adaptive)
+    assert (results.summary["communication"]["rejected"] > 0) == (adaptive is not None)
+    rows = np.flatnonzero(np.diff(results["relay.y"]))
+    happened = results.summary["events"]
+    assert happened["relay.up"]["count"] + happened["relay.down"]["count"] == rows.size > 4

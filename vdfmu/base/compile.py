@@ -50,17 +50,18 @@ _LOOP = b"for (int j = 0;"
 """Start of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
 _JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
 """Generated file that may be part of an object."""
-_SHORT, _SHORT_RARE = 10_000, 250_000
-"""Longest traced function, and longest rare function, that share an object with others [characters]."""
+_SHORT = 5_000
+"""Most characters of a traced function that is part of an object with others, if it is not rare."""
 _RARE = re.compile(r"kernel_\w+_(forward|reverse)\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For code that rarely runs: derivatives, and the step for processors from before 2015 if there is a copy of it for
-AVX2. Optimised, it would run twice as fast, but take three times as long to compile. The runner of tables of
-derivatives is always optimised, because otherwise a run of a long arm took 35 % longer."""
-_PASSES = re.compile(r"kernel_\w+_(forward|reverse)_passes\.c")
-"""File of a derivative of a long arm, with a function for each pass."""
-_SMALL = ("-O1", "-fno-inline")
-"""For functions called once per joint: they compile as fast as rare code and are a tenth of its size."""
+"""For rare code: derivatives, and the step for processors from before 2015, if there is a copy of it for AVX2.
+Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
+is not rare: a run of a long arm took 35 % longer."""
+_STRAIGHT = re.compile(r"kernel_(?!\w*_step)\w+\.c")
+"""File of a traced function outside of a solver's step."""
+_LESS = ("-Xclang", "-O1")
+"""For long functions without loops: compiled in three quarters of the time, a call takes 1 % longer. In a solver's step
+it would be 10 %, so there it is not chosen. Zig takes -O1 for -O2."""
 _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or set TMPDIR and VDFMU_CACHE_DIR to other folders."
@@ -110,8 +111,9 @@ class Compilation:
         """
         files: dict[str, bytes] = {}
         for name, text in sorted(self.sources.items()):
-            whole, most = ("rare.c", _SHORT_RARE) if self._is_rare(name) else ("together.c", _SHORT)
-            is_short = len(text) <= most or not name.startswith("kernel_")
+            is_rare = self._is_rare(name)
+            whole = "rare.c" if is_rare else "together.c"
+            is_short = is_rare or len(text) <= _SHORT or not name.startswith("kernel_")
             if _JOINED.fullmatch(name) and is_short and self.flags_of(name) == self.flags_of(whole):
                 files[whole] = files.get(whole, b"") + f'#include "{name}"\n'.encode()
             elif name.endswith(".c"):
@@ -132,10 +134,10 @@ class Compilation:
             chosen = (_LOOPED,)
         if self._is_rare(name):
             chosen = _QUICKLY
-        elif _PASSES.fullmatch(name):
-            chosen += _SMALL
         elif name == WRITTEN:
             chosen += _COMPACT
+        elif _STRAIGHT.fullmatch(name) and len(text := self.sources[name]) > _SHORT and b" for (" not in text:
+            chosen += _LESS
         return [*_FLAGS, *chosen, *self.target.flags, *self.flags]
 
     def _is_rare(self, name: str) -> bool:

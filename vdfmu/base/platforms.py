@@ -178,6 +178,7 @@ _WORDS = {
     "-march=x86_64_v2": "-march=x86-64-v2",
     "-fno-slp-vectorize": "-fno-tree-slp-vectorize",
     "-fno-vectorize": "-fno-tree-vectorize",
+    "-Xclang": "",
 }
 """Flags of zig to the flags of gcc and clang."""
 
@@ -203,7 +204,7 @@ class Compiler(NamedTuple):
         """Return the arguments of a call with zig's flags."""
         if self.is_zig:
             return ["-target", target.target, *flags]
-        return ["-fPIC", *(_WORDS.get(flag, flag) for flag in flags)]
+        return ["-fPIC", *filter(None, (_WORDS.get(flag, flag) for flag in flags))]
 
 
 def _environment(program: str) -> dict[str, str]:

@@ -113,6 +113,10 @@ def _too_deep(data: object, levels: int = _DEEPEST) -> bool:
     return not levels or isinstance(data, (dict, list)) and any(_too_deep(each, levels - 1) for each in children)
 
 
+ROUNDING = 1e-16
+"""Largest rounding error of a zero after frames were rotated, relative to the largest number of its list."""
+
+
 def toml_text(table: Mapping[str, Any], rounding: float = 0.0) -> str:
     """Return the text of a file, in each table the values before the tables. `rounding`: see `toml_value`."""
     return "\n".join(_lines(table, "", rounding)).lstrip("\n") + "\n"

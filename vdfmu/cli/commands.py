@@ -15,17 +15,14 @@ from vdfmu.base.cache import one_job
 from vdfmu.base.errors import ModelError, SspError, UsageError, VdfmuError
 from vdfmu.base.extras import extra_modules
 from vdfmu.base.version import __version__
-from vdfmu.cli import analysis, doctor, files, robots, runs, scenarios, studies, units
+from vdfmu.cli import doctor, files, robots, runs, scenarios, studies, units
 from vdfmu.cli.app import COMPLETE, App
 from vdfmu.cli.terminal import console, fail, folder_is_gone
 
 COMMANDS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Run": ((runs.run, "vdfmu run tracking --set controller.K_p=1500 --out results/soft"), (studies.app, "")),
     "Look": ((runs.report, "vdfmu report results/tracking results/soft"),),
-    "Analyse": (
-        (analysis.linear, "vdfmu linear tracking --algorithm jacobi --at 2.5"),
-        (analysis.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),
-    ),
+    "Analyse": ((runs.judge, "vdfmu judge tracking.ssp --wanted 0.5 --stop 1"),),
     "Exchange": (
         (files.build, "vdfmu build tracking --backend native --fmi 3.0 --platform all --out fmus"),
         (files.ssp, "vdfmu ssp two_joint --ssp 2.0 --out two_joint.ssp"),
@@ -113,6 +110,6 @@ app = App(
         ),
     ],
 )
-for added in (COMMANDS, *(module.COMMANDS for module in extra_modules("commands"))):
+for added in (COMMANDS, *(getattr(module, "COMMANDS", {}) for module in extra_modules("commands"))):
     for panel, listed in added.items():
         app.add(listed, panel)

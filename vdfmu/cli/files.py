@@ -190,9 +190,9 @@ def _container(
 
         with replacing_foreign(overwrite):
             return load_system(system).container(out or Path(f"{Path(system).stem}.fmu"), step)
+    containers = module_of_extra("containers", "container", "--container")
     chosen = _load(system, robot, parameters, folded)
     from vdfmu.base.files import temporary_folder
-    from vdfmu.engine.container import write_container
     from vdfmu.study.run.prepare import prepare
     from vdfmu.system.package.write import cached_fmus, write_ssp
 
@@ -202,7 +202,7 @@ def _container(
     with replacing_foreign(overwrite), temporary_folder("vdfmu_") as folder:
         require_ours(path)
         package = write_ssp(chosen, cached_fmus(chosen, folder, "native"), Path(folder) / "system.ssp", values)
-        return write_container(package, path, step=chosen.step)
+        return containers.write_container(package, path, step=chosen.step)
 
 
 @meets_code(RUNS)
@@ -326,14 +326,13 @@ def check(
 
 def _say_schema(kind: str, system: Path | None) -> None:
     """Print the schema of a kind of TOML file."""
-    from vdfmu.system.scenario import schema
-
+    schemas = module_of_extra("schemas", "schemas", "--schema")
     if kind not in _SCHEMAS:
         raise UsageError(f"--schema must be {', '.join(_SCHEMAS)}, got {kind!r}.")
     if kind != "scenario":
         refuse({"FILE": system}, "goes with --schema scenario")
     arguments = {} if system is None else {"system": str(system)}
-    say_json(getattr(schema, f"{kind}_schema")(**arguments))
+    say_json(getattr(schemas, f"{kind}_schema")(**arguments))
 
 
 def _report(file: Path, label: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:

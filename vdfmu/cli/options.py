@@ -228,3 +228,11 @@ def load(scenario: str, robot: str | None, parameters: Mapping[str, str] | None 
     from vdfmu.study.run.prepare import scenario_of
 
     return scenario_of(scenario, robot, parameters or ())
+
+
+def read_numbers(option: str, text: str) -> list[float]:
+    """Return the numbers of an option; UsageError for any other text."""
+    try:
+        return [float(number) for number in text.replace(",", " ").split()]
+    except ValueError:
+        raise UsageError(f"{option} {text}: expected numbers, such as '0.3 -0.5'.") from None

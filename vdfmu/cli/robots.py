@@ -1,4 +1,4 @@
-"""``vdfmu robot list``, ``show``, ``import``, ``export``, ``reach`` and ``drives``."""
+"""``vdfmu robot list``, ``show``, ``reach`` and ``drives``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.markup import escape
 
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option
 from vdfmu.base.trust import CodeNotRunError
@@ -29,7 +30,7 @@ from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_page,
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
 
-app = App("robot", no_args_is_help=True, help="List, show, import and export robots.")
+app = App("robot", no_args_is_help=True, help="List and show robots, and write their first scenario.")
 
 
 @app.command("list", example="vdfmu robot list")
@@ -61,12 +62,12 @@ def show_robot(
 
     Each parameter is shown with its source.
     """
-    robot = _looked_at(name, "the page shows the arm without it" if page else "its tables are not shown")
+    robot = looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
     if page:
         from vdfmu.base.toml_file import locate
-        from vdfmu.cli.analysis import read_numbers
-        from vdfmu.study.report.robot_page import write_robot_page
+        from vdfmu.cli.options import read_numbers
 
+        write_robot_page = module_of_extra("robot_page", "robots", "--page").write_robot_page
         target, start = out or Path(f"{robot.name}.html"), None if pose is None else read_numbers("--pose", pose)
         with replacing_foreign(overwrite):
             say_notes(write_robot_page(robot, target, pose=start, folder=locate(name, "robots").parent))
@@ -113,87 +114,6 @@ def _show_parameters(robot: Robot) -> None:
             sources.setdefault(source, []).append(row.name)
         for source, names in sources.items():
             console.print(f"{', '.join(names)}: {source}", markup=False)
-
-
-def _read_tool(text: str) -> list[float]:
-    """Return the numbers of --tool; UsageError for a wrong count: without quotes a shell passes only one."""
-    from vdfmu.arm.imports import read_placement
-    from vdfmu.cli.analysis import read_numbers
-
-    numbers = read_numbers("--tool", text)
-    read_placement(numbers)
-    return numbers
-
-
-@app.command("import", example="vdfmu robot import panda.urdf --tip panda_hand -o panda.toml")
-def import_file(
-    file: Annotated[Path, Positional("URDF, or MuJoCo file (MJCF).")],
-    base: Annotated[str | None, Option("Fixed link (default the root).", metavar="LINK")] = None,
-    tip: Annotated[str | None, Option("Last link of the arm, if there are several.", metavar="LINK")] = None,
-    tool: Annotated[
-        list[float] | None,
-        Option(
-            "Tool in the tip's frame, in m and rad.",
-            metavar="'X Y Z [R P Y]'",
-            typed=str,
-            read=_read_tool,
-            more="The default is the tip if it is fixed to a link, else the end of the last link.",
-        ),
-    ] = None,
-    tool_frame: Annotated[str | None, Option("Link or site that is the tool.", metavar="LINK")] = None,
-    drives: Annotated[
-        Path | None, Option("TOML file with the drive of each joint, by name.", more="Missing values are assumed.")
-    ] = None,
-    density: Annotated[
-        float | None, Option("Density in kg/m3 of bodies without a mass.", more="For boxes, cylinders and spheres.")
-    ] = None,
-    out: Annotated[Path | None, Option("Robot file to write (default FILE.toml).")] = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Write a robot file from a URDF or a MuJoCo file.
-
-    The file names the source of each number.
-    """
-    from vdfmu.arm.imports import import_robot
-    from vdfmu.arm.robot import joint_free
-    from vdfmu.base.files import write_whole
-
-    target = target_file(out, f"{file.stem}.toml", overwrite)
-    robot, text, notes = import_robot(file, base, tip, drives, density, tool=tool, tool_frame=tool_frame, out=target)
-    write_whole(target, [text.encode()])
-    say_notes(notes)
-    assumed = [joint_free(key) for key, source in robot.sources.items() if source.startswith("Assumed")]
-    if assumed:
-        names = ", ".join(key.removeprefix("joints.") for key in dict.fromkeys(assumed))
-        say_notes([f"assumed: {names}. Give known values with --drives."])
-    say_written(target, more=f", {robot.n} joint{'s' * (robot.n > 1)}")
-
-
-@app.command("export", example="vdfmu robot export ur5e_6dof --to mjcf")
-@meets_code(LOOKS)
-def export_file(
-    robot: RobotArgument,
-    to: Annotated[
-        str | None, Option("Format (default by the suffix of -o, else mjcf).", choices=("mjcf", "urdf"))
-    ] = None,
-    out: Annotated[Path | None, Option("File to write (default ROBOT.xml or ROBOT.urdf).")] = None,
-    rigid: Annotated[bool, Option("MJCF without springs; rotors are armature.")] = False,
-    overwrite: OverwriteOption = False,
-    trust: TrustOption = False,
-) -> None:
-    """Write a robot as MJCF or URDF.
-
-    Notes list the numbers that the file cannot represent.
-    """
-    from vdfmu.arm.export import export_robot
-    from vdfmu.base.toml_file import locate
-
-    suffix = ".urdf" if to == "urdf" else ".xml"
-    target = target_file(out, f"{locate(robot, 'robots').stem}{suffix}", overwrite)
-    arm = _looked_at(robot, "springs and friction are written for an arm without it")
-    notes = export_robot(arm, target, to, rigid=rigid)
-    say_notes([f"not in {target.name}: {note}" for note in notes])
-    say_written(target)
 
 
 @app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")
@@ -266,8 +186,8 @@ def list_drives(
     console.print(table("motor", "inertia\nkg.m2", "winding", title=" ", rows=rows))
 
 
-def _looked_at(name: str, missing: str) -> Robot:
-    """Return a robot. Its own drive is omitted if its code may not run, with a note on what is missing."""
+def looked_at(name: str, missing: str) -> Robot:
+    """Return a robot; without its own drive if that may not be run, with a note on what is missing."""
     from vdfmu.arm.robot import load_robot
 
     try:

@@ -1,4 +1,4 @@
-"""``vdfmu run`` and ``report``."""
+"""``vdfmu run``, ``report`` and ``judge``."""
 
 # Types are not quoted, because the options of both forms of a run are read from them.
 import logging
@@ -14,21 +14,35 @@ from click.core import ParameterSource
 from vdfmu.base.bars import errors
 from vdfmu.base.errors import LOG, CosimError, SspError, UsageError
 from vdfmu.base.files import replacing_foreign
+from vdfmu.base.measure import number, per_cent
 from vdfmu.base.option import Option, option_of, pick
 from vdfmu.cli.app import LOOKS, RUNS, meets_code
 from vdfmu.cli.options import (
     AnywayOption,
     ForeignOption,
+    JsonOption,
     OpenOption,
     Positional,
+    RobotOption,
     TrustOption,
     UnpackOption,
     known_scenarios,
     load,
     refuse,
 )
-from vdfmu.cli.terminal import console, say_error, say_notes, say_page, say_written, tell, unit_messages
-from vdfmu.engine.options import SystemOptions
+from vdfmu.cli.terminal import (
+    console,
+    say,
+    say_error,
+    say_json,
+    say_notes,
+    say_page,
+    say_written,
+    table,
+    tell,
+    unit_messages,
+)
+from vdfmu.engine.options import SystemOptions, algorithm_option, parameters_option
 from vdfmu.study.options import ExpectOptions, JudgeOptions, ScenarioOptions, ScenarioRunOptions
 
 FMUS = re.compile(r".*\.(ssp|fmu)|\w+=.+(?<!\.toml)", re.IGNORECASE)
@@ -83,13 +97,15 @@ def run(
         raise
     from vdfmu.engine.results.folder import written
     from vdfmu.engine.results.verdict import FAILED, state_of
-    from vdfmu.study.report.sheets import run_panel, sheet_table, sheets, verdict_table
+    from vdfmu.study.report.sheets import events_lines, run_panel, sheet_table, sheets, verdict_table
 
     summary = results.summary
     folder, failed, verbose = _folder(options, summary), state_of(summary) == FAILED, LOG.isEnabledFor(logging.INFO)
     _say_verdict(summary)
     if fmus or verbose:
         tell(run_panel(summary))
+    else:
+        tell(*events_lines(summary))
     tell(*map(sheet_table, sheets(summary) if verbose else ()))
     if not fmus:
         (console.print if failed else tell)(verdict_table(summary, verbose))
@@ -242,14 +258,66 @@ def report(
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
+    from vdfmu.study.report.latex import LATEX
     from vdfmu.study.report.page import report_of
-    from vdfmu.study.report.sheets import LATEX
 
     with replacing_foreign(overwrite):
         page = report_of(folders or (), out, simulate=simulate)
     say_written(page)
     if page.suffix != LATEX:
         say_page(page, opened)
+
+
+@meets_code(RUNS)
+def judge(
+    system: Annotated[
+        str, Positional("System package, FMU, or scenario.", metavar="FILE.ssp|SCENARIO", names=known_scenarios)
+    ],
+    robot: RobotOption = None,
+    wanted: Annotated[
+        float | None, option_of(JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")
+    ] = None,
+    step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
+    stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,
+    algorithm: Annotated[str | None, algorithm_option] = None,
+    parameters: Annotated[dict[str, str] | None, parameters_option] = None,
+    sampled: Annotated[bool | None, option_of(JudgeOptions, "sampled")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate the error that the communication step causes in a system.
+
+    Runs with the step, its half and its quarter give the error of each real output, as a fraction of its range. The
+    exit code is 0 if the system is right, 1 if it is not, 3 if this cannot be decided, and 2 for wrong usage.
+    """
+    from vdfmu.study.connected import load as load_system
+
+    if system.lower().endswith((".ssp", ".fmu")):
+        refuse({"--robot": robot}, "is for a scenario")
+        judging = load_system(system)
+    else:
+        judging = load_system(load(system, robot, parameters))
+    judged = judging.judge(
+        0.01 if wanted is None else wanted,
+        stop=stop,
+        step=step,
+        parameters=parameters,
+        algorithm=algorithm,
+        sampled=sampled,
+    )
+    if as_json:
+        say_json(judged.to_dict())
+    else:
+        shown = table("signal", "error", "half / whole", "at", title=f"Step {judged.step:g} s, {judged.algorithm}")
+        for signal in judged.signals[:_MOST_SIGNALS]:
+            shown.add_row(signal.name, per_cent(signal.error), number(signal.q, 2), f"{number(signal.time, 4)} s")
+        if judged.signals:
+            tell(shown)
+        (say if judged.right else say_error)(str(judged))
+    if not judged.right:
+        raise SystemExit(3 if judged.right is None else 1)
+
+
+_MOST_SIGNALS = 8
 
 
 def _say_verdict(summary: Mapping[str, Any]) -> None:

@@ -119,7 +119,7 @@ def report(
     trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points and measures, and the failures by cause."""
-    from vdfmu.study.report.sheets import LATEX, write_tables
+    from vdfmu.study.report.latex import LATEX, write_tables
     from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import require_ours, storing
 from vdfmu.base.option import checks_types, pick, with_options
 from vdfmu.base.text import amount
@@ -23,7 +24,7 @@ from vdfmu.engine.options import RowOptions, SimulateOptions, SimulatorOptions
 from vdfmu.engine.package.archive import stamp_of
 from vdfmu.engine.package.join import JOINED, join
 from vdfmu.engine.package.read import load_ssp
-from vdfmu.engine.package.system import Connections
+from vdfmu.engine.package.system import Connections, FlatSystem
 from vdfmu.engine.plan.check import Checked, check_system
 from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator, simulate
@@ -73,6 +74,8 @@ class System:
         self.path, self._keep = path, keep  # keep: a temporary folder that exists as long as the system
         self._scenario = scenario
         self._loaded, self._simulator, self._loaded_as = ExitStack(), None, None
+        self._read_as: tuple[Any, FlatSystem] | None = None
+        """Package as it was read last, with its stamp."""
         self._lock, self._process = threading.Lock(), os.getpid()
         util.Finalize(self, self._loaded.close, exitpriority=0)  # even at the end of multiprocessing's child processes
         self._options = {key: value for key, value in (options or {}).items() if value}
@@ -97,9 +100,16 @@ class System:
 
     @property
     def _checked(self) -> Checked:
-        flat = load_ssp(self.path)
+        flat = self._read()
         algorithm = self._options.get("algorithm") or flat.experiment.algorithm
         return check_system(flat, algorithm=algorithm)
+
+    def _read(self) -> FlatSystem:
+        """Return the package, read again if it has changed."""
+        stamp = stamp_of(self.path)
+        if self._read_as is None or self._read_as[0] != stamp:
+            self._read_as = stamp, load_ssp(self.path)
+        return self._read_as[1]
 
     def __repr__(self) -> str:
         sizes = amount(len(self.components), "component"), amount(len(self.connections), "connection")
@@ -175,7 +185,7 @@ class System:
         loaded_as = stamp_of(self.path), options
         if self._simulator is None or self._loaded_as != loaded_as:
             self._unload()
-            self._simulator = self._loaded.enter_context(Simulator(self.path, **options))
+            self._simulator = self._loaded.enter_context(Simulator(self._read(), **options))
             self._loaded_as = loaded_as
         return self._simulator
 
@@ -242,13 +252,11 @@ class System:
 
     @checks_types
     def container(self, path: str | os.PathLike[str], step: float | None = None) -> Path:
-        """Write the system as one FMU, see `vdfmu.engine.container.write_container`; the default is its own `step`."""
+        """Write the system as one FMU, see `vdfmu.extras.container.write_container`; the default is its own `step`."""
         chosen = step if step is not None else load_ssp(self.path).experiment.step
         if chosen is None:
             raise UsageError("step must be given in s for a system without a step, got none. Give step=1e-3.")
-        from vdfmu.engine.container import write_container  # takes long to import
-
-        return write_container(self.path, path, step=chosen)
+        return module_of_extra("containers", "container", "container").write_container(self.path, path, step=chosen)
 
     def _with(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the options of the system, replaced by those of a call."""

@@ -220,7 +220,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
     more = f"positions differ by {number(apart)} rad at most; limit {number(row.value * largest)}"
     if "solved_by_scipy" in compared:
         more += (
-            f"; solved by DOP853 in compiled code, {compared['solved_by_scipy']} of its intervals by scipy too: their "
+            f"; solved in compiled code, {compared['solved_by_scipy']} of its intervals by scipy too: their "
             f"states differ by {number(compared['max_solver_difference'])} at most"
         )
     check = row.check(apart / largest, more, place=compared["name"])

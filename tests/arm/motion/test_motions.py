@@ -1,4 +1,4 @@
-"""Motions that are worked out before the run: no jump up to the fourth derivative, limits kept, paths followed."""
+"""Motions that are worked out before the run: no jump up to the fourth derivative, limits kept."""
 
 import re
 
@@ -14,20 +14,18 @@ POINTS = np.array([[0.0, 0.2], [0.7, -0.4], [0.9, 0.5], [-0.3, 0.1], [0.0, 0.2]]
 TIMES = np.array([0.0, 0.6, 1.0, 1.9, 2.5])
 
 
-def made(planar, arm):
+def made():
     yield motions.waypoints(POINTS, TIMES)
     yield motions.waypoints(POINTS, TIMES, dwell=[0.1, 0.0, 0.2, 0.0, 0.3])
     yield motions.waypoints(POINTS, velocity=2.0, acceleration=[5.0, 9.0], dwell=[0.0, 0.0, 0.1, 0.0, 0.0])
     yield motions.waypoints(POINTS[:2], duration=2.0)
     t = np.linspace(0.0, 1.0, 201)
     yield motions.samples(t, np.column_stack([np.sin(np.pi * t) ** 6, np.cos(np.pi * t) ** 6]))
-    yield motions.line(planar, [0.3, 0.8], [0.5, 0.0, 0.6], velocity=1.0, acceleration=3.0)
-    yield motions.circle(arm, [0.3, 0.5, 0.7, 0.2, 0.8, 0.1], [0.13, 0.0, 1.18], [0, 1, 0], speed=0.2)
 
 
 @pytest.mark.heavy
-def test_no_derivative_up_to_the_fourth_jumps_and_all_motions_rest_at_both_ends(planar, arm):
-    for motion in made(planar, arm):
+def test_no_derivative_up_to_the_fourth_jumps_and_all_motions_rest_at_both_ends():
+    for motion in made():
         assert np.all(jumps(motion) < rounding(motion))
         assert np.all(rounding(motion)[1:] < 1e-3 * motion.peaks.max(axis=1))  # so that a jump would show
         assert np.abs(motion.at(0.0)[1:]).max() == 0.0
@@ -119,12 +117,10 @@ def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():
 @pytest.mark.parametrize(("make", "words"), [
     (lambda arm: motions.waypoints([[0.0, 0.0], [1.0]], duration=1.0), ["points: expected a number, or a list"]),
     (lambda arm: motions.rest("here", 1.0), ["q: expected a number, or a list"]),
-    (lambda arm: motions.circle(arm.name, [0.3, 0.8], [0.6, 0, 0.5]), [r"robot: expected a Robot, got 'planar_2dof'"]),
     (
         lambda arm: motions.waypoints([[0, 0], [1, "far"]], velocity=True, duration=[1.0]),
         ["points: expected a number", "velocity: expected a number", "duration: expected a number, got [1.0]"],
     ),
-    (lambda arm: motions.line(arm, "home", [0.5, 0, 0.6]), ["start: expected a number, .* got 'home'"]),
 ])  # fmt: skip
 def test_what_is_no_number_is_named_all_at_once(planar, make, words):
     with pytest.raises(UsageError) as caught:

@@ -5,14 +5,12 @@ import tomllib
 
 import numpy as np
 import pytest
-from jsonschema import Draft7Validator
 
 import vdfmu
 from vdfmu.arm.equations.harmonic_drive import deformation, spring_energy
 from vdfmu.arm.robot import check_robot, load_robot, robot_from_dict
 from vdfmu.arm.robot.plausible import robot_notes
 from vdfmu.base.files import data_path
-from vdfmu.system.scenario.schema import robot_schema
 
 PAPER = ("K_f0", "c_f", "K_w0", "c_w", "I_m")
 TORQUES = np.array([1e-6, 0.1, 10.0, 300.0])
@@ -82,8 +80,3 @@ def test_wrong_words_are_named(data, change, expected):
     with pytest.raises(vdfmu.VdfmuError) as error:
         robot_from_dict(copy.deepcopy(data))
     assert expected in str(error.value)
-
-
-def test_the_schema_has_the_words(data):
-    assert list(Draft7Validator(robot_schema()).iter_errors(data)) == []
-    assert "[N.m/rad or N/m]" in str(robot_schema()["properties"]["joints"])

@@ -36,7 +36,6 @@ struct Instance {
     void *environment;
     void (*log)(void);
     void (*update)(void *, double, bool, bool, bool, bool, bool *, double *);
-    char resources[1024];
 };
 
 static void begin(Instance *I);
@@ -169,12 +168,11 @@ const char *fmi2GetVersion(void) { return "2.0"; }
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String place,
                               const fmi2CallbackFunctions *call, fmi2Boolean visible, fmi2Boolean logging)
 {
-    (void)name, (void)guid, (void)call, (void)visible, (void)logging;
+    (void)name, (void)guid, (void)place, (void)call, (void)visible, (void)logging;
     Instance *I = calloc(1, sizeof *I);
     I->d = initial;
     I->next = INFINITY;
     I->exchange = type == fmi2ModelExchange;
-    snprintf(I->resources, sizeof I->resources, "%s/", place + (strncmp(place, "file://", 7) ? 0 : 7));
     return I;
 }
 void fmi2FreeInstance(fmi2Component I) { free(I); }
@@ -278,13 +276,12 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean ke
 #include "fmi3Functions.h"
 
 const char *fmi3GetVersion(void) { return "3.0"; }
-static Instance *make(const char *place, void *environment, bool events, bool exchange)
+static Instance *make(void *environment, bool events, bool exchange)
 {
     Instance *I = calloc(1, sizeof *I);
     I->d = initial;
     I->next = INFINITY;
     I->environment = environment, I->event_mode = events, I->exchange = exchange;
-    snprintf(I->resources, sizeof I->resources, "%s", place ? place : "");
     return I;
 }
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String place, fmi3Boolean visible,
@@ -292,20 +289,20 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          const fmi3ValueReference *r, size_t n, fmi3InstanceEnvironment environment,
                                          fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
-    (void)name, (void)token, (void)visible, (void)logs, (void)early, (void)r, (void)n, (void)log;
+    (void)name, (void)token, (void)place, (void)visible, (void)logs, (void)early, (void)r, (void)n, (void)log;
 #ifdef REFUSES_EVENT_MODE
     if (events)
         return log(environment, fmi3Error, "logEvents", "Event mode is not supported."), NULL;
 #endif
-    Instance *I = make(place, environment, events, false);
+    Instance *I = make(environment, events, false);
     I->update = update;
     return I;
 }
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String place, fmi3Boolean visible,
                                           fmi3Boolean logs, fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
 {
-    (void)name, (void)token, (void)visible, (void)logs, (void)log;
-    return make(place, environment, false, true);
+    (void)name, (void)token, (void)place, (void)visible, (void)logs, (void)log;
+    return make(environment, false, true);
 }
 void fmi3FreeInstance(fmi3Instance I) { free(I); }
 

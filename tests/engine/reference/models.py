@@ -57,13 +57,16 @@ class Model:
     kinds: tuple[str, ...] = ("CoSimulation", "ModelExchange")
     simulation: dict[str, str] = field(default_factory=dict)
     items: tuple[str, ...] = ()
-    resources: dict[str, bytes] = field(default_factory=dict)
     second: bool = False
     simulation_2: dict[str, str] = field(default_factory=dict)
 
     def reference(self, name: str) -> int:
         """Return the value reference, and index from 1, of a variable."""
         return 1 + [v.name for v in self.variables].index(name)
+
+    def causalities(self, version: str) -> dict[str, str]:
+        """Return the causality of each variable."""
+        return {v.name: v.causality for v in self.variables}
 
 
 def initial(v: V) -> str:
@@ -225,8 +228,6 @@ def build(model: Model, version: str, folder: Path) -> Path:
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", tostring(root, encoding="utf-8", xml_declaration=True))
         archive.write(library, f"binaries/{platform}/{library.name}")
-        for name, content in model.resources.items():
-            archive.writestr(f"resources/{name}", content)
     return path
 
 
@@ -235,79 +236,6 @@ DAHLQUIST = Model(
     [V("x", "output", start=1.0), V("der(x)", needs=("x",)), V("k", "parameter", start=1.0, variability="fixed")],
     "static void outputs(Instance *I) { I->d.der_x = -I->d.k * I->d.x; }\n",
     step=0.1, states=("x",),
-)  # fmt: skip
-VAN_DER_POL = Model(
-    "VanDerPol",
-    [V("x0", "output", start=2.0), V("x1", "output", start=0.0), V("der(x0)", needs=("x1",)),
-     V("der(x1)", needs=("x0", "x1")), V("mu", "parameter", start=1.0, variability="fixed")],
-    """
-static void outputs(Instance *I)
-{
-    Data *d = &I->d;
-    d->der_x0 = d->x1;
-    d->der_x1 = d->mu * ((1 - d->x0 * d->x0) * d->x1) - d->x0;
-}
-""",
-    step=1e-2, states=("x0", "x1"),
-)  # fmt: skip
-BOUNCING_BALL = Model(
-    "BouncingBall",
-    [V("h", "output", start=1.0), V("v", "output", start=0.0), V("der(h)", needs=("v",)), V("der(v)"),
-     V("g", "parameter", start=-9.81), V("e", "parameter", start=0.7), V("z", more={"indicator": "1"})],
-    """
-static void outputs(Instance *I)
-{
-    I->d.der_h = I->d.v;
-    I->d.der_v = I->d.g;
-    I->d.z = I->d.h == 0 && I->d.v == 0 ? 1 : I->d.h;
-}
-static void indicators(Instance *I, double *z) { outputs(I), z[0] = I->d.z; }
-static void event(Instance *I)
-{
-    Data *d = &I->d;
-    if (d->h > 1e-10 || d->v > 0)
-        return;
-    d->h = 2.2250738585072014e-308; /* the least above zero */
-    d->v = -d->v * d->e;
-    if (d->v < 0.1)
-        d->v = d->g = 0;
-    I->changed = true;
-}
-""",
-    step=1e-3, states=("h", "v"), indicators=1,
-    simulation={"hasEventMode": "true", "mightReturnEarlyFromDoStep": "true"},
-)  # fmt: skip
-STAIR = Model(
-    "Stair",
-    [V("counter", "output", "Int32", 1, "discrete")],
-    """
-static void begin(Instance *I) { I->next = 1; }
-static void event(Instance *I)
-{
-    if (I->time + 1e-9 < I->next)
-        return;
-    I->d.counter++;
-    I->next = I->d.counter < 10 ? I->next + 1 : INFINITY;
-    I->end = I->d.counter == 10;
-}
-""",
-    step=0.2, simulation={"hasEventMode": "true", "mightReturnEarlyFromDoStep": "true"},
-)  # fmt: skip
-RESOURCE = Model(
-    "Resource",
-    [V("y", "output", "Int32")],
-    """
-static void outputs(Instance *I)
-{
-    char path[1100];
-    snprintf(path, sizeof path, "%sy.txt", I->resources);
-    FILE *file = fopen(path, "r");
-    I->d.y = file ? fgetc(file) : -1;
-    if (file)
-        fclose(file);
-}
-""",
-    step=1.0, resources={"y.txt": b"a"},
 )  # fmt: skip
 SCALARS = {"Float64": 0.0, "Float32": 0.0, **dict.fromkeys(INTEGERS, 0), "Boolean": False, "String": "Set me!",
            "Binary": "666f6f", "Enumeration": 1}  # fmt: skip

@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import eigh
 
 import vdfmu
-from tests.conftest import ran, refused
 from tests.study.analysis.lift import ONE_JOINT, POSES, roots
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.arm.equations.plant import plant_outputs
@@ -16,7 +15,7 @@ from vdfmu.arm.units.plant import Plant
 from vdfmu.base.errors import UsageError
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.study.analysis.modes import natural_modes, ranges
+from vdfmu.study.analysis.modes import middle_pose, natural_modes
 
 
 @pytest.mark.parametrize("dry", [False, True])
@@ -113,11 +112,6 @@ def plain_plant(robot, dry):
     return plain
 
 
-def test_a_mode_that_nowhere_oscillates_has_no_range(lift):
-    modes = natural_modes(lift, [0.1])
-    assert ranges([modes], 2) == [None, (modes.frequency[0],) * 2]
-
-
 def test_the_linear_system_goes_to_other_tools(monkeypatch):
     system = vdfmu.linearize(vdfmu.load_robot("slider_3dof"), POSES["slider_3dof"])
     assert system.states[:2] == ("q[1]", "q[2]") and system.state_units[:2] == ("rad", "m")
@@ -152,26 +146,4 @@ def test_what_cannot_be_linearised_is_said(lift, tmp_path):
     # 2.5 kg x 9.81 m/s2 / 600 rad/m
     assert "at most 0.01 N.m, but it takes 0.04088 N.m" in str(raised.value)
     (tmp_path / "strong.toml").write_text(ONE_JOINT + limits + weak.replace("0.01", "1.0"))
-    said = ran("linear", tmp_path / "strong.toml")
-    assert "at 0.275" in said.output  # 0 is beyond an end stop
-
-
-@pytest.mark.heavy
-def test_the_command_prints_a_pose_or_a_path(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    said = ran("linear", "planar_2dof", "--pose", "0.3, -0.5")
-    modes = natural_modes(vdfmu.load_robot("planar_2dof"), [0.3, -0.5])
-    assert all(f"{f:.2f}" in said.output for f in modes.frequency)
-    assert "Motors held at 0.3 -0.5" in said.output and "Not oscillating, 1/s:" in said.output
-    assert " to " in ran("linear", "planar_tracking", "--modes").output
-    assert (tmp_path / "planar_tracking_modes.png").read_bytes().startswith(b"\x89PNG")
-    for options, message in (
-        (["planar_tracking", "--modes"], "a file of this name exists"),
-        (["planar_tracking", "--modes", "--pose", "0 0"], "--pose is for a robot at a pose"),
-        (["planar_tracking", "--modes", "--set", "a.b=1"], "--set is for margins"),
-        (["planar_2dof", "--out", "here.png"], "--out is the picture of --modes or --bode"),
-        (["planar_2dof", "--at", "1"], "--at is only for a scenario, but planar_2dof is a robot"),
-        (["planar_2do"], "no robot or scenario 'planar_2do'. Did you mean \"planar_2dof\"?"),
-        (["planar_2dof", "--pose", "0 left"], "expected numbers, such as '0.3 -0.5'"),
-    ):
-        assert message in refused("linear", *options), options
+    assert middle_pose(vdfmu.load_robot(tmp_path / "strong.toml")) == [0.275]  # 0 is beyond an end stop

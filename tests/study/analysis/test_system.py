@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import expm
 
 import vdfmu
-from tests.conftest import ran, refused
 from vdfmu.arm.equations.harmonic_drive import deformation_derivative
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear
@@ -62,25 +61,6 @@ def test_sampling_without_feedback_is_the_matrix_exponential():
     sampled = vdfmu.linearize("planar_tracking", 0.0, parameters=settings, sampled=True)
     # rounding of the exponential of a matrix of norm 100
     np.testing.assert_allclose(sampled.A[:8, :8], expm(1e-3 * continuous.A), atol=1e-10)
-
-
-@pytest.mark.heavy
-def test_the_command_prints_margins_of_a_scenario_and_of_a_package(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    wanted = margins_along("planar_tracking", at=[0.5], algorithm="jacobi")
-    assert wanted.names == ("plant.tau[1]", "plant.tau[2]") and wanted.step == 1e-3
-    said = ran("linear", "planar_tracking", "--algorithm", "jacobi", "--at", "0.5")
-    assert "Step 0.001 s, jacobi" in said.output
-    assert all(f"{m:.3f}" in said.output for m in wanted.margins[0].modulus)
-    (marked,) = [line for line in said.output.splitlines() if "smallest" in line]
-    assert f" {min(wanted.margins[0].modulus):.3f} " in marked
-    # gauss-seidel samples
-    assert refused("linear", "planar_tracking", "--adaptive", "1e-4").startswith("adaptive: gauss-seidel")
-    ran("ssp", "planar_tracking", "--out", "p.ssp")
-    again = ran("linear", "p.ssp", "--algorithm", "jacobi", "--at", "0.5")
-    assert again.output.splitlines()[2:] == said.output.splitlines()[2:]
-    said = ran("linear", "planar_tracking", "--loop", "controller.q")
-    assert [line.split()[0] for line in said.output.splitlines()[3:5]] == ["controller.q[1]", "controller.q[2]"]
 
 
 def test_an_input_is_opened_once():

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import vdfmu
-from vdfmu.study.report.gallery import write_gallery
+from vdfmu.base.extras import extra_modules
 from vdfmu.study.report.page import animate, write_report
 from vdfmu.study.report.shown_run import read_run
 
@@ -23,7 +23,7 @@ def quiet(browser):
 
 @pytest.fixture(scope="session")
 def pages(tmp_path_factory) -> dict[str, Path]:
-    """Return a page of each kind: of a run, of two, of an arm alone, of a study, and the list of runs."""
+    """Return a page of each kind: of a run, of an arm alone and of a study; with an extra of two, and a list."""
     folder = tmp_path_factory.mktemp("pages")
     vdfmu.run("tracking", stop=1.0, out=folder / "tracking", parameters={"trajectory.T": 1.0})
     run = read_run(folder / "tracking")
@@ -32,10 +32,12 @@ def pages(tmp_path_factory) -> dict[str, Path]:
         "planar_tracking", over, stop=0.2, workers=1, measure=["error=max(abs(trajectory.q_d - plant.q))"],
         out=tmp_path_factory.mktemp("study") / "study",
     )  # fmt: skip
-    return {
+    made = {
         "run": write_report([run], folder / "run.html", simulate=True),
-        "comparison": write_report([run, run._replace(name="other")], folder / "comparison.html"),
         "arm": animate(folder / "tracking").save(folder / "arm.html"),
         "study": study.report(),
-        "list": write_gallery(folder, folder / "index.html"),
     }
+    for extra in extra_modules("gallery"):
+        made["list"] = extra.write_gallery(folder, folder / "index.html")
+        made["comparison"] = write_report([run, run._replace(name="other")], folder / "comparison.html")
+    return made

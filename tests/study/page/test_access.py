@@ -5,11 +5,12 @@ from pathlib import Path
 import pytest
 
 from tests.study.page.browser import FIND_OUT, PHONE, WIDE, draw_all, show
+from vdfmu.base.extras import extra_modules
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 AXE = Path(__file__).parents[3] / "requirements" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 LAYOUT = (Path(__file__).parent / "layout.js").read_text(encoding="utf-8")
-KINDS = ["run", "comparison", "arm", "study", "list"]
+KINDS = ["run", "arm", "study", *(["comparison", "list"] if extra_modules("gallery") else [])]
 
 
 @pytest.mark.skipif(not AXE.exists(), reason="needs axe-core: make pages")

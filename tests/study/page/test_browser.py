@@ -170,6 +170,7 @@ def test_keys_play_step_and_read_the_values_of_a_figure(run, browser):
 
 
 def test_the_arm_of_another_run_stands_beside_that_of_a_run(run, browser, tmp_path):
+    pytest.importorskip("vdfmu.extras.compare")
     first = read_run(run)
     show(browser, write_report([first, first._replace(name="other")], tmp_path / "comparison.html"))
     arms = "report.player.scene.puppets.length"

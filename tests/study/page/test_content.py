@@ -171,6 +171,7 @@ def test_names_of_a_run_cannot_break_the_page(tmp_path):
 
 
 def test_the_command_writes_one_page_of_its_folders_and_says_which_has_no_run(planar, tmp_path, monkeypatch):
+    pytest.importorskip("vdfmu.extras.compare")
     folder, _ = planar
     ran("report", folder, folder, "--no-simulate", "--out", tmp_path / "both.html")
     assert [run["name"] for run in data_of(tmp_path / "both.html")["runs"]] == [

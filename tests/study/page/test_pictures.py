@@ -16,7 +16,7 @@ from PIL import Image
 
 import vdfmu
 from tests.study.page.browser import FIND_OUT, PHONE, WIDE, Browser, calm, draw_all, show
-from vdfmu.study.report.robot_page import write_robot_page
+from vdfmu.base.extras import extra_modules
 
 pytestmark = [pytest.mark.heavy, pytest.mark.usefixtures("quiet")]
 KEPT = Path(__file__).parent / "pictures"
@@ -53,11 +53,10 @@ STATES = {
     "run_limits": ("run", WIDE, "light", f"{FIND_OUT}.then(() => document.querySelector('.budget').scrollIntoView())"),
     "run_zoomed": ("run", WIDE, "light", f"{ZOOM}; document.querySelector('#figures').scrollIntoView()"),
     "run_unstable": ("run", WIDE, "light", MOVE),
-    "comparison": ("comparison", WIDE, "light", ""),
-    "list": ("list", WIDE, "light", ""),
+    **({name: (name, WIDE, "light", "") for name in ("comparison", "list")} if extra_modules("gallery") else {}),
     "study": ("study", WIDE, "light", ""),
     "study_phone": ("study", PHONE, "dark", "document.querySelector('.panel button').click()"),
-    "robot": ("robot", WIDE, "light", ""),
+    **({"robot": ("robot", WIDE, "light", "")} if extra_modules("robot_page") else {}),
 }
 """Page, size of the window, scheme of colours or medium, and what is done first."""
 
@@ -71,7 +70,7 @@ def drawn(browser) -> Browser:
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory) -> Path:
     page = tmp_path_factory.mktemp("robot") / "robot.html"
-    write_robot_page(vdfmu.load_robot("planar_2dof"), page)
+    extra_modules("robot_page")[0].write_robot_page(vdfmu.load_robot("planar_2dof"), page)
     return page
 
 
@@ -97,9 +96,9 @@ def shot(browser: Browser, page: Path, size: tuple[int, int], scheme: str, scrip
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_a_page_looks_as_it_did(pages, robot, drawn, state):
+def test_a_page_looks_as_it_did(pages, request, drawn, state):
     kind, *how = STATES[state]
-    picture = shot(drawn, robot if kind == "robot" else pages[kind], *how)
+    picture = shot(drawn, request.getfixturevalue("robot") if kind == "robot" else pages[kind], *how)
     path = KEPT / f"{state}.png"
     if "KEEP_PICTURES" in os.environ:
         KEPT.mkdir(exist_ok=True)

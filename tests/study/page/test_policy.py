@@ -12,11 +12,10 @@ import pytest
 import vdfmu
 from tests.study.page.browser import show
 from vdfmu.base import page as frame
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.files import read_member
 from vdfmu.engine.results.results import Signal
-from vdfmu.study.report.gallery import write_gallery
 from vdfmu.study.report.page import StudyPart, report_page, study_page
-from vdfmu.study.report.robot_page import robot_page
 from vdfmu.study.report.shown_run import ShownRun
 from vdfmu.study.run.scene import arm_of
 
@@ -62,12 +61,17 @@ def run() -> ShownRun:
 
 @pytest.fixture
 def pages(tmp_path):
-    shown, study = run(), StudyPart("study", "about", "", {}, "lead")
+    robot, shown, study = vdfmu.load_robot("planar_2dof"), run(), StudyPart("study", "about", "", {}, "lead")
     return {
-        "run": report_page([shown]), "runs": report_page([shown, shown]), "sweep": report_page([shown], study=study),
-        "study": study_page(study), "gallery": write_gallery(tmp_path, tmp_path / "index.html").read_bytes(),
-        "robot": robot_page(vdfmu.load_robot("planar_2dof"), None, None)[0],
+        "run": report_page([shown]), "sweep": report_page([shown], study=study),
+        "study": study_page(study), 
         "package": frame.page("package", "", "", 76),
+        **{each.__name__: each.robot_page(robot, None, None)[0] for each in extra_modules("robot_page")},
+        **{
+            each.__name__: each.write_gallery(tmp_path, tmp_path / "index.html").read_bytes()
+            for each in extra_modules("gallery")
+        },
+        **{each.__name__: report_page([shown, shown]) for each in extra_modules("comparison")},
     }  # fmt: skip
 
 

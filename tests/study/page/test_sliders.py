@@ -294,6 +294,7 @@ def test_a_slow_run_ends_for_a_newer_one(run, browser):
 
 
 def test_a_run_of_a_comparison_is_chosen(run, browser, tmp_path):
+    pytest.importorskip("vdfmu.extras.compare")
     planar, package = tmp_path / "planar", tmp_path / "package"
     vdfmu.run("planar_tracking", stop=0.2, out=planar, reference=False)
     run_system(planar / "system.ssp", stop=0.2, out=package)

@@ -7,16 +7,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from vdfmu.study.report.sheets import (
-    Sheet,
-    facts,
-    reference_sheet,
-    sheet_latex,
-    sheet_table,
-    sheets,
-    tracking_sheet,
-    write_tables,
-)
+from vdfmu.study.report.latex import sheet_latex, write_tables
+from vdfmu.study.report.sheets import Sheet, facts, reference_sheet, sheet_table, sheets, tracking_sheet
 
 TRACKING: dict[str, Any] = {
     "scenario": "two_joint", "robot": "manipulator_6dof", "friction": "lumped", "backend": "python",

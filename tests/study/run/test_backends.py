@@ -1,15 +1,11 @@
-"""Python and native FMUs, and the container FMU, in the same system under the same master."""
+"""Python and native FMUs in the same system under the same master."""
 
 import zipfile
 
-import fmpy
 import numpy as np
 import pytest
-from fmpy.validation import validate_fmu
 
 import vdfmu
-from vdfmu.base.errors import UsageError
-from vdfmu.engine.container import write_container
 
 STOP = 0.2
 
@@ -42,54 +38,6 @@ def test_python_and_native_fmus_compute_the_same(runs, algorithm):
     # The same operations in the same order; libraries round sin, tanh, exp by an ulp at most differently. Snap
     # and torque are of order 10: 1e-9 is 1e6 roundings of them, and far below what one wrong sign would make.
     assert largest_difference(python, native) <= 1e-9
-
-
-@pytest.fixture(scope="module")
-def container(runs, tmp_path_factory):
-    folder, _ = runs(backend="native", algorithm="jacobi")
-    return write_container(folder / "system.ssp", tmp_path_factory.mktemp("c") / "arm.fmu", step=1e-3)
-
-
-def simulated(path, output, **options):
-    return fmpy.simulate_fmu(str(path), stop_time=STOP, output_interval=1e-3, output=output, **options)
-
-
-@pytest.mark.heavy
-def test_the_container_runs_in_plain_fmpy_as_jacobi_does_to_the_bit(runs, container):
-    _, jacobi = runs(backend="native", algorithm="jacobi")
-    # FMPy's container says nothing of dependencies, so its outputs depend on all; nothing else is to be said
-    assert validate_fmu(str(container)) == []
-    outputs = fmpy.read_model_description(str(container)).outputs
-    names = [unknown.variable.name for unknown in outputs]
-    assert len(names) > 40  # all outputs of the four units
-    result = simulated(container, names)
-    for name in names:  # the same libraries on the same numbers
-        np.testing.assert_array_equal(result[name], jacobi[name])
-
-
-@pytest.mark.heavy
-def test_the_container_has_the_inputs_of_its_units_and_the_same_bits_each_time(runs, container, tmp_path):
-    for name, value in (("controller.K_p[1]", 100.0), ("plant.F_e[2]", 30.0)):
-        _, jacobi = runs(backend="native", algorithm="jacobi")
-        changed = simulated(container, ["plant.q[1]"], start_values={name: value})
-        assert np.abs(changed["plant.q[1]"] - jacobi["plant.q[1]"]).max() > 1e-7
-    folder, _ = runs(backend="native", algorithm="jacobi")
-    token = fmpy.read_model_description(str(container)).guid
-    again = write_container(folder / "system.ssp", tmp_path / "again.fmu", step=1e-3)
-    assert again.read_bytes() == container.read_bytes()
-    other = write_container(folder / "system.ssp", tmp_path / "other.fmu", step=2e-3)
-    assert fmpy.read_model_description(str(other)).guid != token
-
-
-@pytest.mark.heavy
-def test_a_container_that_cannot_be_made_says_why(runs, tmp_path):
-    folder, _ = runs(backend="python", algorithm="jacobi")
-    with pytest.raises(UsageError, match="needs Python"):
-        write_container(folder / "system.ssp", tmp_path / "x.fmu", step=1e-3)
-    for step in (0.0, float("inf"), float("nan")):
-        with pytest.raises(UsageError, match="step: expected a positive finite time"):
-            write_container(folder / "system.ssp", tmp_path / "x.fmu", step=step)
-    assert not (tmp_path / "x.fmu").exists()
 
 
 def test_the_package_of_a_run_holds_what_was_asked_for(runs):

@@ -8,8 +8,10 @@ import pytest
 from vdfmu.base.arrays import scipy_part
 from vdfmu.base.errors import VdfmuError
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.reference import compiled as compiled_rows
 from vdfmu.system.reference import reference as compiled
 from vdfmu.system.reference import solution
+from vdfmu.system.reference.compiled import CompiledSampled
 from vdfmu.system.reference.reference import reference, reference_blocks
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
@@ -61,6 +63,7 @@ def test_without_the_compiler_a_reference_is_the_same(own_cache, monkeypatch, na
 @pytest.mark.parametrize("name", NAMES)
 def test_references_are_exact_to_1e_11_rad(own_cache, monkeypatch, name, scenario, step, stop, parameters):
     usual = reference(name, described(scenario, parameters), step=step, stop=stop)["plant.q"]
+    monkeypatch.setattr(solution, "compiles", lambda run: False)
     for tolerances in (solution.SHORT, solution._LONG):
         monkeypatch.setitem(tolerances, "rtol", 3e-14)
         monkeypatch.setitem(tolerances, "atol", 1e-15)
@@ -89,30 +92,46 @@ def test_other_rows_are_solved(own_cache, options):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", ["sampled", "sampled-delayed"])
-def test_a_long_reference_in_compiled_code_is_that_of_scipy(own_cache, monkeypatch, name):
-    slow = reference(name, described("tracking"), step=1e-3, stop=1.2)
-    monkeypatch.setattr(solution, "SCIPY_ALONE", 1.0)
-    use(own_cache / "other", monkeypatch)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_reference_in_compiled_code_is_that_of_scipy(own_cache, monkeypatch, name):
     rows = []
     for block in reference_blocks(name, described("tracking"), step=1e-3, stop=1.2):
         block.repeat(block.t.size // 2)
         rows.append(block["plant.q"])
-    # the same method and steps, so rounding, which friction near standstill increases
-    np.testing.assert_allclose(np.concatenate(rows), slow["plant.q"], rtol=0, atol=1e-12)
     (again, *_), count = reference_blocks(name, described("tracking"), step=1e-3, stop=1.2), 1200 // 12 + 2
+    monkeypatch.setattr(solution, "compiles", lambda run: False)
+    use(own_cache / "other", monkeypatch)
+    slow = reference(name, described("tracking"), step=1e-3, stop=1.2)
+    np.testing.assert_allclose(np.concatenate(rows), slow["plant.q"], rtol=0, atol=2e-12)
     assert (slow.repeated.intervals, block.repeated.intervals, again.repeated.intervals) == (0, count, count)
     # of states up to 10 at rtol = 1e-9
     assert 0.0 < again.repeated.difference == block.repeated.difference < 1e-8
 
 
 @pytest.mark.heavy
+def test_near_standstill_one_implicit_step_solves_an_interval(own_cache, monkeypatch):
+    """Friction would take the explicit method five steps."""
+    made = []
+    monkeypatch.setattr(solution, "CompiledSampled", lambda *args: made.append(CompiledSampled(*args)) or made[0])
+    usual = reference("sampled", described("tracking", {"trajectory.T": 1e5}), step=1e-3, stop=0.3)["plant.q"]
+    waits = [mover.wait for mover in made[0]._movers]
+    use(own_cache / "other", monkeypatch)
+    monkeypatch.setattr(solution, "compiles", lambda run: False)
+    slow = reference("sampled", described("tracking", {"trajectory.T": 1e5}), step=1e-3, stop=0.3)["plant.q"]
+    assert min(waits) < -50
+    np.testing.assert_allclose(usual, slow, rtol=0, atol=1e-12)
+
+
+@pytest.mark.heavy
 def test_a_compiled_solution_that_is_not_that_of_scipy_is_no_reference(own_cache, monkeypatch):
-    monkeypatch.setattr(solution, "SCIPY_ALONE", 0.0)
     tables = scipy_part("scipy.integrate._ivp.dop853_coefficients")
     monkeypatch.setattr(tables, "B", tables.B * (1.0 + 1e-5))  # of some 1e-3 in an interval, for 2e-10
+    monkeypatch.setattr(compiled_rows, "_tables", compiled_rows._tables.__wrapped__)
     with pytest.raises(VdfmuError, match=r"from t = 0 s to 0.001 s its compiled solver and scipy's differ by \d"):
         reference("sampled", described("planar_tracking"), step=1e-3, stop=0.05)
+    monkeypatch.setattr(solution, "_DENSE", {"rtol": 1e-4, "atol": 1e-5})
+    with pytest.raises(VdfmuError, match=r"its compiled solver and scipy's differ by \d"):
+        reference("continuous", described("planar_tracking"), step=1e-3, stop=1.0)
 
 
 def test_a_damaged_solution_is_solved_again(own_cache):

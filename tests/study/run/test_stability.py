@@ -205,12 +205,6 @@ def test_an_end_that_the_user_chose_is_said_and_no_fault():
     assert "stopped at 0.05 s of a motion of 2 s" in results.summary["verdict"]["results"]
 
 
-def test_margins_says_unstable_where_and_since_when():
-    done = ran("linear", "planar_tracking", "--set", "controller.K_v=400", "--at", "0", "--at", "0.1", code=1)
-    assert done.output.count("none") == 4 and "0.000" not in done.output
-    assert "Unstable from the start, joint 1" in " ".join(done.output.split())
-
-
 @pytest.mark.parametrize(
     ("factor", "lasts", "unstable"),
     [(49.0, False, False), (51.0, False, True), (2.71, True, False), (2.72, True, True)],

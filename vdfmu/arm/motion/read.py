@@ -15,7 +15,6 @@ import numpy as np
 
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.dynamics import inverse_dynamics
-from vdfmu.arm.motion.cartesian import circle, line
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.polynomial import Motion
 from vdfmu.arm.robot.plausible import position_notes, speed_notes
@@ -69,7 +68,7 @@ class MotionKind(NamedTuple):
 @cache
 def kinds() -> dict[str, MotionKind]:
     """Return the kinds of motions by name: those of the core and those of the extras."""
-    makers: list[Callable[..., Motion]] = [waypoints, samples, line, circle]
+    makers: list[Callable[..., Motion]] = [waypoints, samples]
     for module in extra_modules("motions"):
         makers += module.MOTIONS
     return {make.__name__: MotionKind(make, _arguments_of(make)) for make in makers}

@@ -197,6 +197,7 @@ class Robot(Parameters):
         }
         return sha256(json.dumps(structure, sort_keys=True).encode()).hexdigest()[:32]
 
+    @cached_per_command
     def joint(self, i: int) -> Self:
         """Return an arm with only joint `i`, counted from 0, without parameters that no equation uses."""
         arrays = {name: read_only(getattr(self, name)[[i]]) for name, row in self.rows.items() if row.per_joint}

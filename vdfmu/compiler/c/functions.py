@@ -21,7 +21,7 @@ from vdfmu.base.cache import cache_folder, cached_per_command, load_or_make
 from vdfmu.base.errors import KernelError
 from vdfmu.base.sources import source_digest
 from vdfmu.compiler.c.calls import VectorText
-from vdfmu.compiler.c.grouping import Operation, grouped
+from vdfmu.compiler.c.grouping import Operation, in_few_places, short_lines
 from vdfmu.compiler.c.operations import c_derivatives, c_operations, has_table
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, c_prototype, definition, head, source_text, wrapped
 from vdfmu.compiler.functions.chain import LOCAL
@@ -71,7 +71,6 @@ _TABLES = '#include "operations.h"'
 
 def _written(function: ca.Function, apart: Collection[str], derivatives: Derivatives) -> dict[str, str]:
     """Write the files of :func:`kernel_files` without the runner of tables."""
-    calls = not function.is_a("SXFunction")
     texts = c_texts(function, apart)
     name = f"kernel_{function.name()}"
     top = head(f"The traced function {function.name()}, operation by operation.") + '#include "elementary.h"\n'
@@ -84,12 +83,17 @@ def _written(function: ca.Function, apart: Collection[str], derivatives: Derivat
     if not derivatives:
         return files
     about = head(f"Derivatives of the traced function {function.name()}.") + '#include "elementary.h"\n'
-    if not calls and function.n_instructions() > _MOST_IN_C and has_table(function) and not has_roundings(function):
+    if (
+        function.is_a("SXFunction")
+        and function.n_instructions() > _MOST_IN_C
+        and has_table(function)
+        and not has_roundings(function)
+    ):
         return files | {f"{name}_forward_reverse.c": f"{about}{_TABLES}\n\n{c_derivatives(function)}"}
-    shared = {_name_in_c(function, callee.name()) for callee in function.find_functions(0)} if calls else set[str]()
+    shared = {_name_in_c(function, callee.name()) for callee in function.find_functions(0)}
     for ending, derivative in derivatives.items():
         texts = [f"{wrapped(c_prototype(function, ending))};", "", *c_texts(derivative(), shared)]
-        files[f"{name}_{ending}{'_passes' if calls else ''}.c"] = "\n".join([about, *texts])
+        files[f"{name}_{ending}.c"] = "\n".join([about, *texts])
     return files
 
 
@@ -129,14 +133,11 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
     """
     if not function.is_a("SXFunction"):
         return _calling(function, apart)
-    operations = operations_of(function)
-    if _RARE.search(function.name()) is None:
-        operations = grouped(operations)
+    operations = short_lines(operations_of(function), group=_RARE.search(function.name()) is None)
     read = {name for operation in operations for name in operation.arguments}
     lines = [f"(void){name};" for name in function.name_in() if name not in read]
-    values = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
-    lines += [f"double {', '.join(f'w{i}' for i in values)};"] if values else []
-    lines += [operation.text for operation in operations]
+    texts, count = in_few_places(operations)
+    lines += [f"double {', '.join(f'w{i}' for i in range(count))};", *texts] if count else texts
     return [called_tables(function) + definition(c_prototype(function), lines)]
 
 
@@ -184,25 +185,25 @@ def called_tables(function: ca.Function) -> str:
     return "".join([*(_lookup(each) for each in called if each.name().startswith(LOOKUP)), *prototypes])
 
 
-def _row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
-    """Return the C text that looks up a row and copies some of its numbers, given by place in the row and value."""
-    numbers = " ".join(f"w{i} = v0[{j}];" for j, i in taken)
-    return f"{{ double v0[{function.numel_out(0)}]; {function.name()}(&w{argument}, v0); {numbers} }}"
+def _row(function: ca.Function, argument: str, taken: Sequence[tuple[int, str]]) -> str:
+    """Return the C text that looks up a row and copies some of its numbers: place in the row and value."""
+    numbers = " ".join(f"{value} = v0[{j}];" for j, value in taken)
+    return f"{{ double v0[{function.numel_out(0)}], v1 = {argument}; {function.name()}(&v1, v0); {numbers} }}"
 
 
-def _product(function: ca.Function, source: Sequence[int], taken: Sequence[tuple[int, int]]) -> str:
-    """Return the C text of a product with a large matrix, from places of the column; `taken` as in :func:`_row`."""
+def _product(function: ca.Function, source: Sequence[str], taken: Sequence[tuple[int, str]]) -> str:
+    """Return the C text of a product with a large matrix, from values of the column; `taken` as in :func:`_row`."""
     matrix = matrix_of(function)
     assert matrix is not None
-    column = ", ".join(f"w{i}" for i in source[-function.numel_in(function.n_in() - 1) :])
-    call = f"{matrix[0]}{'_back' if matrix[1] else ''}(x, y);"
-    results = " ".join(f"w{i} = y[{j}];" for j, i in taken)
-    return f"{{ const double x[] = {{{column}}}; double y[{function.numel_out(0)}]; {call} {results} }}"
+    column = ", ".join(source[-function.numel_in(function.n_in() - 1) :])
+    call = f"{matrix[0]}{'_back' if matrix[1] else ''}(v0, v1);"
+    results = " ".join(f"{value} = v1[{j}];" for j, value in taken)
+    return f"{{ const double v0[] = {{{column}}}; double v1[{function.numel_out(0)}]; {call} {results} }}"
 
 
 @dataclass(frozen=True)
 class Language:
-    """Text of the operations of a trace in a language, with the values ``w0``, ``w1``, .."""
+    """Text of the operations of a trace in a language."""
 
     expressions: Mapping[int, str]
     """Operation to the pattern of its operands."""
@@ -211,9 +212,9 @@ class Language:
     """Text of an element of an argument, counted from 0."""
     result: Callable[[str, int], str]
     """Text of an element of a result."""
-    row: Callable[[ca.Function, int, Sequence[tuple[int, int]]], str] = _row
-    """Text of the lookup of a row; see :func:`_row`."""
-    product: Callable[[ca.Function, Sequence[int], Sequence[tuple[int, int]]], str] | None = None
+    row: Callable[[ca.Function, str, Sequence[tuple[int, str]]], str] = _row
+    """Text of the lookup of a row, see :func:`_row`."""
+    product: Callable[[ca.Function, Sequence[str], Sequence[tuple[int, str]]], str] | None = None
     """Text of a product with a large matrix, see :func:`_product`; None if there is none."""
     assignment: str = "{} = {};"
 
@@ -227,44 +228,50 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
         function = function.expand(function.name())
     arguments, results = function.name_in(), function.name_out()
     lines: list[Operation] = []
-    assign = language.assignment.format
-    for k, operation, inputs, outputs in instructions(function):
-        source, target = tuple(inputs), tuple(outputs)
+    assign, named = language.assignment.format, "${}$".format
+    operands = {code: [int(k) for k in _OPERAND.findall(text)] for code, text in language.expressions.items()}
+    held: dict[int, int] = {}
+    count = 0
+    for k, operation, inputs, places in instructions(function):
+        reads = () if operation == ca.OP_INPUT else tuple([held[place] for place in inputs])
+        values, names = [*map(named, reads)], ()
         if operation == ca.OP_OUTPUT:
-            name = results[target[0]]
-            text = assign(language.result(name, target[1]), f"w{source[0]}")
-            lines.append(Operation(text, source[:1]))
-        elif operation == ca.OP_CONST:
-            value = language.number(function.instruction_constant(k))
-            lines.append(Operation(assign(f"w{target[0]}", value), (), target))
+            lines.append(Operation(assign(language.result(results[places[0]], places[1]), values[0]), reads))
+            continue
+        made = {j: count + j for j, place in enumerate(places) if place >= 0}
+        count += len(places)
+        held |= {places[j]: i for j, i in made.items()}
+        wanted = [(j, named(i)) for j, i in made.items()]
+        target = wanted[0][1]
+        if operation == ca.OP_CONST:
+            text = assign(target, language.number(function.instruction_constant(k)))
         elif operation == ca.OP_CALL:
             called = function.instructions_sx()[k].which_function()
-            wanted = [(j, i) for j, i in enumerate(target) if i >= 0]
-            writes = tuple(i for _, i in wanted)
             if called.name().startswith(LOOKUP):
-                lines.append(Operation(language.row(called, source[0], wanted), source[:1], writes))
-            elif MATRIX in called.name():
-                if language.product is None or matrix_of(called) is None:
-                    raise KernelError(f"{function.name()}: a product with a large matrix has no text for this use.")
-                lines.append(Operation(language.product(called, source, wanted), source, writes))
-            else:  # the derivative of a lookup
-                zero = language.number(0.0)
-                lines.append(Operation(" ".join(assign(f"w{i}", zero) for i in writes), (), writes))
+                text = language.row(called, values[0], wanted)
+            elif MATRIX not in called.name():  # the derivative of a lookup
+                text, reads = " ".join(assign(name, language.number(0.0)) for _, name in wanted), ()
+            elif language.product is not None and matrix_of(called) is not None:
+                text = language.product(called, values, wanted)
+            else:
+                raise KernelError(f"{function.name()}: a product with a large matrix has no text for this use.")
         elif operation == ca.OP_INPUT:
-            name = arguments[source[0]]
-            text = assign(f"w{target[0]}", language.argument(name, source[1]))
-            lines.append(Operation(text, (), target, arguments=(name,)))
+            names = (arguments[inputs[0]],)
+            text = assign(target, language.argument(names[0], inputs[1]))
+        elif operation in operands:
+            text = assign(target, language.expressions[operation].format(*values))
+            reads = tuple([reads[j] for j in operands[operation]])
         else:
-            pattern = language.expressions.get(operation)
-            if pattern is None:
-                name = next(key for key, code in vars(ca).items() if key.startswith("OP_") and code == operation)
-                raise KernelError(
-                    f"{function.name()}: CasADi's operation {name} cannot be written in C. Use others, or write "
-                    'backend = "python" in the class of the unit.'
-                )
-            value = pattern.format(*[f"w{i}" for i in source])
-            lines.append(Operation(assign(f"w{target[0]}", value), source, target))
+            name = next(key for key, code in vars(ca).items() if key.startswith("OP_") and code == operation)
+            raise KernelError(
+                f"{function.name()}: CasADi's operation {name} cannot be written in C. Use others, or write "
+                'backend = "python" in the class of the unit.'
+            )
+        lines.append(Operation(text, reads, tuple(made.values()), names))
     return lines
+
+
+_OPERAND = re.compile(r"\{(\d)\}")
 
 
 def _lookup(function: ca.Function) -> str:

@@ -13,7 +13,7 @@ from vdfmu.compiler.unit.variable import Variable
 
 DEFAULT_EXPERIMENT = {"startTime": "0", "stopTime": "10", "stepSize": "0.001"}
 LOG_CATEGORIES = {
-    "logEvents": "Start of the simulation.",
+    "logEvents": "Start of the simulation, and events of co-simulation with their times.",
     **{f"logStatus{s}": f"Log messages with fmi2{s} status." for s in ("Warning", "Discard", "Error", "Fatal")},
     "logAll": "Log all messages.",
 }

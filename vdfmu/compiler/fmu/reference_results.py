@@ -24,10 +24,9 @@ from vdfmu.compiler.unit.solver import TOLERANCE, ScipySolver, margin
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 10
-"""Number of intervals of the experiment, with constant inputs and a row of results at the end of each."""
-_MOST_SOLVED = 1280
-"""Limit of the intervals times the continuous states, or joints, for a few seconds. Beyond it the results end
-earlier."""
+"""Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
+_MOST_SOLVED = 480
+"""Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
 """Digits of the results; later ones differ between machines because of rounding."""

@@ -121,14 +121,13 @@ def chain_of(
     same = [(ends[0].inputs[group], symbols) for group, symbols in common.items()]
     same += [(a.last, b.last) for a, b in zip(ends[0].passes, outer.passes, strict=True)]
 
-    def begun(leaf: _Leaf) -> ca.SX:
-        handed = outer.passes[leaf.number] if outer.passes[leaf.number].inward else ends[0].passes[leaf.number]
-        expression = handed.first[leaf.element]
-        if not handed.inward:
-            (expression,) = ca.substitute([expression], [a for a, _ in same], [b for _, b in same])
-        return merged.substituted(outer, [expression])[0]
+    def begun(turn: int) -> ca.SX:
+        column = column_of(ends[turn % 2].passes[p].first[e] for p, e in by_turn[turn])
+        if same and turn % 2 == 0:
+            (column,) = ca.substitute([column], [a for a, _ in same], [b for _, b in same])
+        return merged.substituted(outer, [column])[0]
 
-    first = {turn: column_of(map(begun, leaves)) for turn, leaves in by_turn.items()}
+    first = {turn: begun(turn) for turn in by_turn}
     last = {turn: column_of(outer.passes[p].last[e] for p, e in leaves) for turn, leaves in by_turn.items()}
     shared = dict(zip(outer.shared, merged.substituted(outer, [*outer.shared.values()]), strict=True))
     used = symbols_of(column_of([*first.values(), *shared.values()]))

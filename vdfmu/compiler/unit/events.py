@@ -125,6 +125,8 @@ class UnitEvents:
         self._methods = [method for unit in self._units for method in unit.at_events]
         self._names = [v.name for unit in self._units for v in unit.interface.memory[unit.interface.events]]
         self.above = np.zeros(len(self._methods), np.bool_)
+        self.happened: list[tuple[str, float]] | None = None
+        """Takes the name and time [s] of each event."""
 
     def __bool__(self) -> bool:
         return bool(self._methods)
@@ -164,6 +166,8 @@ class UnitEvents:
                 return x
             for i in rising:
                 self._methods[i]()
+                if self.happened is not None:
+                    self.happened.append((self._names[i], t))
             x = self._states()
         if self._methods:
             raise self._endless(t, f"{MOST_ROUNDS} at one time")

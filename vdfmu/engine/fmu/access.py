@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from ctypes import addressof, c_uint, create_string_buffer, string_at
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,11 @@ def shown(kind: str, number: Any) -> Value:
     if kind == "String":
         return number.decode("utf-8", "surrogateescape")
     return number if kind == "Binary" else number.item()
+
+
+def shown_all(kind: str, numbers: NDArray[Any]) -> list[Value]:
+    """Return the values of an array, see `shown`."""
+    return [shown(kind, number) for number in numbers] if kind in TEXTS else numbers.tolist()
 
 
 def shared(kind: Any, values: NDArray[Any]) -> Any:
@@ -82,23 +88,22 @@ class Transfer:
         self.verb, self.native, self._kind = verb, variables[0].native, variables[0].kind
         self.name = f"{verb.lower()}{self.native}"
         lengths = {v.reference: v.length for v in variables}
-        whole = [(reference, i) for reference, length in lengths.items() for i in range(length)]
-        elements = [(v.reference, v.index) for v in variables]
+        *begins, size = accumulate(lengths.values(), initial=0)
+        begin = dict(zip(lengths, begins, strict=True))
         self.references = (c_uint * len(lengths))(*lengths)
         self._values, self._where = values, np.array(places, np.intp)
-        ordered = elements == whole and list(places) == list(range(places[0], places[0] + len(places)))
-        self.partial = verb == "Set" and len(elements) < len(whole)
+        self._places = np.array([begin[v.reference] + v.index for v in variables], np.intp)
+        ordered = np.array_equal(self._places, np.arange(size)) and bool(np.all(np.diff(self._where) == 1))
+        self.partial = verb == "Set" and len(variables) < size
         """Whether the memory holds known values."""
         self.direct = ordered and np.dtype(dtype) == values.dtype
-        position = {element: i for i, element in enumerate(whole)}
-        self._places = np.array([position[element] for element in elements], np.intp)
-        self.sizes = np.zeros(len(whole), np.uintp)
-        """Sizes of the binary values."""
+        self.sizes = np.zeros(size, np.uintp)
+        """Sizes of binary values."""
         if self.direct:
             self.memory = values[places[0] : places[0] + len(places)]
             return
-        self.memory = np.zeros(len(whole), dtype)
-        """Memory that the call reads or writes."""
+        self.memory = np.zeros(size, dtype)
+        """Memory that the call reads or fills."""
         self._slots: dict[int, tuple[bytes, Any]] = {}
         """Texts and binary values by place: the content, and the copy whose address is in the memory."""
         if self.partial:

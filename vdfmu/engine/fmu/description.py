@@ -6,6 +6,7 @@ import math
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from typing import Any
 
@@ -119,7 +120,14 @@ class Description:
 
     def named(self, causality: str) -> list[FmuVariable]:
         """Return the variables of one causality, in the order of the FMU."""
-        return [v for v in self.variables.values() if v.causality == causality]
+        return list(self._named.get(causality, ()))
+
+    @cached_property
+    def _named(self) -> dict[str, list[FmuVariable]]:
+        by_causality: dict[str, list[FmuVariable]] = {}
+        for v in self.variables.values():
+            by_causality.setdefault(v.causality, []).append(v)
+        return by_causality
 
 
 def is_own(unit: Archive) -> bool:

@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from ctypes import byref, c_double, c_int, c_size_t, c_uint, c_void_p
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shared, shown
+from vdfmu.engine.fmu.access import DTYPES, Call, Transfer, held, shared, shown_all
 from vdfmu.engine.fmu.integrator import ModelExchangeIntegrator
 from vdfmu.engine.fmu.library import Library
 from vdfmu.engine.fmu.messages import boxes, watched_slave
@@ -163,6 +164,10 @@ class Instance(Library):
             self.box.ended[self.name] = self.box.time
         return bool(event or end)
 
+    def happened(self, time: float, changed: NDArray[np.bool_]) -> None:
+        """Note an event of model exchange; `changed` are the event indicators whose signs have changed."""
+        self.box.event(self.name, time)
+
     def enter_event(self) -> None:
         """Enter event mode."""
         self.event_needed = False
@@ -230,17 +235,21 @@ class Instance(Library):
         values: list[Value] = [0] * len(variables)
         for numbers, places, calls in self._accesses("Get", tuple(variables)):
             self.run(calls)
-            for number, place in zip(numbers, places, strict=True):
-                values[place] = shown(variables[place].kind, number)
+            kind = variables[places[0]].kind
+            for number, place in zip(shown_all(kind, numbers), places, strict=True):
+                values[place] = number
         return values
 
     def set_all(self, values: Starts) -> None:
-        """Set many variables with one call per type."""
-        for variable, value in values:
-            if variable.length > 1:
-                self._last_set(variable.reference)[variable.index] = value
+        """Set many variables with one call for each type."""
+        arrays = [(variable, value) for variable, value in values if variable.length > 1]
+        for reference, elements in groupby(arrays, lambda pair: pair[0].reference):
+            last = self._last_set(reference)
+            for variable, value in elements:
+                last[variable.index] = value
         for numbers, places, calls in self._accesses("Set", tuple(v for v, _ in values)):
-            numbers[:] = [held(values[i][0].kind, values[i][1]) for i in places]
+            kind = values[places[0]][0].kind
+            numbers[:] = [held(kind, values[i][1]) for i in places]
             self.run(calls)
 
     def _accesses(self, verb: str, variables: tuple[FmuVariable, ...]) -> list[_Access]:
@@ -265,6 +274,10 @@ class Instance(Library):
         chosen: Callable[[FmuVariable], bool] = lambda v: True,
     ) -> list[Call]:
         """Return the calls that get or set the chosen variables of one kind, with the values `values`, in place."""
+        return self.calls_of(self.transfers(verb, variables, values, chosen))
+
+    def calls_of(self, transfers: Sequence[Transfer]) -> list[Call]:
+        """Return the calls of transfers."""
         return [
             self._call_of(
                 moved,
@@ -272,7 +285,7 @@ class Instance(Library):
                 self.kind_of(moved.native),
                 [shared(c_size_t, moved.sizes)] if moved.native == "Binary" else [],
             )
-            for moved in self.transfers(verb, variables, values, chosen)
+            for moved in transfers
         ]
 
     def _call_of(self, moved: Transfer, name: str, kind: Any, more: Sequence[Any]) -> Call:
@@ -285,9 +298,12 @@ class Instance(Library):
         self, verb: str, variables: Sequence[FmuVariable], values: NDArray[Any], chosen: Callable[[FmuVariable], bool]
     ) -> list[Transfer]:
         """Return the transfers of these calls."""
+        by_type: dict[str, list[int]] = {}
+        for i, v in enumerate(variables):
+            if chosen(v):
+                by_type.setdefault(v.native, []).append(i)
         transfers: list[Transfer] = []
-        for native in dict.fromkeys(v.native for v in variables if chosen(v)):
-            places = [i for i, v in enumerate(variables) if v.native == native and chosen(v)]
+        for native, places in by_type.items():
             alike = [variables[i] for i in places]
             dtype = self.dtypes[native]
             transfers.append(Transfer(verb, alike, places, values, dtype, self._last_set, self._failure))
@@ -306,7 +322,9 @@ class Instance(Library):
         if self._values is None:
             self._values = {}
             for v in self.description.variables.values():
-                self._values.setdefault(v.reference, [0] * v.length)[v.index] = v.start
+                if v.reference not in self._values:
+                    self._values[v.reference] = [0] * v.length
+                self._values[v.reference][v.index] = v.start
         return self._values[reference]
 
     def instantiate(self) -> None:

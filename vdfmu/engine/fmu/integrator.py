@@ -49,6 +49,8 @@ class ModelExchangeIntegrator:
         if excess := excess_of(n_x, n_z):
             raise self._failure(f"it has {excess}")
         self._x, self._rates, self._z = np.zeros(n_x), np.zeros(n_x), np.zeros(n_z)
+        self._changed = np.zeros(n_z, np.bool_)
+        """Which event indicators have changed their sign at the last event."""
         self._nominals = np.ones(n_x)
         from scipy.integrate import DOP853, Radau  # import takes a third of a second
 
@@ -76,7 +78,9 @@ class ModelExchangeIntegrator:
             at_event = at_event or time >= instance.next_event
             if at_event or time >= end:
                 instance.update(time)
-            events += at_event
+            if at_event:
+                instance.happened(time, self._changed)
+                events += 1
             if time >= end or instance.name in instance.box.ended:
                 return 0
             if events > _EVENTS:
@@ -88,6 +92,7 @@ class ModelExchangeIntegrator:
 
     def _continue(self, time: float, end: float) -> tuple[float, bool, int]:
         """Integrate to an event or to `end`; return the time, whether it is an event, and the number of steps."""
+        self._changed[:] = False
         if end <= time:
             return time, False, 0
         self.instance.transfer("GetContinuousStates", self._x)
@@ -113,6 +118,7 @@ class ModelExchangeIntegrator:
                 self._h = solver.step_size if solver.status == "running" else self._h or solver.step_size
             if self._z.size and np.any(self._signs(time, state(time)) != signs):
                 time = self._crossing(before, time, state, signs)
+                self._changed = self._signs(time, state(time)) != signs
                 self._set(time, np.asarray(state(time)))
                 return time, True, steps
             self._set(time, x)

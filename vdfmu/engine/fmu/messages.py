@@ -1,4 +1,4 @@
-"""Messages of the units of a run, and exceptions of Python FMUs with their places."""
+"""Messages and events of the units of a run, and exceptions of Python FMUs with their places."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from ctypes import c_double, c_int
 from functools import wraps
 from pathlib import Path
@@ -21,7 +21,11 @@ STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _LENGTH = 10_000
 """Number of bytes kept of a message."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
-"""Part of a category that marks an error, even if the status is lower."""
+"""Part of the category that marks an error, even if the status is lower."""
+EVENT = "event"
+"""Status of a message that reports an event: its text is the name of the event, its time that of the event."""
+_SAID = re.compile(r".*: event (\S+) at t = (\S+) s")
+"""Message of category ``logEvents`` in which units of this package report an event."""
 _LEVEL = {"ok": logging.DEBUG, "note": logging.INFO, "warning": logging.WARNING}
 
 
@@ -31,9 +35,9 @@ class LogMessage(NamedTuple):
     unit: str
     """Component name; empty before the run."""
     time: float
-    """Communication point [s]."""
+    """Communication point, or time of an event [s]."""
     status: str
-    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending``, ``note`` or ``connections``."""
+    """``ok``, ``warning``, ``discard``, ``error``, ``fatal``, ``pending``, ``note``, ``connections`` or ``event``."""
     category: str
     text: str
 
@@ -49,18 +53,41 @@ def _log(message: LogMessage) -> None:
     _LOGGER.log(_LEVEL.get(message.status, logging.ERROR), "%s", message)
 
 
+class EventLog:
+    """The events of a run: their number, the first times and the last, by component or ``component.event``."""
+
+    TIMES = 500
+    """Most times that are kept of each."""
+
+    def __init__(self) -> None:
+        self.facts: dict[str, dict[str, Any]] = {}
+        """For the summary: ``count``, ``last`` [s] and ``times`` [s] of each."""
+
+    def add(self, message: LogMessage) -> None:
+        """Count an event."""
+        name = f"{message.unit}.{message.text}" if message.text else message.unit
+        fact = self.facts.setdefault(name, {"count": 0, "last": message.time, "times": []})
+        fact["count"] += 1
+        fact["last"] = message.time
+        if len(fact["times"]) < self.TIMES:
+            fact["times"].append(message.time)
+
+
 class MessageBox:
     """Collects the messages of the units of a run.
 
-    `pending` holds the messages since the last `flush`. The master flushes after each step, so the pending messages
-    explain a failure. `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each
-    message, by default the logger ``vdfmu.engine.run``.
+    `pending` holds the messages since the last `flush`. The master flushes after each step, so these explain a failure.
+    `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each message, by
+    default the logger ``vdfmu.engine.run``. `take` receives each event, by default that of `events`. An event of a step
+    that is undone is removed from `pending` with its messages.
     """
 
     def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
         self.pending: list[LogMessage] = []
         self.kept: deque[LogMessage] = deque(maxlen=limit)
         self.ended: dict[str, float] = {}
+        self.events = EventLog()
+        self.take: Callable[[LogMessage], None] | None = None
         self.clock, self.waiting = c_double(), c_int()
         """Memory shared with compiled steps: the communication point [s], and whether there was a message since
         `flush`."""
@@ -83,18 +110,25 @@ class MessageBox:
         if len(self.pending) >= 2 * self._limit:
             del self.pending[: self._limit]
 
+    def event(self, unit: str, time: float, name: str = "") -> None:
+        """Take an event of a unit at a time [s]; unlike a message it does not end steps in C."""
+        self.pending.append(LogMessage(unit, time, EVENT, "", name))
+
     def flush(self) -> None:
-        """Log and keep the pending messages."""
+        """Log and keep the pending messages, and count the events."""
         if not self.pending:
             return
         messages, self.pending, self.waiting.value = self.pending, [], 0
         for message in messages:
+            if message.status == EVENT:
+                (self.take or self.events.add)(message)
+                continue
             self.kept.append(message)
             self._log(message)
 
     def reason(self, unit: str) -> str:
-        """Return the reason that a unit logged since the last flush: errors, else warnings, else its last message."""
-        messages = [m for m in self.pending if m.unit == unit]
+        """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last message."""
+        messages = [m for m in self.pending if m.unit == unit and m.status != EVENT]
         failed = [m for m in messages if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
         worst = failed or [m for m in messages if m.status == "warning"]
         text = " ".join(" ".join(m.text.split()) for m in worst)
@@ -122,6 +156,9 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         return
     name, box = entry
     kind = shown(category[:_LENGTH].decode("utf-8", "replace")) if category else ""
+    if kind == "logEvents" and (said := _SAID.fullmatch(message)):
+        with suppress(ValueError):  # a text of another tool that is no number
+            return box.event(name, float(said[2]), said[1])
     box.add(LogMessage(name, box.time, label, kind, message))
 
 

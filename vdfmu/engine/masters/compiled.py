@@ -277,10 +277,7 @@ class CompiledSteps:
             self._move(instance, moved, at_end)
 
     def _transfers(self, instance: Instance, verb: str) -> list[Transfer]:
-        return [
-            moved for bank in self._banks
-            for moved in instance.transfers(verb, *bank.window(instance, verb), instance.between_events)
-        ]  # fmt: skip
+        return [moved for bank in self._banks for moved in bank.transfers(instance, verb)]
 
     def _gather(self, name: str, bank: Bank, window: slice) -> None:
         """Add the copy over the connections of a window of inputs, if it has any; see `Bank.gather`."""

@@ -148,14 +148,14 @@ class Components:
         """Load the libraries and create the instances."""
         corrupt: set[str] = set()
         own_steps = any(component.step is not None for component in self.checked.system.components)
-        continuous = self.checked.how.continuous
+        continuous, fed = self.checked.how.continuous, {link.end[0] for link in self.checked.links}
         for name, description in self.checked.descriptions.items():
             folder = self.folders[description.source]
             kind = class_of(description.version.name)
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             instance.event_mode = description.event_mode and not continuous and not own_steps
-            instance.updates = description.updates_inputs and continuous
-            with InterruptGuard():  # Python units turn Ctrl-C into an error
+            instance.updates = description.updates_inputs and continuous and name in fed
+            with InterruptGuard():  # units written in Python turn Ctrl-C into an error
                 self._instantiate(instance)
 
     def _instantiate(self, instance: Instance) -> None:

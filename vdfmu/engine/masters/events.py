@@ -147,7 +147,9 @@ class Events:
                         tick.ticked(time)
                         ticks.setdefault(name, set()).add(tick.variable.reference)
                 unit.gather()
-                if instance.event_needed or instance.next_event <= time + close or unit.changed or name in ticks:
+                if due := instance.event_needed or instance.next_event <= time + close:
+                    instance.box.event(name, time)
+                if due or unit.changed or name in ticks:
                     involved.add(name)
             if not involved:
                 for unit in self.units.values():

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats, distinct
 from vdfmu.base.errors import CosimError, FailureKind, UsageError
 from vdfmu.base.text import matching
-from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, held
+from vdfmu.engine.fmu.access import DTYPES, KINDS, TEXTS, Call, Transfer, held
 from vdfmu.engine.fmu.instance import Instance
 from vdfmu.engine.fmu.messages import MessageBox
 from vdfmu.engine.fmu.variables import FmuVariable
@@ -38,10 +38,10 @@ class Bank:
     transfer converts it.
     """
 
-    def __init__(self, kind: str, checked: Checked, words: Floats) -> None:
+    def __init__(self, kind: str, checked: Checked, links: Mapping[Port, Link], words: Floats) -> None:
         self.kind = kind
+        types = ("Integer", "Enumeration") if kind == "Integer" else (kind,)
         fresh = checked.schedule.fresh
-        links = {link.end: link for link in checked.links if link.stepped}
         read = {link.start for link in links.values() if link.sink.kind == kind}
         outputs: list[tuple[str, FmuVariable]] = []
         inputs: list[tuple[str, FmuVariable]] = []
@@ -50,9 +50,10 @@ class Bank:
         self.fresh_windows: dict[str, slice] = {}
         for unit, description in checked.sources.items():
             first, start = len(outputs), len(inputs)
-            outputs += [(unit, v) for v in description.recordable if v.kind == kind]
-            outputs += [(unit, v) for v in description.variables.values() if v.kind != kind and (unit, v.name) in read]
-            fed = [v for v in description.named("input") if v.kind == kind and (unit, v.name) in links]
+            outputs += [(unit, v) for v in description.recordable if v.type in types]
+            unlike = (v for v in description.variables.values() if v.type not in types) if read else ()
+            outputs += [(unit, v) for v in unlike if (unit, v.name) in read]
+            fed = [v for v in description.named("input") if v.type in types and (unit, v.name) in links]
             fed.sort(key=lambda v, unit=unit: (unit, v.name) not in fresh)
             inputs += [(unit, v) for v in fed]
             self.output_windows[unit], self.input_windows[unit] = slice(first, len(outputs)), slice(start, len(inputs))
@@ -67,8 +68,9 @@ class Bank:
         self.outputs = self.memory[: len(outputs)]
         self.inputs = self.memory[len(outputs) :]
         self.position: dict[Port, int] = {(u, v.name): i for i, (u, v) in enumerate(self.variables)}
-        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE and v.kind == kind}
+        self.names = {f"{u}.{v.name}": i for i, (u, v) in enumerate(self.variables) if u != SOURCE and v.type in types}
         self.links: list[Link] = [links[u, v.name] for u, v in inputs]
+        self._transfers: dict[tuple[str, str], list[Transfer]] = {}
 
     def is_free(self, place: int) -> bool:
         """Return whether the value at a place is an output, or an input without any connection."""
@@ -113,8 +115,19 @@ class Bank:
 
         Default: variables that can be called between events.
         """
-        variables, part = self.window(instance, verb)
-        return instance.access(verb, variables, part, chosen or instance.between_events)
+        if chosen is None:
+            return instance.calls_of(self.transfers(instance, verb))
+        return instance.access(verb, *self.window(instance, verb), chosen)
+
+    def transfers(self, instance: Instance, verb: str) -> list[Transfer]:
+        """Return the transfers of the default calls, the same each time unless they hold elements of arrays."""
+        key = instance.name, verb
+        if key not in self._transfers:
+            made = instance.transfers(verb, *self.window(instance, verb), instance.between_events)
+            if any(moved.partial for moved in made):
+                return made
+            self._transfers[key] = made
+        return self._transfers[key]
 
     def window(self, instance: Instance, verb: str) -> tuple[list[FmuVariable], NDArray[Any]]:
         """Return the variables that are to ``Get`` or ``Set``, and their memory."""
@@ -156,8 +169,9 @@ class Exchange:
         """The last complete row of steps in C."""
         self.banks: list[Bank] = []
         taken = _HEAD
+        links = {link.end: link for link in checked.links if link.stepped}
         for kind in KINDS:
-            self.banks.append(Bank(kind, checked, words[taken:]))
+            self.banks.append(Bank(kind, checked, links, words[taken:]))
             taken += self.banks[-1].words
         self._groups = _arrays(checked.schedule.initial.links)
         """Connections in the order of the initialization."""
@@ -248,9 +262,10 @@ class Exchange:
         """Set the inputs at the ends of connections to one unit."""
         pairs = list(zip(links, values, strict=True))
         self.instances[links[0].end[0]].set_all([(link.sink, value) for link, value in pairs])
+        banks = {bank.kind: bank for bank in self.banks}
         for link, value in pairs:
             if link.stepped:
-                bank = self._bank(link.sink.kind)
+                bank = banks[link.sink.kind]
                 bank.memory[bank.position[link.end]] = held(bank.kind, value)
 
     def read_outputs(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
+from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import CosimError
@@ -140,6 +141,8 @@ class Together:
         self.bank = bank
         self.name, self.box = members[0].name, members[0].box
         self._sizes = [member.sizes() for member in members]
+        self._asking: list[Instance] = []
+        """Members that ask for an event after a step of the solver."""
         names = {member.name for member in members}
         inner = [k for k in exchange.checked.links if k.stepped and {k.start[0], k.end[0]} <= names]
         self._inner = np.array([bank.position[k.end] - bank.outputs.size for k in inner], np.intp)
@@ -228,8 +231,18 @@ class Together:
         raise CosimError(self.name, "updateDiscreteStates", time, reason)
 
     def completed_step(self) -> bool:
-        """Report a solver step to all members; return whether it is an event for any."""
-        return any([member.completed_step() for member in self.members])
+        """Report a step of the solver to all; return whether it is an event for any."""
+        self._asking = [member for member in self.members if member.completed_step()]
+        return bool(self._asking)
+
+    def happened(self, time: float, changed: NDArray[np.bool_]) -> None:
+        """Note an event of the members whose event indicators have changed, whose time it is, or that ask for it."""
+        begin = 0
+        for member, (_, n) in zip(self.members, self._sizes, strict=True):
+            if changed[begin : begin + n].any() or member.next_event <= time or member in self._asking:
+                self.box.event(member.name, time)
+            begin += n
+        self._asking = []
 
     def enter_event(self) -> None:
         """Enter event mode."""

@@ -30,6 +30,7 @@ class Server:
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
         self._box = MessageBox(self._said.append)
+        self._box.take = self._said.append
         self._words = mapped(Path(memory))
         self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 

@@ -216,6 +216,8 @@ class Run:
             summary["wall_s"] -= self._pace.waited
             summary["pace"] = self._pace.facts()
         summary |= self._stepper.facts()
+        if box.events.facts:
+            summary["events"] = box.events.facts
         time = self.grid.times(0, done + 1) if self._times is None else self._times[: done + 1].copy()
         if done == self.grid.n or "ended" in summary:
             time[done] = summary["stop"]

@@ -16,7 +16,7 @@ from vdfmu.base.option import checks_types, lists_options, with_options
 from vdfmu.base.process import is_contained
 from vdfmu.base.progress import shown_steps
 from vdfmu.engine.algorithms import DEFAULT
-from vdfmu.engine.fmu.messages import LogMessage, MessageBox
+from vdfmu.engine.fmu.messages import EventLog, LogMessage, MessageBox
 from vdfmu.engine.masters.components import CONVERGENCE, Components, failure_message, report_exits, unpack_units
 from vdfmu.engine.options import Limits, RowOptions, SimulatorOptions, read_stepper
 from vdfmu.engine.package.read import load_ssp
@@ -363,6 +363,7 @@ class Simulator:
         box.flush()
         box.kept.clear()
         box.ended.clear()
+        box.events = EventLog()
         self._results, self._resting = None, False
         if self._run is not None and not self._run.lasts:
             self._run = None

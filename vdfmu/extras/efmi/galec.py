@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import casadi as ca
 
 from vdfmu.compiler.c.functions import Language, operations_of
+from vdfmu.compiler.c.grouping import in_few_places
 from vdfmu.compiler.c.text import EXPRESSIONS, indented
 from vdfmu.compiler.unit.trace import Call
 from vdfmu.extras.efmi.block import FIRST, PERIOD, STEPS, BlockVariable, SampledBlock
@@ -121,9 +122,9 @@ def _step(block: SampledBlock) -> list[str]:
         nonlocal values
         for call in calls:
             function = block.interface.functions.casadi_function(call.function)
-            for operation in operations_of(function, _language(block, call)):
-                values = max([values, *(i + 1 for i in operation.writes)])
-                yield operation.text
+            texts, count = in_few_places(operations_of(function, _language(block, call)))
+            values = max(values, count)
+            yield from texts
 
     def check(variables: Iterable[BlockVariable]) -> list[str]:
         return [line for v in variables for line in _each(v, _INFINITE, ["signal NAN;", "valid := false;"])]
@@ -152,11 +153,11 @@ def _language(block: SampledBlock, call: Call) -> Language:
         shown = f"'previous({group})'" if name == call.group(name) and block.is_before(call, name) else group
         return f"self.{shown}[{k + 1}]" if block.sizes[group] else f"self.{shown}"
 
-    def row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
+    def row(function: ca.Function, argument: str, taken: Sequence[tuple[int, str]]) -> str:
         name, width = function.name(), function.numel_out(0)
         last = block.sizes[f"{name}_edges"] - 2
-        search = f"if w{argument} >= self.{name}_edges[i + 1] then place := i; end if;"
-        numbers = (f"w{i} := self.{name}_rows[place * {width} + {j + 1}];" for j, i in taken)
+        search = f"if {argument} >= self.{name}_edges[i + 1] then place := i; end if;"
+        numbers = (f"{value} := self.{name}_rows[place * {width} + {j + 1}];" for j, value in taken)
         return " ".join([f"place := 0; for i in 1:{last} loop {search} end for;", *numbers])
 
     return Language(GALEC_EXPRESSIONS, galec_number, element, element, row, assignment="{} := {};")

@@ -14,6 +14,7 @@ import numpy as np
 from vdfmu.base.errors import UsageError
 from vdfmu.base.version import __version__
 from vdfmu.compiler.c.functions import Language, operations_of
+from vdfmu.compiler.c.grouping import in_few_places
 from vdfmu.compiler.c.text import EXPRESSIONS, c_constant, comment, definition, fields, indented
 from vdfmu.compiler.scalar.symbol import LOOKUP
 from vdfmu.compiler.unit.trace import Call
@@ -169,9 +170,8 @@ def _constant(v: BlockVariable, block: SampledBlock, precision: Precision) -> st
 def _function(block: SampledBlock, call: Call, precision: Precision) -> str:
     """Return the function of a call on the structure."""
     function = block.interface.functions.casadi_function(call.function)
-    operations = operations_of(function, _language(block, call, precision))
-    used = sorted({i for operation in operations for i in (*operation.reads, *operation.writes)})
-    lines = [f"{block.name}_Real w{i};" for i in used] + [operation.text for operation in operations]
+    texts, count = in_few_places(operations_of(function, _language(block, call, precision)))
+    lines = [*(f"{block.name}_Real w{i};" for i in range(count)), *texts]
     time = f", {block.name}_Real t" if "t" in call.reads else ""
     return definition(f"static void {call.function}({block.name} *self{time})", lines)
 
@@ -188,11 +188,11 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
             group = f"previous_{group}"
         return f"{constants[group]}{place}" if group in constants else f"self->{group}{place}"
 
-    def row(function: ca.Function, argument: int, taken: Sequence[tuple[int, int]]) -> str:
+    def row(function: ca.Function, argument: str, taken: Sequence[tuple[int, str]]) -> str:
         name, width = function.name(), function.numel_out(0)
         edges, rows, last = constants[f"{name}_edges"], constants[f"{name}_rows"], block.sizes[f"{name}_edges"] - 1
-        numbers = " ".join(f"w{i} = row[{j}];" for j, i in taken)
-        start = f"&{rows}[{width}U * place({edges}, {last}U, w{argument})]"
+        numbers = " ".join(f"{value} = row[{j}];" for j, value in taken)
+        start = f"&{rows}[{width}U * place({edges}, {last}U, {argument})]"
         return f"{{ const {block.name}_Real *row = {start}; {numbers} }}"
 
     def number(value: float) -> str:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from vdfmu.base.measure import unit_of
 from vdfmu.base.option import Option, option_of, read_settings
-from vdfmu.cli.analysis import read_numbers
 from vdfmu.cli.app import RUNS, meets_code
-from vdfmu.cli.options import OverwriteOption, Positional, refuse, target_file
+from vdfmu.cli.options import OverwriteOption, Positional, read_numbers, refuse, target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import RobotOptions

@@ -24,12 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vdfmu.arm.equations.rigid_body import body_parameters
-from vdfmu.arm.imports import ROUNDING
 from vdfmu.arm.robot import Robot, check_robot
 from vdfmu.arm.robot.parameters import PARAMETERS
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import ModelError, UsageError
-from vdfmu.base.toml_file import toml_text
+from vdfmu.base.toml_file import ROUNDING, toml_text
 from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.problem import (
     DRIVES,

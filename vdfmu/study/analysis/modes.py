@@ -13,7 +13,6 @@ from vdfmu.arm.robot import Robot, robot_argument
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
-from vdfmu.base.progress import counted
 from vdfmu.base.state_space import StateSpace
 from vdfmu.engine.linear.loops import Complex
 from vdfmu.study.analysis.arm_space import fast_states, linearize
@@ -91,10 +90,11 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     """
     if motors not in MOTORS:
         raise UsageError(f"motors: expected {' or '.join(MOTORS)}, got {motors!r}.")
-    return _modes(linearize(robot_argument(robot), q, dry=dry), motors, dry)
+    return modes_of(linearize(robot_argument(robot), q, dry=dry), motors, dry)
 
 
-def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
+def modes_of(system: StateSpace, motors: str, dry: bool) -> Modes:
+    """Return the modes of an arm that :func:`vdfmu.linearize` made linear."""
     keep = fast_states(system.states, dry)
     groups = [system.states[i].split("[")[0] for i in keep]
     n, m = groups.count("q"), len(groups)
@@ -131,17 +131,6 @@ def _modes(system: StateSpace, motors: str, dry: bool) -> Modes:
     )
 
 
-def modes_along(scenario: Scenario, *, dry: bool = False) -> tuple[Floats, dict[str, list[Modes]]]:
-    """Modes at poses of a scenario's desired motion, at rest at each, with motors free and held.
-
-    Returns 101 times [s], evenly spread from the start to the end, and modes by the state of the motors. For
-    errors see :func:`natural_modes`; UsageError if no component ``trajectory`` outputs the desired motion.
-    """
-    times, poses = desired_motion(scenario, ("q_d",), 101)
-    systems = [linearize(scenario.arm, q, dry=dry) for q in counted("poses", poses[0], len(times))]
-    return times, {motors: [_modes(system, motors, dry) for system in systems] for motors in MOTORS}
-
-
 def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> tuple[Floats, Floats]:
     """Return evenly spaced times (m,) [s] and outputs of ``trajectory``, (k, m, n). UsageError if one is missing."""
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
@@ -156,12 +145,3 @@ def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> t
         run(t)
         rows.append([trajectory.group(name).copy() for name in outputs])
     return times, np.array(rows).transpose(1, 0, 2)
-
-
-def ranges(along: Sequence[Modes], count: int) -> list[tuple[float, float] | None]:
-    """Lowest and highest frequency [Hz] of each of the `count` fastest modes, from slow to fast, or None."""
-    limits: list[tuple[float, float] | None] = []
-    for place in range(count, 0, -1):
-        each = [modes.frequency[-place] for modes in along if len(modes.frequency) >= place]
-        limits.append((float(min(each)), float(max(each))) if each else None)
-    return limits

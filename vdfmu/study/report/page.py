@@ -13,9 +13,11 @@ import shlex
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from vdfmu.base.errors import LOG, CosimError, UsageError, VdfmuError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import inside, require_ours, write_whole
 from vdfmu.base.page import page
 from vdfmu.base.standards import PYTHON_FMI
@@ -28,11 +30,10 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.results.verdict import outcome_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
-from vdfmu.study.report.comparison import answer, comparison, difference_sheet
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.gallery import write_gallery
-from vdfmu.study.report.parts import checks, components_table, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.sheets import LATEX, sheets, write_tables
+from vdfmu.study.report.latex import LATEX, write_tables
+from vdfmu.study.report.parts import checks, components_table, events, facts_table, marks, page_title, tables, tiles
+from vdfmu.study.report.sheets import sheets
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.run.joint_components import cut_figures, wired_arm
 from vdfmu.system.package.drawing import Coupling, system_diagram
@@ -85,11 +86,13 @@ def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: boo
         out = inside(out, out / name)
     require_ours(out)
     if gallery:
-        return write_gallery(folders[0], out)
+        return module_of_extra("gallery", "compare", "the list of a folder of runs").write_gallery(folders[0], out)
     if out.suffix == LATEX:
         names = _names(runs)
         tables = [(name, sheet) for name, run in zip(names, runs, strict=True) for sheet in sheets(run.summary)]
-        return write_tables([*([("", difference_sheet(names, runs))] if len(runs) > 1 else []), *tables], out)
+        if len(runs) > 1:
+            tables.insert(0, ("", _compare().difference_sheet(names, runs)))
+        return write_tables(tables, out)
     return write_report(runs, out, simulate=simulate)
 
 
@@ -129,6 +132,7 @@ def report_page(
             "simulation": simulation,
             "command": command,
             "marks": marks(run.summary),
+            "events": events(run.summary),
         }
         for name, run, simulation, command in zip(names, runs, simulations, commands, strict=True)
     ]
@@ -145,12 +149,13 @@ def report_page(
     system = f'<section id="system" class="card" hidden><h2>System</h2><div class="wide">{diagram}</div></section>'
     summaries = [run.summary for run in runs]
     joined = not any("scenario" in summary or "arm" in summary for summary in summaries)
-    settings = difference_sheet(names, runs) if len(runs) > 1 and not arm_alone else None
+    compare = _compare() if len(runs) > 1 and not arm_alone else None
+    settings = compare.difference_sheet(names, runs) if compare else None
     body = "\n".join(
         [
             *([study.body] if study else ()),
             *checks(names, runs),
-            *(comparison(names, runs, settings) if settings else ()),
+            *(compare.comparison(names, runs, settings) if compare else ()),
             *([system] if joined else []),
             '<div class="bench"><section id="arm" class="card" hidden aria-label="The arm in 3D"></section>',
             '<div class="side">',
@@ -182,10 +187,17 @@ def report_page(
         f'<p class="verdict {state}" data-run="{k}">{escape(line)} <small>{escape(more)}</small></p>\n'
         for line, more, state, k in lines
     ]
-    lead = (f'<p class="verdict">{escape(answer(names, runs, settings))}</p>\n' if settings else "") + "".join(verdicts)
+    if compare:
+        verdicts.insert(0, f'<p class="verdict">{escape(compare.answer(names, runs, settings))}</p>\n')
+    lead = "".join(verdicts)
     tab = page_title(names[0], summaries[0]) if len(runs) == 1 else ""
     script = scripts.scripts_of("run")
     return page(", ".join(names), about, body, 92, head, tab=tab, first=_SKIP, lead=lead, scripts=script)
+
+
+def _compare() -> ModuleType:
+    """Return the comparison of several runs, which is an extra."""
+    return module_of_extra("comparison", "compare", "the page of several runs")
 
 
 def _simulation(run: ShownRun, binaries: dict[str, str] | None, command: str) -> dict[str, Any]:

@@ -150,6 +150,12 @@ def marks(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
+def events(summary: Mapping[str, Any]) -> list[tuple[str, list[float]]]:
+    """Return the names and times [s] of the events that figures mark."""
+    listed: Mapping[str, Any] = summary.get("events") or {}
+    return [(name, [float(f"{time:.9g}") for time in fact["times"]]) for name, fact in listed.items()]
+
+
 def tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
     """Yield the tables of each run."""
     for name, run in zip(names, runs, strict=True):

@@ -1,11 +1,9 @@
-"""The numbers of a run as tables: as text, in the terminal, in LaTeX."""
+"""The numbers of a run as tables: of text, and in the terminal."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from rich import box
@@ -14,7 +12,6 @@ from rich.table import Table
 from rich.text import Text
 
 from vdfmu.base.bars import plain_table
-from vdfmu.base.files import MARK, write_whole
 from vdfmu.base.measure import number, per_cent, quantity
 from vdfmu.base.standards import FMI_2
 from vdfmu.base.text import amount
@@ -59,9 +56,11 @@ _ESTIMATION = (
 _LIMITS = {"Torque\nlimit": "torque", "Speed\nlimit": "speed", "End\nstop": "stop"}
 _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
 _SIGNALS = 12
-"""Most signals in the table of coupling errors, the worst first."""
-_COMPARED = ["paper", "%"]
-"""Headings for the paper's numbers, and for ours in per cent of them."""
+"""Most signals of the table of coupling errors, the worst first; most lines on events."""
+_TIMES = 12
+"""Most times of an event in a note."""
+COMPARED = ["paper", "%"]
+"""Headings of the paper's numbers, and of ours in per cent of them."""
 _NONE = "-"
 
 
@@ -69,7 +68,7 @@ def sheets(summary: Summary, *, fit: bool = False) -> list[Sheet]:
     """Return the tables of a run for which its summary has numbers. With `fit` each number has a suitable prefix."""
     makers = {
         "rms_position_error_deg": tracking_sheet, "limits": limits_sheet, "rms_spring_torque_nm": _estimation_sheet,
-        "reference": reference_sheet, "judgement": coupling_sheet,
+        "reference": reference_sheet, "judgement": coupling_sheet, "events": events_sheet,
     }  # fmt: skip
     made = [make(summary, fit) for key, make in makers.items() if summary.get(key)]
     return [sheet for sheet in made if sheet is not None]
@@ -86,7 +85,7 @@ def tracking_sheet(summary: Summary, fit: bool = False) -> Sheet:
         cells.append(values)
         if paper.get(key):
             theirs: Sequence[float] = paper[key]
-            columns += _COMPARED
+            columns += COMPARED
             pairs = zip(theirs, units_of(summary, unit_key, n), strict=False)
             written = [quantity(*pair) if fit else f"{pair[0]:g}" for pair in pairs]
             cells.append([*written, *[_NONE] * (n - len(written))])
@@ -189,6 +188,33 @@ def coupling_sheet(summary: Summary, fit: bool = False) -> Sheet | None:
     return Sheet("Coupling error", ("Signal", *(f"Step\n{head}" for head in heads), "d2 / d1"), rows, notes)
 
 
+def events_sheet(summary: Summary, fit: bool = False) -> Sheet:
+    """Return number and times of the events of each component, or of each event of a unit."""
+    happened: Mapping[str, Summary] = summary["events"]
+    rows = [
+        (name, str(fact["count"]), f"{fact['times'][0]:.5g}", f"{fact['last']:.5g}") for name, fact in happened.items()
+    ]
+    notes: list[str] = []
+    for name, fact in list(happened.items())[:_SIGNALS]:
+        listed = ", ".join(f"{time:.5g}" for time in fact["times"][:_TIMES])
+        left, kept = fact["count"] - _TIMES, len(fact["times"])
+        more = f" and {left} more; summary.json has " if left > 0 else ""
+        more += ("all" if kept == fact["count"] else f"the first {kept}") if more else ""
+        notes.append(f"{name} at {listed} s{more}.")
+    return Sheet("Events", ("Event", "Number", "First\n[s]", "Last\n[s]"), rows, notes)
+
+
+def events_lines(summary: Summary) -> list[str]:
+    """Return a line for each component with events, or for each event of a unit: number, first and last time."""
+    lines: list[str] = []
+    for name, fact in (summary.get("events") or {}).items():
+        first, last = (f"{time:.4g} s" for time in (fact["times"][0], fact["last"]))
+        at = f"at {first}" if fact["count"] == 1 else f"first at {first}, last at {last}"
+        lines.append(f"{name}: {amount(fact['count'], 'event')}, {at}")
+    more = len(lines) - _SIGNALS
+    return [*lines[:_SIGNALS], f"{amount(more, 'more')} in summary.json"] if more > 0 else lines
+
+
 _FACTS = {
     "Package": ("package", "{}"), "Scenario": ("scenario", "{}"), "Robot": ("robot", "{}"),
     "Friction": ("friction", "{}"), "Units": ("backend", "{} FMUs"), "Algorithm": ("algorithm", "{}"),
@@ -196,7 +222,7 @@ _FACTS = {
     "Tolerance": ("tolerance", "{:g}"), "Steps": ("steps", "{}"), "Wall time": ("wall_s", "{:.3g} s"),
     "Real-time factor": ("real_time_factor", "{:.3g} simulated seconds a second"),
     "No reference": ("no_reference", "{}"),
-    "Coupling": ("judgement", "{[text]}"),
+    "Ended by": ("ended", "{0[component]} at {0[time]:.5g} s"), "Coupling": ("judgement", "{[text]}"),
 }  # fmt: skip
 """Name to key and form."""
 
@@ -210,6 +236,8 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
             more = f" of FMI {fmi}" if name == "Units" and fmi != FMI_2.name else ""
             more += f", {summary['compiler']}" if name == "Units" and summary.get("compiler") else ""
             yield name, form.format(value) + more
+    if lines := events_lines(summary):
+        yield "Events", "\n".join(lines)
     if (pace := summary.get("pace")) is not None:
         p50, p99_9, worst = (f"{1e6 * pace[f'late_{each}_s']:.3g}" for each in ("p50", "p99_9", "worst"))
         late = f"rows {p50} µs late (p50), {p99_9} (p99.9), {worst} (worst, row {pace['worst_row']})"
@@ -321,85 +349,3 @@ def outcome_text(summary: Summary) -> Text:
 def state_text(state: str, text: str) -> Text:
     """Return a line after the symbol of its state; empty without a state."""
     return Text.assemble((f"{SIGNS[state]} ", _STYLES[state]), (text, f"bold {_STYLES[state]}")) if state else Text()
-
-
-LATEX = ".tex"
-_SPECIAL = {**{each: f"\\{each}" for each in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
-_SPECIAL |= {"^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "µ": r"\textmu{}"}
-_POWER = re.compile(r"(-?\d[\d.]*)e([+-]?\d+)")
-_UNIT = re.compile(r"\b(N|kg|J|W)\.(m|s|mm)")
-
-
-_COLUMN, _LETTER, _SPACE = 240.0, 4.4, 6.0
-"""Width of a paper's column, of an 8 pt letter, and between columns [pt]."""
-
-
-def write_tables(tables: Iterable[tuple[str, Sheet]], path: Path) -> Path:
-    """Write tables, each with the name of its run or "", as LaTeX; they need the package booktabs."""
-    head = f'% {MARK.decode()}"\n% \\usepackage{{booktabs}}\n'
-    write_whole(path, [(head + "\n".join(sheet_latex(sheet, name) for name, sheet in tables)).encode()])
-    return path
-
-
-def sheet_latex(sheet: Sheet, name: str = "") -> str:
-    """Return a table in LaTeX with the name of its run and its notes in the caption, and right-aligned numbers.
-
-    A table that is wider than a paper's column is split; each part begins with the first column.
-    """
-    title = " ".join(sheet.title.split())
-    caption = " ".join([f"{title}, {name}." if name else f"{title}.", *map(str.strip, sheet.notes)])
-    label = "-".join(re.findall(r"[a-z0-9]+", f"{name} {title}".lower()))
-    return "\n".join([
-        r"\begin{table}", r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
-        rf"\caption{{{_cell(caption)}}}", rf"\label{{tab:{label}}}",
-        "\n\\par\\medskip\n".join(_tabular(sheet, part) for part in _parts(sheet)), r"\end{table}", "",
-    ])  # fmt: skip
-
-
-def _widths(sheet: Sheet) -> list[float]:
-    """Return the widths of the columns of a table [pt]."""
-    return [
-        max(len(line) for cell in cells for line in cell.split("\n")) * _LETTER + _SPACE
-        for cells in zip(sheet.columns, *sheet.rows, strict=True)
-    ]
-
-
-def _parts(sheet: Sheet) -> list[list[int]]:
-    """Return the columns of a table's parts, each with the first. Columns that a heading compares stay together."""
-    widths = _widths(sheet)
-    groups: list[list[int]] = []
-    for k in range(1, len(sheet.columns)):
-        if groups and sheet.columns[k] in _COMPARED:
-            groups[-1].append(k)
-        else:
-            groups.append([k])
-    parts = [[0]]
-    for group in groups:
-        if len(parts[-1]) > 1 and sum(widths[k] for k in (*parts[-1], *group)) > _COLUMN:
-            parts.append([0])
-        parts[-1] += group
-    return parts
-
-
-def _tabular(sheet: Sheet, part: Sequence[int]) -> str:
-    """Return columns of a table. A heading of several lines takes as many rows and ends above the rule."""
-    headings = [sheet.columns[k].split("\n") for k in part]
-    deep = max(map(len, headings))
-    above = zip(*([""] * (deep - len(heading)) + heading for heading in headings), strict=True)
-    rows = [*above, *([row[k] for k in part] for row in sheet.rows)]
-    lines = [" & ".join(map(_cell, cells)) + r" \\" for cells in rows]
-    first, *widths = (_widths(sheet)[k] for k in part)
-    long = first + sum(widths) > _COLUMN  # a single column beside the first: its text is broken into lines
-    kinds = f"p{{{max(_COLUMN - first, 60.0):.0f}pt}}" if long else "r" * len(widths)
-    rules = [rf"\begin{{tabular}}{{l{kinds}}}", r"\toprule", *lines[:deep], r"\midrule", *lines[deep:]]
-    return "\n".join([*rules, r"\bottomrule", r"\end{tabular}"])
-
-
-def _cell(text: str) -> str:
-    """Return a cell: 1.3e-05 as 1.3 times a power of ten, units as N m."""
-    if power := _POWER.fullmatch(text):
-        return rf"${power[1]}\cdot 10^{{{int(power[2])}}}$"
-    if re.fullmatch(r"-\d[\d.]*", text):
-        return f"${text}$"
-    escaped = "".join(_SPECIAL.get(each, each) for each in " ".join(text.split()))
-    return _UNIT.sub(r"\1\\,\2", escaped)

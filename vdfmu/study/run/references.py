@@ -30,11 +30,13 @@ class _Progress:
 
     def __init__(self, case: RunCase, stage: str, wall_s: float) -> None:
         self._case, self._stage, self._wall_s = case, stage, wall_s
-        self._began, self._is_said = time.perf_counter(), False
+        self._began, self._first, self._is_said = math.inf, 0, False
 
     def __call__(self, done: int, total: int) -> None:
         report(self._stage, done, total)
-        whole = (time.perf_counter() - self._began) * total / max(done, 1)
+        if not self._first:  # a first run compiles before its first rows
+            self._began, self._first = time.perf_counter(), done
+        whole = (time.perf_counter() - self._began) * total / max(done - self._first, 1)
         if whole > max(_SLOW * self._wall_s, _LONG) and not self._is_said:
             self._is_said = True
             times = number(whole / max(self._wall_s, 1e-3), 2)

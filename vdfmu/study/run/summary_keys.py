@@ -170,6 +170,8 @@ KEYS: Mapping[str, Any] = {
     "real_time_factor": NUMBER,  # time of the run over wall time
     "pace": _PACE,  # speed limit of the run, and delays of its rows [s], by machine
     "communication": _STEPS,  # steps of an algorithm that repeats or adapts them, and their lengths [s]
+    # events: their number, the first times and the last [s], by component, of a unit by component.event
+    "events": Keyed(Record({"count": WHOLE, "last": NUMBER, "times": _VECTOR})),
     "held": _LINES,  # inputs that have, during a step, the value of their source at the beginning of the step
     "names": Keyed(Keyed(WHOLE)),  # names of the values of enumerations and modes, by signal
     "files": _LINES,  # files of the run, replaced by a later run

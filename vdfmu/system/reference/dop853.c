@@ -1,32 +1,28 @@
 /* The explicit method of order 8 by Dormand and Prince, between two communication points.
  *
  * Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 1993, section II.10. Step control and error norm
- * are those of `dop853` in `scipy.integrate.ode`: safety 0.9, factors 0.3 and 6, beta 0. `dop853.py` has the
- * coefficients from scipy, and `solution.py` compares the solution with scipy's. */
+ * are those of `dop853` in `scipy.integrate.ode`: safety 0.9, factors 0.3 and 6, beta 0. `compiled.py` has the
+ * coefficients from scipy. */
+#include "solvers.h"
+
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-enum { STAGES = 12, ROW = 16, MOST_STEPS = 100000 };
-enum { FAILED = -1 };
-
-typedef struct {
-    const double *A, *B, *C, *E3, *E5; /* A has rows of ROW numbers */
-    double relative, absolute;         /* tolerances */
-} Method;
+enum { DOP_STAGES = 12, ROW = 16, MOST_STEPS = 100000 };
 
 /* Error of a step over the tolerance, a root mean square over the states. */
-static double error_of(const Method *method, const double *x, const double *moved, const double *k, size_t n, double h)
+static double error_of(const Tables *tables, const Problem *problem, const double *x, const double *moved, const double *k, size_t n, double h)
 {
     double fifth = 0.0, third = 0.0;
     for (size_t i = 0; i < n; i++) {
         double e3 = 0.0, e5 = 0.0;
-        for (size_t s = 0; s < STAGES; s++) {
-            e3 += method->E3[s] * k[s * n + i];
-            e5 += method->E5[s] * k[s * n + i];
+        for (size_t s = 0; s < DOP_STAGES; s++) {
+            e3 += tables->E3[s] * k[s * n + i];
+            e5 += tables->E5[s] * k[s * n + i];
         }
         double size = fmax(fabs(x[i]), fabs(moved[i]));
-        double scale = method->absolute + method->relative * size;
+        double scale = problem->absolute + problem->relative * size;
         fifth += e5 / scale * (e5 / scale);
         third += e3 / scale * (e3 / scale);
     }
@@ -46,28 +42,29 @@ static void combine(double *x, const double *start, const double *weights, const
     for (size_t i = 0; i < n; i++) x[i] = start[i] + h * x[i];
 }
 
-/* Move the states `x` of a right-hand side from `t` to `to`, at first by a step `h`. `rate` reads `x` and sets `x_dot`.
+/* Move the states `x` from `t` to `to`, at first by a step `h`. `rate` reads `x` and sets `x_dot`.
  * `work` has room for 14 n numbers. Return the number of accepted steps, or FAILED without a finite solution. */
-SHOWN int advance(const Method *method, void (*rate)(double), double *x, const double *x_dot, size_t n, double t,
-                  double to, double h, double *work)
+int dop853(const Tables *tables, const Problem *problem, double t, double to, double h)
 {
-    double *k = work, *start = work + STAGES * n, *moved = start + n;
+    size_t n = problem->n;
+    double *x = problem->x;
+    double *k = problem->room, *start = k + DOP_STAGES * n, *moved = start + n;
     size_t bytes = n * sizeof(double);
     int accepted = 0, rejected = 0;
     memcpy(start, x, bytes);
-    rate(t);
-    memcpy(k, x_dot, bytes);
+    problem->rate(t);
+    memcpy(k, problem->x_dot, bytes);
     for (int tried = 0; tried < MOST_STEPS; tried++) {
         if (!(0.1 * h > fabs(t) * DBL_EPSILON)) return FAILED;
         int last = t + 1.01 * h - to > 0.0;
         if (last) h = to - t;
-        for (size_t s = 1; s < STAGES; s++) {
-            combine(x, start, method->A + ROW * s, k, s, n, h);
-            rate(t + method->C[s] * h);
-            memcpy(k + s * n, x_dot, bytes);
+        for (size_t s = 1; s < DOP_STAGES; s++) {
+            combine(x, start, tables->A + ROW * s, k, s, n, h);
+            problem->rate(t + tables->C[s] * h);
+            memcpy(k + s * n, problem->x_dot, bytes);
         }
-        combine(moved, start, method->B, k, STAGES, n, h);
-        double error = error_of(method, start, moved, k, n, h);
+        combine(moved, start, tables->B, k, DOP_STAGES, n, h);
+        double error = error_of(tables, problem, start, moved, k, n, h);
         if (!isfinite(error)) return FAILED;
         double factor = sqrt(sqrt(sqrt(error))) / 0.9;
         if (error <= 1.0) {
@@ -76,8 +73,8 @@ SHOWN int advance(const Method *method, void (*rate)(double), double *x, const d
             memcpy(x, moved, bytes);
             if (last) return accepted;
             t += h;
-            rate(t);
-            memcpy(k, x_dot, bytes);
+            problem->rate(t);
+            memcpy(k, problem->x_dot, bytes);
             double next = fmin(h / fmax(1.0 / 6.0, fmin(1.0 / 0.3, factor)), to - t);
             h = rejected ? fmin(next, h) : next;
             rejected = 0;

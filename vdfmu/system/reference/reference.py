@@ -7,9 +7,9 @@ same step. Ordered masters must reproduce this. - ``sampled-delayed``: every uni
 Other sampled masters must reproduce this. - ``continuous``: only the units' sampled states are sampled. Both others
 tend to this as the step shrinks.
 
-They use the connections and the units' traced functions, compiled if there is a compiler; tests compare these with
-plain numpy, which also runs units that cannot be traced. The solvers are scipy's. Solutions are cached under everything
-that determines them.
+They use the wiring and the traced functions of the units, compiled if a compiler is installed. The tests compare these
+with plain numpy. It also runs units that cannot be traced. The solvers are scipy's, or compiled and checked by scipy's.
+The cache keeps a solution by all that decides it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from ctypes import PyDLL, c_double, c_void_p
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
-from itertools import islice
 from typing import Any
 
 import casadi as ca
@@ -39,8 +38,8 @@ from vdfmu.compiler.unit.evaluate import Call, Traced
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.plan.inputs import read_inputs
 from vdfmu.system.package.description import SystemDescription
-from vdfmu.system.reference.dop853 import source_key
-from vdfmu.system.reference.solution import SHORT, ContinuousReference, Repeated, SampledReference
+from vdfmu.system.reference.compiled import Repeated, source_key
+from vdfmu.system.reference.solution import SHORT, ContinuousReference, SampledReference
 from vdfmu.system.reference.wired import Action, Carry, Node, Run, TimeSetter, WiredUnits
 from vdfmu.system.scenario.scenario import Variables
 
@@ -82,9 +81,9 @@ def reference_blocks(
 
     Each begins with the last `overlap` points before it, as in :meth:`vdfmu.engine.results.recorded.Recorded.blocks`.
 
-    A sampled reference of more than 10 s is solved in compiled code if there is a compiler. At least `REPEATED` evenly
-    spaced intervals, and those for which :attr:`Reference.repeat` is called, are also solved by scipy. VdfmuError if
-    they differ by more than the tolerance.
+    A system without events is solved in compiled code, if there is a compiler. At least `REPEATED` intervals, evenly
+    spaced, are solved by scipy too, and the row of each block that :attr:`Reference.repeat` is called with. VdfmuError
+    if they differ by more than the tolerance.
 
     A sampled reference holds outputs over `substeps` equal parts of a `step` [s]. `groups` are the outputs,
     ``unit.group``, by default all. `progress` is called with the number of finished steps and their total.
@@ -108,22 +107,21 @@ def reference_blocks(
         kept = load(path, lambda content: np.frombuffer(content).reshape(t.size + 2, sum(map(len, shown.values()))))
     repeated, repeat = Repeated(), None
     if kept is None:
-        rows, solution = _solved(name, description, step / substeps, m * substeps, substeps, shown)
-        if isinstance(solution, SampledReference):
-            repeated, repeat = solution.repeated, solution.repeat
+        solved_blocks, solution = _solved(name, description, step / substeps, m * substeps, substeps, shown)
+        repeated, repeat = solution.repeated, solution.repeat
     else:
         repeated = Repeated(int(kept[0, 0]), float(kept[1, 0]))
-        rows = iter(kept[2:])
+        solved_blocks = (kept[2 + first : 2 + first + BLOCK] for first in range(0, m + 1, BLOCK))
     ends = np.cumsum([len(nodes) for nodes in shown.values()]).tolist()
     where = {group: slice(end - len(shown[group]), end) for group, end in zip(shown, ends, strict=True)}
     blocks: list[Floats] = []
-    before: Sequence[Floats] | Floats = ()
+    before: Floats = np.empty((0, ends[-1] if ends else 0))
     apart = max(1, m // REPEATED)
-    for first in range(0, m + 1, BLOCK):
-        block = np.array([*before, *islice(rows, BLOCK)])
+    for first, new in zip(range(0, m + 1, BLOCK), solved_blocks, strict=True):
+        block = np.concatenate([before, new])
         begin, end = first - len(before), min(first + BLOCK, m + 1)
         if path is not None and kept is None:
-            blocks.append(block[len(before) :])
+            blocks.append(new)
         signals = {group: block[:, columns] for group, columns in where.items()}
         solved = Reference(name, t[begin:end], signals, repeated)
         if repeat is not None:
@@ -169,7 +167,7 @@ def _key(description: SystemDescription) -> str:
 def _solved(
     name: str, description: SystemDescription, step: float, n: int, every: int, shown: Mapping[str, Sequence[Node]]
 ) -> tuple[Iterator[Floats], SampledReference | ContinuousReference]:
-    """Return the requested outputs at every `every`-th of n + 1 times, and the solver."""
+    """Return the shown outputs at each `every`-th of n + 1 times, block by block, and the solver."""
     system = WiredUnits(description)
     solution = (
         ContinuousReference(system) if name == "continuous" else SampledReference(system, name == "sampled-delayed")
@@ -178,11 +176,9 @@ def _solved(
     system.start()
     times: Floats = step * np.arange(n + 1, dtype=np.float64)
     run = runs(system, solution.lists, sources(system, solution.lists))
-    if isinstance(solution, SampledReference):
-        solved = solution.solve(times, run, BLOCK, every)
-    else:
-        solved = islice(solution.solve(times, run), 0, None, every)
-    return (system.memory[places] for _ in solved), solution
+    if name == "continuous":
+        times, every = times[::every].copy(), 1
+    return solution.blocks(times, run, every, BLOCK, places), solution
 
 
 def runs(

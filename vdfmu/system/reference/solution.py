@@ -1,9 +1,9 @@
 """Solves a system of units with scipy, row by row: the solvers, and events between their steps.
 
-The solvers were chosen by measurements on the shipped scenarios, with errors of at most 1e-11 rad relative to
-tolerances of 1e-13. Sampled intervals are short, because inputs jump at communication points, so the explicit method of
-order 8 is used. Over seconds elastic modes and friction near standstill make the system stiff in places, so LSODA is
-used, which changes its method.
+scipy's solvers were chosen by measurement on the shipped scenarios, at errors of at most 1e-11 rad against themselves
+with tolerances of 1e-13. Inputs jump at communication points, so sampled intervals are short: the explicit method of
+order 8. Over seconds the elastic modes and the friction near standstill make the system stiff in places: LSODA changes
+its method. In compiled code, the implicit method of order 9 takes a fifth of LSODA's time at the same error.
 """
 
 from __future__ import annotations
@@ -21,15 +21,22 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.compiler.unit.events import PARTS, Motion, UnitEvents, parts_of, steps_of
 from vdfmu.compiler.unit.solver import Slopes, Solver, samples, switchings
-from vdfmu.system.reference.dop853 import CompiledDop853, KeptIntervals, Repeated, compiles
-from vdfmu.system.reference.wired import Action, Carry, Evaluate, Run, TimeSetter, WiredUnits
+from vdfmu.system.reference.compiled import (
+    CompiledContinuous,
+    CompiledRows,
+    CompiledSampled,
+    Repeated,
+    compiles,
+    no_finite_state,
+)
+from vdfmu.system.reference.wired import Action, Carry, Evaluate, Places, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances between communication points; errors are 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances for whole runs, in which errors accumulate: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
-SCIPY_ALONE = 10.0
-"""Longest run [s] whose sampled reference only scipy solves."""
+"""Tolerances for the whole time, because errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+_DENSE: dict[str, Any] = {"rtol": 3e-12, "atol": 3e-13}
+"""Tolerances of the polynomials of Radau IIA. The errors of their ends are smaller; only these add up."""
 _CLOSE = 1e-9
 """Fraction of a period below which two times are equal."""
 _STRETCH = 1000
@@ -63,48 +70,25 @@ class _RightHandSide:
         return self._x_dot
 
 
-class _Mover(Solver):
-    """Integrates the states of a unit between communication points with held inputs.
+class _Dop853:
+    """The states of a right-hand side by scipy's method of order 8."""
 
-    With `is_compiled` it uses the compiled solver, otherwise scipy's.
-    """
+    def __init__(self, right: _RightHandSide, x: Floats, tolerances: dict[str, Any]) -> None:
+        self._right, self._x = right, x
+        self.rate = right.__call__  # takes less time than an object to call
+        ode = scipy_part("scipy.integrate._ode").ode(right)
+        ode.set_integrator("dop853", **tolerances, nsteps=_MOST_STEPS)
+        ode.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
+        self._solver = ode._integrator
+        self._solver.reset(x.size, False)
 
-    def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None, is_compiled: bool) -> None:
-        super().__init__(system.units[name])
-        self._name, self._update, unit = name, update, self.unit
-        self.is_undivided = not (unit.interface.is_sampled or unit.switches or unit.at_events)
-        """Whether nothing divides an interval."""
-        self.is_compiled = is_compiled and run is not None
-        if self.is_compiled:
-            self._compiled = CompiledDop853(run, unit.x, unit.x_dot, **SHORT)
-        self.events.begin()
-        if run is not None:
-            self._right = _RightHandSide(run, unit.x, unit.x_dot)
-            self.rate = self._right.__call__  # faster than a callable object
-            ode = scipy_part("scipy.integrate._ode").ode(self._right)
-            ode.set_integrator("dop853", **SHORT, nsteps=_MOST_STEPS)
-            ode.set_solout(lambda t, x: None)  # otherwise the solver continues after an error
-            self._solver = ode._integrator
-            self._solver.reset(unit.x.size, False)
-        self.steps = 1
-        """Number of steps of the last interval. The next interval's first step is its length divided by this number."""
+    def solve(self, t: float, to: float, steps: int = 1) -> int:
+        """Move the states from `t` to `to` [s], at first by a part of this in `steps`.
 
-    def sample(self, t: float) -> None:
-        """Update the sampled states at `t` [s]."""
-        if self._update is not None:
-            self._update(t)
-
-    def solve(self, t: float, to: float) -> None:
-        """Integrate the states from `t` to `to` [s]; VdfmuError if that fails."""
-        first = (to - t) / max(self.steps, 1)
-        steps = self._compiled.advance(t, to, first) if self.is_compiled else self._by_scipy(t, to, first)
-        if steps < 0 or not math.isfinite(self.unit.x @ self.unit.x):
-            raise VdfmuError(f"The reference failed: {self._name} has no finite state after t = {t:.9g} s.")
-        self.steps = steps
-
-    def _by_scipy(self, t: float, to: float, first: float) -> int:
-        x, solver = self.unit.x, self._solver
-        solver.work[6] = first
+        Return the number of steps; negative without a finite solution.
+        """
+        x, solver = self._x, self._solver
+        solver.work[6] = (to - t) / max(steps, 1)
         # `ode.integrate` takes longer than a short interval; this solver would turn an exception of a signal in the
         # right-hand side into a number or a ValueError
         with InterruptGuard():
@@ -114,19 +98,118 @@ class _Mover(Solver):
                 raise self._right.error or error from None
         if self._right.error is not None:
             raise self._right.error
-        return -1 if state < 0 else int(solver.iwork[18])
+        return int(solver.iwork[18]) if state >= 0 and math.isfinite(x @ x) else -1
 
 
-class SampledReference:
-    """Reference with outputs held over a communication step. If `delayed`, units read other outputs a sample late.
+class _Mover(Solver):
+    """Moves the states of a unit between communication points, with held inputs."""
+
+    def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
+        super().__init__(system.units[name])
+        self._name, self._update, unit = name, update, self.unit
+        self.is_undivided = not (unit.interface.is_sampled or unit.switches or unit.at_events)
+        """Whether nothing divides an interval."""
+        self.events.begin()
+        self.steps = 1
+        """Number of steps of the last interval, into which the next is divided at first."""
+        if run is not None:
+            self._dop853 = _Dop853(_RightHandSide(run, unit.x, unit.x_dot), unit.x, SHORT)
+            self.rate = self._dop853.rate
+
+    def sample(self, t: float) -> None:
+        """Update the sampled states at `t` [s]."""
+        if self._update is not None:
+            self._update(t)
+
+    def solve(self, t: float, to: float) -> None:
+        """Move the states from `t` to `to` [s]; VdfmuError without a solution."""
+        self.steps = self._dop853.solve(t, to, self.steps)
+        if self.steps < 0:
+            raise no_finite_state(self._name, t)
+
+
+class _Solution:
+    """Rows of the outputs of a system, in compiled code with intervals that scipy solves again, or by scipy.
+
+    Attributes
+    ----------
+    lists : dict of str to list of Action
+        Parts of the calculation.
+    repeated : Repeated
+    """
+
+    lists: dict[str, list[Action]]
+
+    def __init__(self, system: WiredUnits) -> None:
+        self._system = system
+        self._rows: CompiledRows | None = None
+        self.repeated = Repeated()
+
+    def blocks(self, t: Floats, run: Mapping[str, Run], every: int, block: int, shown: Places) -> Iterator[Floats]:
+        """Yield the outputs (m, k) at `shown` places at each `every`-th of the times `t` (n,) [s], `block` at a time.
+
+        `run` has a function for each of `lists`. Systems without events are solved in compiled code, if its functions
+        are. Then :meth:`repeat` compares intervals of the last block with scipy.
+        """
+        compiled = compiles(run) and self._system.x.size > 0  # without states nothing is solved
+        if compiled and not any(unit.at_events for unit in self._system.units.values()):
+            self._rows = self._compiled(t, run, shown)
+        if self._rows is not None:
+            yield from self._rows.blocks(t, every, block)
+            return
+        rows = (self._system.memory[shown] for _ in islice(self.solve(t, run), 0, None, every))
+        while some := [*islice(rows, block)]:
+            yield np.array(some)
+
+    def _compiled(self, t: Floats, run: Mapping[str, Run], shown: Places) -> CompiledRows | None:
+        """Return the rows in compiled code, if it can solve this system."""
+        raise NotImplementedError
+
+    def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
+        """Yield as soon as the memory has the outputs of each of the times `t` (m,) [s], by scipy."""
+        raise NotImplementedError
+
+    def _states(self) -> Floats:
+        return self._system.memory[self._system.x]
+
+    def _by_scipy(self, rows: Any, k: int) -> tuple[Floats, int, dict[str, Any]]:
+        """Return the states after an interval of a block, the steps to there and the tolerances, by scipy."""
+        raise NotImplementedError
+
+    def repeat(self, back: int) -> None:
+        """Solve the interval before the row `back` rows ago by scipy too, if it was solved in compiled code.
+
+        VdfmuError for a difference of more than 10 times the tolerance, of a norm over all states in each step. Where a
+        speed changes its sign, friction makes the errors of both some times as large as they estimate.
+        """
+        if self._rows is None:
+            return
+        memory = self._system.memory.copy()
+        k, rows = -1 - back, self._rows
+        t, to = rows.intervals[k].tolist()
+        x, steps, tolerances = self._by_scipy(rows, k)
+        self._system.memory[:] = memory
+        apart = np.abs(rows.after[k] - x)
+        allowed = 10.0 * (steps + 1) * math.sqrt(x.size) * (tolerances["atol"] + tolerances["rtol"] * np.abs(x))
+        if np.any(apart > allowed):
+            raise VdfmuError(
+                f"The reference failed: from t = {t:.9g} s to {to:.9g} s its compiled solver and scipy's differ by "
+                f"{apart.max():.3g}. Report it, and run without the reference."
+            )
+        self.repeated.difference = max(self.repeated.difference, float(apart.max()))
+        self.repeated.intervals += 1
+
+
+class SampledReference(_Solution):
+    """Reference whose outputs are held over a communication step. `delayed`: units read other outputs a sample late.
 
     `moving` are the units with states, in the order of a step. `lists` are the parts of the calculation: ``part_0``,
     then ``part_<i+1>`` after the i-th of `moving`.
     """
 
     def __init__(self, system: WiredUnits, delayed: bool) -> None:
-        self._system = system
-        self.lists: dict[str, list[Action]] = {}
+        super().__init__(system)
+        self.lists = {}
         self.moving: list[str] = []
         part: list[Action] = [system.links_before_step(delayed)]
         self.lists["part_0"] = part
@@ -142,35 +225,29 @@ class SampledReference:
                 self.moving.append(name)
                 self.lists[f"part_{i + 1}"] = part = []
             part += [TimeSetter(system.clock(name)), Evaluate(name, "outputs")]
-        self._kept: KeptIntervals | None = None
-        self.repeated = Repeated()
 
-    def solve(self, t: Floats, run: Mapping[str, Run], block: int, every: int) -> Iterator[None]:
-        """Yield when the memory has the outputs at every `every`-th of the times `t` (m,) [s], beginning at the start.
-
-        `run` has a function for each of `lists`. A long run without events is solved in compiled code if its functions
-        are compiled, and :meth:`repeat` compares intervals within the last `block` of these times with scipy.
-        """
-        rates = [run.get(f"rate_{i}") for i in range(len(self.moving))]
-        compiled = float(t[-1]) > SCIPY_ALONE and self._system.x.size > 0  # without states there is nothing to solve
-        compiled = compiled and all(compiles(rate) for rate in rates if rate is not None)
-        compiled = compiled and not any(unit.at_events for unit in self._system.units.values())
+    def _movers(self, run: Mapping[str, Run]) -> list[_Mover]:
+        """Keep what a step by scipy takes, and return the movers."""
         movers = [
-            _Mover(self._system, name, rates[i], run.get(f"update_{i}"), compiled) for i, name in enumerate(self.moving)
+            _Mover(self._system, name, run.get(f"rate_{i}"), run.get(f"update_{i}"))
+            for i, name in enumerate(self.moving)
         ]
         self._parts = [run[f"part_{i}"] for i in range(len(movers) + 1)]
         self._moves = [mover.solve if mover.is_undivided else mover.move for mover in movers]
-        kept = self._kept = KeptIntervals(self._system, movers, block, SHORT) if compiled else None
+        return movers
+
+    def _compiled(self, t: Floats, run: Mapping[str, Run], shown: Places) -> CompiledRows:
+        self._scipy_movers = movers = self._movers(run)
+        moves = {name: mover.move for name, mover in zip(self.moving, movers, strict=True) if not mover.is_undivided}
+        return CompiledSampled(self._system, shown, self.moving, run, moves, SHORT)
+
+    def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
+        """See :meth:`_Solution.solve`."""
+        self._movers(run)
         yield
-        for k, (begin, end) in enumerate(pairwise(t.tolist()), 1):
-            is_row = k % every == 0
-            if kept is not None and is_row:
-                kept.begin(begin, end)
+        for begin, end in pairwise(t.tolist()):
             self._step(begin, end)
-            if kept is not None and is_row:
-                kept.end()
-            if is_row:
-                yield
+            yield
 
     def _step(self, begin: float, end: float) -> None:
         first, *rest = self._parts
@@ -180,18 +257,19 @@ class SampledReference:
             move(begin, end)
             outputs(end)
 
-    def repeat(self, back: int) -> None:
-        """Let scipy also solve the interval before the row `back` rows ago, if compiled code solved it."""
-        if self._kept is not None:
-            self.repeated.difference = max(self.repeated.difference, self._kept.difference(back, self._step))
-            self.repeated.intervals += 1
+    def _by_scipy(self, rows: CompiledSampled, k: int) -> tuple[Floats, int, dict[str, Any]]:
+        self._system.memory[:] = rows.before[k]
+        for mover, steps in zip(self._scipy_movers, rows.steps[k].tolist(), strict=True):
+            mover.steps = steps
+        self._step(*rows.intervals[k].tolist())
+        return self._states(), max(mover.steps for mover in self._scipy_movers), SHORT
 
 
-class ContinuousReference:
+class ContinuousReference(_Solution):
     """Reference without sampling, except for sampled states. `lists` are the parts of the calculation."""
 
     def __init__(self, system: WiredUnits) -> None:
-        self._system = system
+        super().__init__(system)
         moving = [Evaluate(name, "derivatives") for name, unit in system.units.items() if unit.x.size]
         try:
             order = system.order()
@@ -199,22 +277,34 @@ class ContinuousReference:
             order = list(system.units)
         sampled = [name for name in order if system.units[name].interface.is_sampled]
         self._updates = {name: f"update_{i}" for i, name in enumerate(sampled)}
-        self.lists: dict[str, list[Action]] = {
+        self.lists = {
             "inputs": system.evaluate,
             "outputs": [*system.evaluate, *(Evaluate(name, "outputs") for name in system.units)],
             "rate": [*system.evaluate, *moving, Carry(system.x_dot, system.solver_x_dot)],
             **{key: [Evaluate(name, "update"), *system.evaluate] for name, key in self._updates.items()},
         }
 
+    def _right(self, run: Mapping[str, Run]) -> _RightHandSide:
+        system = self._system
+        changing = any(not course.held for _, course in system.outside)
+        x, x_dot = (system.memory[each[0] : each[-1] + 1] for each in (system.solver_x, system.solver_x_dot))
+        return _RightHandSide(run["rate"], x, x_dot, self._feed if changing else None)
+
+    def _compiled(self, t: Floats, run: Mapping[str, Run], shown: Places) -> CompiledRows | None:
+        if self._updates or self._system.outside or any(unit.switches for unit in self._system.units.values()):
+            return None
+        self._x = self._states()
+        self._dop853 = _Dop853(self._right(run), self._x, _LONG)
+        return CompiledContinuous(self._system, shown, run, _DENSE, float(t[-1]), _LONGEST)
+
+    def _by_scipy(self, rows: CompiledRows, k: int) -> tuple[Floats, int, dict[str, Any]]:
+        self._x[:] = rows.before[k]
+        return self._x, self._dop853.solve(*rows.intervals[k].tolist()), SHORT
+
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
-        """Yield when the memory has the outputs at each time, like :meth:`SampledReference.solve`."""
-        system, x = self._system, self._system.memory[self._system.x]
-        rate = None
-        if x.size:
-            changing = any(not course.held for _, course in system.outside)
-            x_dot = system.memory[system.solver_x_dot[0] : system.solver_x_dot[-1] + 1]
-            places = system.memory[system.solver_x[0] : system.solver_x[-1] + 1]
-            rate = _RightHandSide(run["rate"], places, x_dot, self._feed if changing else None)
+        """See :meth:`_Solution.solve`."""
+        system, x = self._system, self._states()
+        rate = self._right(run) if x.size else None
         events = UnitEvents(list(system.units.values()), partial(self._calculate, run["inputs"]), self._states)
         self._calculate(run["outputs"], 0.0, x)
         events.begin()
@@ -264,9 +354,6 @@ class ContinuousReference:
                     states[:] = _solved(rate, part, last, states, np.empty(0))[0]
 
         return steps_of(advance, states)
-
-    def _states(self) -> Floats:
-        return self._system.memory[self._system.x]
 
     def _left(self, inputs: Run, t: float, x: Floats) -> float:
         """Return the time until a unit switches by time."""

@@ -141,7 +141,10 @@ class UnitSlave(Fmi2Slave):
         self._refresh()
         self._solver.events.begin()
         self.phase = "step"
-        self.log(plain(f"{self.instance_name}: starts at t = {self.time:g} s"), Fmi2Status.ok, "logEvents")
+        self._say(f"starts at t = {self.time:g} s")
+
+    def _say(self, text: str) -> None:
+        self.log(plain(f"{self.instance_name}: {text}"), Fmi2Status.ok, "logEvents")
 
     @_call("doStep")
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -156,6 +159,7 @@ class UnitSlave(Fmi2Slave):
             )
         unit, end = self._unit, current_time + step_size
         before, above = unit.memory.copy(), self._solver.events.above
+        happened = self._solver.events.happened = []
         try:
             self._solver.move(current_time, end, step_size)
             if unit.x.size and not np.isfinite(unit.x).all():
@@ -164,6 +168,8 @@ class UnitSlave(Fmi2Slave):
         except (KernelError, UnitError):
             unit.memory[:], self._solver.events.above = before, above
             raise
+        for name, time in happened:
+            self._say(f"event {name} at t = {time!r} s")
         self.time = end
         return True
 

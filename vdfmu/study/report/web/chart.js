@@ -12,6 +12,7 @@ import {
   toggle,
   view,
 } from "./data.js";
+import { drawEvents, eventAt } from "./events.js";
 import { drawEnds, endsOf, keyOf, roomForNames, worstOf } from "./labels.js";
 import { saveMenu } from "./save.js";
 import { fitted, raised, text } from "./numbers.js";
@@ -250,6 +251,7 @@ export class Chart {
           })),
         ],
         hooks: {
+          drawAxes: [(plot) => drawEvents(plot, this)],
           setCursor: [() => this.unpacked && this.showTip()],
           draw: [(plot) => this.unpacked && drawEnds(plot, this, names), () => this.moveMark()],
           setScale: [(plot, key) => key === "x" && plot.status && this.zoomed(plot.scales.x)],
@@ -365,6 +367,8 @@ export class Chart {
           ),
       ]),
     );
+    const event = eventAt(this, left);
+    if (event) this.tip.append(make("span", { class: "happened" }, event));
     const free = this.plot.over.clientWidth - this.tip.offsetWidth; // a broad one reaches over the axis
     this.tip.style.left = `${Math.max(Math.min(0, free), 2 * left > this.plot.over.clientWidth ? left - this.tip.offsetWidth - 12 : Math.min(left + 12, free))}px`;
   }

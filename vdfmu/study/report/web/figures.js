@@ -13,6 +13,7 @@ import {
   view,
 } from "./data.js";
 import { Chart } from "./chart.js";
+import { happened } from "./events.js";
 
 /** Fill the section of the figures; `more` are calculated ones, for beside the tracking errors: key, title, unit and a function that gives the curves. */
 export function showFigures(section, more) {
@@ -48,7 +49,8 @@ export function showFigures(section, more) {
       { class: "note" },
       "Drag across a figure to zoom; double-click to see all. Point to read values" +
         (runs.some((run) => run.arm) ? ", click to move the arm there. " : ". ") +
-        "Values are those of recorded rows; all peaks are shown.",
+        "Values are those of recorded rows; all peaks are shown." +
+        (happened() ? " Thin vertical lines, or ticks where they are many, are events." : ""),
     ),
   );
   return charts;

@@ -1,5 +1,6 @@
 // A figure as a file: SVG, or the rows shown as CSV. The page makes it itself and hands it to the browser's downloads.
 
+import { eventLines } from "./events.js";
 import { choice, inkOf, make, recorded, runs } from "./data.js";
 
 const TITLE_ROOM = 26; // px, for the title
@@ -83,6 +84,10 @@ function svgOf(chart) {
       ];
     }),
   );
+  const { places, height: tall } = eventLines(chart);
+  const events = places.map(
+    (x) => `<path d="M${x.toFixed(1)} ${height}v${-tall}" stroke="${soft}" opacity="0.55"/>`,
+  );
   const curves = curvesShown(chart).map((k) => {
     const series = plot.series[k + 1],
       points = [];
@@ -117,6 +122,6 @@ function svgOf(chart) {
       ink,
       ' font-size="13" font-weight="600"',
     ) +
-    `<clipPath id="in"><rect width="${width}" height="${height}"/></clipPath><g transform="translate(${left} ${plot.over.offsetTop + TITLE_ROOM})">${ticks.join("")}<g clip-path="url(#in)">${curves.join("")}</g>${names.join("")}</g></svg>\n`
+    `<clipPath id="in"><rect width="${width}" height="${height}"/></clipPath><g transform="translate(${left} ${plot.over.offsetTop + TITLE_ROOM})">${ticks.join("")}<g clip-path="url(#in)">${events.join("")}${curves.join("")}</g>${names.join("")}</g></svg>\n`
   );
 }
