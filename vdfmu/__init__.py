@@ -7,8 +7,8 @@ Python API
 ``System``, ``Results``
     A system with methods to run, check, judge, vary and write it; the signals and the summary of a run.
 ``run``, ``judge``, ``sweep``, ``animate``
-    A whole scenario with references, verdict and page; the coupling error of a package; many runs in a table; the arm
-    of a run in a notebook.
+    Run a whole scenario with references, verdict and page; estimate the coupling error of a package; tabulate many
+    runs; show the arm of a run in a notebook.
 ``load_robot``, ``load_motion``
     A robot or a motion of a file, shipped robots by name.
 ``linearize``, ``natural_modes``

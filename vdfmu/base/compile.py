@@ -54,9 +54,9 @@ _SHORT = 5_000
 """Most characters of a traced function that is part of an object with others, if it is not rare."""
 _RARE = re.compile(r"kernel_\w+_(forward|reverse)\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For rare code: derivatives, and the step for processors from before 2015, if there is a copy of it for AVX2.
-Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
-is not rare: a run of a long arm took 35 % longer."""
+"""For code that rarely runs: derivatives, and the step for processors from before 2015 if there is a copy of it for
+AVX2. Optimised, it would run twice as fast, but take three times as long to compile. The runner of tables of
+derivatives is always optimised, because otherwise a run of a long arm took 35 % longer."""
 _STRAIGHT = re.compile(r"kernel_(?!\w*_step)\w+\.c")
 """File of a traced function outside of a solver's step."""
 _LESS = ("-Xclang", "-O1")

@@ -1,6 +1,6 @@
 """Extras: the folders of ``vdfmu/extras``, which add to the core. The core works without any of them.
 
-An extra has what it adds in modules of agreed names: ``commands`` for the command line, ``targets`` of builds,
+An extra puts its additions into modules of agreed names: ``commands`` for the command line, ``targets`` of builds,
 ``motions``, ``trials`` of FMUs, ``units``, the ``decomposition`` of arms, ``containers`` of systems, ``schemas`` of
 files, the ``robot_page``, the ``comparison`` and the ``gallery`` of runs, ``programs`` and ``workers`` of studies. The
 core finds them by their files, as it finds plugins of other packages, and imports none by its name.

@@ -42,7 +42,7 @@ MASTER_VERSIONS = {FMI_1.name: FMI_1, **FMI_VERSIONS}
 """Name to version, for FMUs that the master runs; FMI 1.0 only for co-simulation."""
 PYTHON_FMI = FMI_2
 """Version of FMUs in Python."""
-WITHOUT_NATIVE = "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed"
+WITHOUT_NATIVE = "FMUs are in Python: a run takes about 20 times as long, and they run only where vdfmu is installed"
 """Consequence of a missing C compiler, the extra ``native``."""
 
 

@@ -186,7 +186,7 @@ def called_tables(function: ca.Function) -> str:
 
 
 def _row(function: ca.Function, argument: str, taken: Sequence[tuple[int, str]]) -> str:
-    """Return the C text that looks up a row and copies some of its numbers: place in the row and value."""
+    """Return the C text that looks up a row and copies some of its numbers, given by place in the row and value."""
     numbers = " ".join(f"{value} = v0[{j}];" for j, value in taken)
     return f"{{ double v0[{function.numel_out(0)}], v1 = {argument}; {function.name()}(&v1, v0); {numbers} }}"
 
@@ -213,7 +213,7 @@ class Language:
     result: Callable[[str, int], str]
     """Text of an element of a result."""
     row: Callable[[ca.Function, str, Sequence[tuple[int, str]]], str] = _row
-    """Text of the lookup of a row, see :func:`_row`."""
+    """Text of the lookup of a row; see :func:`_row`."""
     product: Callable[[ca.Function, Sequence[str], Sequence[tuple[int, str]]], str] | None = None
     """Text of a product with a large matrix, see :func:`_product`; None if there is none."""
     assignment: str = "{} = {};"

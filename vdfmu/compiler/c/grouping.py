@@ -16,7 +16,7 @@ from typing import NamedTuple
 LANES = 4
 """Numbers per call, as in ``elementary.h``."""
 _MANY = 16
-"""From so many calls on they are one call in a loop, because each copy of a function has 1 kB."""
+"""From this number on calls are made in a loop, because each copy of a function takes 1 kB."""
 _LONGEST = 300
 """Most characters of an expression that becomes a part of another: compilers limit how deep they nest."""
 _CALL = re.compile(r"\$\d+\$ = (exp|expm1|tanh|atan|sin|cos)\(\$\d+\$\);")
@@ -42,7 +42,7 @@ def short_lines(operations: list[Operation], *, group: bool = True) -> list[Oper
 
 
 def _grouped(single: list[Operation]) -> list[Operation]:
-    """Return operations with calls of the same function side by side, or the same list if no calls are alike."""
+    """Return operations with calls of the same function grouped, or the same list if no calls match."""
     makers = {i: k for k, operation in enumerate(single) for i in operation.writes}
     calls = [_CALL.fullmatch(operation.text) for operation in single]
     levels: list[int] = []  # number of calls before it on the longest path

@@ -24,9 +24,10 @@ from vdfmu.compiler.unit.solver import TOLERANCE, ScipySolver, margin
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 10
-"""Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
+"""Number of intervals of the experiment, with constant inputs and a row of results at the end of each."""
 _MOST_SOLVED = 480
-"""Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
+"""Limit of the intervals times the continuous states, or joints, for a few seconds. Beyond it the results end
+earlier."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
 """Digits of the results; later ones differ between machines because of rounding."""

@@ -98,12 +98,12 @@ class Transfer:
         """Whether the memory holds known values."""
         self.direct = ordered and np.dtype(dtype) == values.dtype
         self.sizes = np.zeros(size, np.uintp)
-        """Sizes of binary values."""
+        """Sizes of the binary values."""
         if self.direct:
             self.memory = values[places[0] : places[0] + len(places)]
             return
         self.memory = np.zeros(size, dtype)
-        """Memory that the call reads or fills."""
+        """Memory that the call reads or writes."""
         self._slots: dict[int, tuple[bytes, Any]] = {}
         """Texts and binary values by place: the content, and the copy whose address is in the memory."""
         if self.partial:

@@ -241,7 +241,7 @@ class Instance(Library):
         return values
 
     def set_all(self, values: Starts) -> None:
-        """Set many variables with one call for each type."""
+        """Set many variables with one call per type."""
         arrays = [(variable, value) for variable, value in values if variable.length > 1]
         for reference, elements in groupby(arrays, lambda pair: pair[0].reference):
             last = self._last_set(reference)

@@ -21,7 +21,7 @@ STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _LENGTH = 10_000
 """Number of bytes kept of a message."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
-"""Part of the category that marks an error, even if the status is lower."""
+"""Part of a category that marks an error, even if the status is lower."""
 EVENT = "event"
 """Status of a message that reports an event: its text is the name of the event, its time that of the event."""
 _SAID = re.compile(r".*: event (\S+) at t = (\S+) s")
@@ -76,10 +76,10 @@ class EventLog:
 class MessageBox:
     """Collects the messages of the units of a run.
 
-    `pending` holds the messages since the last `flush`. The master flushes after each step, so these explain a failure.
-    `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each message, by
-    default the logger ``vdfmu.engine.run``. `take` receives each event, by default that of `events`. An event of a step
-    that is undone is removed from `pending` with its messages.
+    `pending` holds the messages since the last `flush`. The master flushes after each step, so the pending messages
+    explain a failure. `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each
+    message, by default the logger ``vdfmu.engine.run``. `take` receives each event, by default that of `events`. An
+    event of a step that is undone is removed from `pending` with its messages.
     """
 
     def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
@@ -127,7 +127,7 @@ class MessageBox:
             self._log(message)
 
     def reason(self, unit: str) -> str:
-        """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last message."""
+        """Return the reason that a unit logged since the last flush: errors, else warnings, else its last message."""
         messages = [m for m in self.pending if m.unit == unit and m.status != EVENT]
         failed = [m for m in messages if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
         worst = failed or [m for m in messages if m.status == "warning"]

@@ -298,7 +298,7 @@ class Instance3(Instance):
             return True
         if not self.event_mode:
             raise self._failure("doStep", f"it returned early, at t = {last:.9g} s, without permission")
-        if self.event_needed:  # alone: other components may be ahead
+        if self.event_needed:  # it alone: other components may be ahead
             self.box.event(self.name, last)
             self.enter_event()
             if any(self.clocks([v.reference for v in self.description.named("output") if v.clock])):

@@ -155,7 +155,7 @@ class Components:
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             instance.event_mode = description.event_mode and not continuous and not own_steps
             instance.updates = description.updates_inputs and continuous and name in fed
-            with InterruptGuard():  # units written in Python turn Ctrl-C into an error
+            with InterruptGuard():  # Python units turn Ctrl-C into an error
                 self._instantiate(instance)
 
     def _instantiate(self, instance: Instance) -> None:

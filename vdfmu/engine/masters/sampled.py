@@ -231,7 +231,7 @@ class Together:
         raise CosimError(self.name, "updateDiscreteStates", time, reason)
 
     def completed_step(self) -> bool:
-        """Report a step of the solver to all; return whether it is an event for any."""
+        """Report a solver step to all members; return whether it is an event for any."""
         self._asking = [member for member in self.members if member.completed_step()]
         return bool(self._asking)
 

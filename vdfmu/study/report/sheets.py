@@ -60,7 +60,7 @@ _SIGNALS = 12
 _TIMES = 12
 """Most times of an event in a note."""
 COMPARED = ["paper", "%"]
-"""Headings of the paper's numbers, and of ours in per cent of them."""
+"""Headings for the paper's numbers, and for ours in per cent of them."""
 _NONE = "-"
 
 

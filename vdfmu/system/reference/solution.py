@@ -34,7 +34,7 @@ from vdfmu.system.reference.wired import Action, Carry, Evaluate, Places, Run, T
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
 """Tolerances between communication points; errors are 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances for the whole time, because errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+"""Tolerances for whole runs, in which errors accumulate: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 _DENSE: dict[str, Any] = {"rtol": 3e-12, "atol": 3e-13}
 """Tolerances of the polynomials of Radau IIA. The errors of their ends are smaller; only these add up."""
 _CLOSE = 1e-9
@@ -75,10 +75,10 @@ class _Dop853:
 
     def __init__(self, right: _RightHandSide, x: Floats, tolerances: dict[str, Any]) -> None:
         self._right, self._x = right, x
-        self.rate = right.__call__  # takes less time than an object to call
+        self.rate = right.__call__  # faster than a callable object
         ode = scipy_part("scipy.integrate._ode").ode(right)
         ode.set_integrator("dop853", **tolerances, nsteps=_MOST_STEPS)
-        ode.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
+        ode.set_solout(lambda t, x: None)  # otherwise the solver continues after an error
         self._solver = ode._integrator
         self._solver.reset(x.size, False)
 
@@ -102,7 +102,7 @@ class _Dop853:
 
 
 class _Mover(Solver):
-    """Moves the states of a unit between communication points, with held inputs."""
+    """Integrates the states of a unit between communication points with held inputs."""
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         super().__init__(system.units[name])
@@ -122,7 +122,7 @@ class _Mover(Solver):
             self._update(t)
 
     def solve(self, t: float, to: float) -> None:
-        """Move the states from `t` to `to` [s]; VdfmuError without a solution."""
+        """Integrate the states from `t` to `to` [s]; VdfmuError if that fails."""
         self.steps = self._dop853.solve(t, to, self.steps)
         if self.steps < 0:
             raise no_finite_state(self._name, t)
@@ -151,7 +151,7 @@ class _Solution:
         `run` has a function for each of `lists`. Systems without events are solved in compiled code, if its functions
         are. Then :meth:`repeat` compares intervals of the last block with scipy.
         """
-        compiled = compiles(run) and self._system.x.size > 0  # without states nothing is solved
+        compiled = compiles(run) and self._system.x.size > 0  # without states there is nothing to solve
         if compiled and not any(unit.at_events for unit in self._system.units.values()):
             self._rows = self._compiled(t, run, shown)
         if self._rows is not None:
@@ -201,7 +201,7 @@ class _Solution:
 
 
 class SampledReference(_Solution):
-    """Reference whose outputs are held over a communication step. `delayed`: units read other outputs a sample late.
+    """Reference with outputs held over a communication step. If `delayed`, units read other outputs a sample late.
 
     `moving` are the units with states, in the order of a step. `lists` are the parts of the calculation: ``part_0``,
     then ``part_<i+1>`` after the i-th of `moving`.
