@@ -283,7 +283,7 @@ def snake_case(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
-_SOLVER = "Internal steps of the solver: as many as the tolerance requires, or this number per communication step"
+_SOLVER = "Internal steps of the solver: as many as the tolerance needs, or that number in each communication step"
 _TOLERANCE = (
     "Tolerance of the solver, relative and absolute in SI units; a smaller tolerance of the experiment replaces it"
 )
