@@ -8,9 +8,9 @@ from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.engine.run import simulate
+from vdfmu.extras.robots.reach import reach_scenario
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.modes import natural_modes
-from vdfmu.study.analysis.reach import reach_scenario
 
 TITLE = "The shipped arms"
 

@@ -10,7 +10,7 @@ from tests.compiler.unit.motor import write_motor
 from tests.conftest import ran, refused
 from tests.engine.conftest import component
 from tests.engine.reference import models
-from tests.engine.test_together import CHAIN, chain
+from tests.engine.reference_fmus import Reference
 from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.inspect.inspection import inspect_file
@@ -130,7 +130,7 @@ def test_a_container_does_not_step_units_with_a_step_of_their_own(pack, tmp_path
 
 def test_a_container_does_not_integrate(system, tmp_path):
     with pytest.raises(UsageError, match="a container FMU steps co-simulation"):
-        write_container(system(chain("2.0"), CHAIN), tmp_path / "c.fmu", step=0.5)
+        write_container(system({"a": (Reference("Dahlquist", exchange=True), "2.0")}), tmp_path / "c.fmu", step=0.5)
 
 
 @pytest.mark.heavy
