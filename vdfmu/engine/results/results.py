@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.text import amount
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal, group_of
@@ -237,9 +238,7 @@ class Results(Recorded):
         UsageError
             For an unknown signal, or a file that cannot be written.
         """
-        from vdfmu.engine.results.picture import plot  # takes long to import
-
-        return plot(self, names, over or {}, path)
+        return module_of_extra("picture", "pictures", "plot").plot(self, names, over or {}, path)
 
     def write(self, path: str | Path) -> None:
         """Write a file of results in the format of its suffix, as ``--format``; by default CSV.
