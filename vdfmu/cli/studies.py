@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Unpack
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.base.text import amount
@@ -119,7 +120,7 @@ def report(
     trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points and measures, and the failures by cause."""
-    from vdfmu.study.report.latex import LATEX, write_tables
+    from vdfmu.study.report.sheets import LATEX
     from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -127,6 +128,7 @@ def report(
     with replacing_foreign(overwrite):
         require_ours(out or sweep.folder / NAME)
     if out is not None and out.suffix == LATEX:
+        write_tables = module_of_extra("latex", "compare", "A file of tables").write_tables
         say_written(write_tables([("", sweep.sheet())], out))
         return
     page = sweep.report(out, simulate=simulate, trust=trust)
