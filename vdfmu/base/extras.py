@@ -3,8 +3,9 @@
 An extra has what it adds in modules of agreed names: ``commands`` for the command line, ``targets`` of builds,
 ``motions``, ``trials`` of FMUs, ``units``, the ``decomposition`` of arms, ``containers`` of systems, ``schemas`` of
 files, ``reach`` for first motions, ``picture`` and ``motion_picture`` for figures, the ``robot_page``, the
-``comparison``, the ``gallery`` and the tables in ``latex`` of runs, ``result_formats``, ``programs`` and ``workers`` of
-studies. The core finds them by their files, as it finds plugins of other packages, and imports none by its name.
+``comparison``, the ``gallery`` and the tables in ``latex`` of runs, ``result_formats``, ``programs``, ``workers`` and
+``sensitivities`` of studies. The core finds them by their files, as it finds plugins of other packages, and imports
+none by its name.
 """
 
 from __future__ import annotations

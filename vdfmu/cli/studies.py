@@ -10,11 +10,10 @@ from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.base.text import amount
-from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
+from vdfmu.cli.app import RUNS, App, meets_code
 from vdfmu.cli.options import (
     AnywayOption,
     ForeignOption,
-    JsonOption,
     Positional,
     TrustOption,
     UnpackOption,
@@ -22,7 +21,7 @@ from vdfmu.cli.options import (
     refuse,
 )
 from vdfmu.cli.runs import FMUS, package_of, reading_fmus
-from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
+from vdfmu.cli.terminal import console, say, say_notes, say_written, tell
 from vdfmu.study.options import SweepOptions
 
 
@@ -90,23 +89,6 @@ def run(
 
 
 StudyArgument = Annotated[Path, Positional("Table of a study, or its folder.")]
-ByOption = Annotated[str | None, Option("Measure or column (default the first).", metavar="NAME",
-    more="If the measure has several elements, the largest is used.")]  # fmt: skip
-
-
-@app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
-@meets_code(LOOKS)
-def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
-    """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
-    from vdfmu.study.sweeps.sweep import Sweep
-
-    sensitivity = Sweep(study).indices(by)
-    if as_json:
-        say_json({name: row for name, row in sensitivity.rows()})
-        return
-    rows = [(name, *(row.get(index, "") for index in sensitivity.values)) for name, row in sensitivity.rows()]
-    console.print(table("axis", *sensitivity.values, rows=rows))
-    say(f"± the half-width of the {100 * sensitivity.confidence:.0f} % confidence interval, by bootstrap.")
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")
