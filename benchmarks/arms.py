@@ -8,7 +8,6 @@ from benchmarks.report import Report, Table
 from benchmarks.system import packed
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.engine.run import simulate
-from vdfmu.extras.robots.reach import reach_scenario
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.modes import natural_modes
 
@@ -17,6 +16,8 @@ TITLE = "The shipped arms"
 
 def run(report: Report, quick: bool = False) -> None:
     """Describe each arm, and run `reach` with it."""
+    from vdfmu.extras.robots.reach import reach_scenario
+
     table = Table(
         "arms", TITLE,
         [("robot", "s"), ("joints", "d"), ("mass [kg]", ".3g"), ("lowest mode [Hz]", ".3g"), ("step [ms]", "g"),

@@ -380,7 +380,7 @@ class Machine(Protocol):
         """Return an identifier of its traced functions. Machines that differ in run-time parameters only share it."""
         ...
 
-    def joint(self, i: int) -> Self:
+    def joint(self, i: int, /) -> Self:
         """Return the machine with only joint `i`, counted from 0."""
         ...
 

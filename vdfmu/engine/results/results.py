@@ -246,7 +246,7 @@ class Results(Recorded):
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
         follows a line for each communication point. Numbers have the shortest form that reads back to the same bits.
         The write is atomic. Parquet and MATLAB files have the same bits in a third of the space, the units and the
-        summary; see `vdfmu.engine.results.parquet` and `mat_file`.
+        summary; see their modules.
 
         UsageError if a package is missing, ``pip install vdfmu[parquet]``; VdfmuError if the file cannot be written.
         """
