@@ -81,7 +81,7 @@ def test_without_pyarrow_the_command_ends_before_the_run_and_says_how_to_get_it(
     said = " ".join(done.stderr.split())
     assert done.returncode == 2, said
     assert "error: Parquet needs the package pyarrow, which cannot be imported: " in said
-    assert "Install it with 'pip install vdfmu[parquet]'. The results of a run can be CSV" in said
+    assert "Install it with 'pip install vdfmu[parquet]'. Runs can also write CSV" in said
     assert list(tmp_path.iterdir()) == []
 
 

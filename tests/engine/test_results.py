@@ -201,7 +201,7 @@ def test_differences_of_results_on_other_times():
     assert mine.compare(mine).rows[0][2] == 0.0
     half = made([0.5, 0.75], q=[0.5, np.nan])
     assert np.isnan(mine.compare(half).rows[0][2])  # NaN is not passed over
-    with pytest.raises(UsageError, match=r"results of a common time, got 0 to 1 s and 2 to 3 s"):
+    with pytest.raises(UsageError, match=r"results that overlap in time, got 0 to 1 s and 2 to 3 s"):
         mine.compare(made([2.0, 3.0], q=0.0))
     with pytest.raises(UsageError, match="results with signals of the same names"):
         mine.compare(made(time, other=0.0))

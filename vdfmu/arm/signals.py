@@ -1,4 +1,4 @@
-"""Variables that several units have: the motion of the joints, and the wrench of the end effector."""
+"""Variables shared by several units: the motion of the joints, and the wrench of the end effector."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def base_motion() -> tuple[Input, Input, Input]:
 
 
 def base_of(unit: Any) -> Base:
-    """Return the motion of the base from a unit's inputs, or a base at rest if the robot has no moving base."""
+    """Return the motion of the base from a unit's inputs, or a resting base if the robot has no moving base."""
     return moving_base(unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else AT_REST
 
 
@@ -85,10 +85,10 @@ def torque_limit() -> Parameter:
 
 
 def small_motion(t: float, n: int, stop: float) -> Desired:
-    """Small desired motion of `n` joints, for experiments that end at `stop`."""
+    """Return a small desired motion of `n` joints, for experiments that end at `stop`."""
     return desired_motion(t, np.zeros(n), 0.05 * (1.0 + np.arange(n) / n), 2.0 * stop)
 
 
 def wave_wrench(t: float) -> Any:
-    """Small wrench, for experiments."""
+    """Return a small wrench, for experiments."""
     return 0.1 * np.sin(2.0 * t + np.arange(6.0))

@@ -51,7 +51,7 @@ def show_robot(
 
     Each parameter is shown with its source.
     """
-    robot = looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
+    robot = looked_at(name, "the page shows the arm without it" if page else "its tables are not shown")
     if page:
         from vdfmu.base.toml_file import locate
         from vdfmu.cli.options import read_numbers
@@ -106,7 +106,7 @@ def _show_parameters(robot: Robot) -> None:
 
 
 def looked_at(name: str, missing: str) -> Robot:
-    """Return a robot; without its own drive if that may not be run, with a note on what is missing."""
+    """Return a robot. Its own drive is omitted if its code may not run, with a note on what is missing."""
     from vdfmu.arm.robot import load_robot
 
     try:

@@ -75,7 +75,7 @@ def run(
         if joined is None:
             study = sweep(parts[0], vary or (), **options)
         else:
-            study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in its package
+            study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in the study's package
     say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))

@@ -93,7 +93,7 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
     eigenvalues: ("eigvalsh of numpy takes no symbols: ", None),
     spacing: ("np.spacing takes no symbols: ufunc 'spacing' not supported", None),
     interpolated: ("of vdfmu.unit, interpolate for tables", None),
-    cast: (r"zeros\(shape, \*like\) for an array that it is put into", 0.5),
+    cast: (r"zeros\(shape, \*like\) for an array that receives it", 0.5),
 }
 
 

@@ -151,7 +151,7 @@ def test_units_are_as_papers_print_them(unit, shown):
 
 @pytest.mark.parametrize("text", ["85", "85 km", "-85mm", "1mm", "3m", "", "nanmm"])
 def test_a_width_is_a_length(text):
-    with pytest.raises(UsageError, match=r"width must be a length from 20mm to 2000mm, got .*Give 85mm"):
+    with pytest.raises(UsageError, match=r"width must be a length from 20mm to 2000mm, got .*Try 85mm"):
         inches("width", text)
 
 

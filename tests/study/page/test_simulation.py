@@ -117,7 +117,7 @@ def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own():
 
 def test_a_run_without_references_says_why_its_loop_may_differ(planar):
     recorded = found_in(planar)[0]["recorded"]
-    assert recorded["note"] == "" and "Without a reference, the run does not show" in recorded["doubt"]
+    assert recorded["note"] == "" and "Without a reference it is unknown" in recorded["doubt"]
     assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
 
 

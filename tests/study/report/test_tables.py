@@ -53,7 +53,7 @@ def test_statistics_are_compared_where_solutions_separate_and_the_energy_residua
     assert sheet.columns == ("Reference", "Position RMS\n[%]", "Torque RMS\n[%]")
     assert sheet.rows == [("sampled-delayed", "1.23", "3.45"), ("continuous", "2.46", "6.9")]
     said = " ".join(sheet.notes)
-    assert "up to 3.2e-6 rad. That shows no error: the loop is chaotic" in said
+    assert "up to 3.2e-6 rad. This is not an error: the loop is chaotic" in said
     assert "a change of 1e-09 moves the run by 5.9e-4 rad" in said
     assert ("Chaotic loop", "rotor inertias larger by 1e-09 of themselves move the run by 5.9e-4 rad or m") in facts(
         summary

@@ -106,7 +106,7 @@ def test_a_search_says_its_chosen_point_and_margin_and_its_best_point_is_feasibl
     search = searched(tmp_path / "s")
     assert search.answer.headline == "Good: cost 3, 3 times less than the cost at the start, 9"
     assert search.answer.verdict["results"] == (
-        "modulus margin 0.51, 0.5 demanded, 0.8 at the start; not judged: verdict on the chosen point"
+        "modulus margin 0.51, 0.5 requested, 0.8 at the start; not judged: verdict on the chosen point"
     )
     assert search.answer.sentences[0] == "Chosen: f.a 3 (point 3)."
     assert f"1 of 5 runs {CANNOT}" in search.answer.sentences

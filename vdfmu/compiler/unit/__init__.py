@@ -1,4 +1,4 @@
-"""Units: their declaration, their variables for a robot, and their traced functions."""
+"""Units: declaration, variables for a robot, and traced functions."""
 
 from vdfmu.compiler.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve

@@ -1,4 +1,4 @@
-"""Connections between two variables of FMUs: their transformations, conversions of units, and types."""
+"""Connections between two variables of FMUs: their transformations, unit conversions and types."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class MisfitError(ValueError):
 
 @dataclass(frozen=True)
 class Conversion:
-    """``target = factor * source + offset``, or for booleans and integers a table; other values pass unchanged.
+    """``target = factor * source + offset``, or a table for booleans and integers; other values pass unchanged.
 
     The source is first converted to the type of the target.
     """
@@ -35,9 +35,9 @@ class Conversion:
 
 
 def between(source: UnitFactor, target: UnitFactor, relative: bool = False) -> tuple[float, float]:
-    """Return factor and offset from one unit to another; MisfitError if units do not convert.
+    """Return the factor and offset from one unit to another; MisfitError if they cannot be converted.
 
-    `relative` is relativeQuantity of FMI: a difference without offset.
+    `relative` is FMI's relativeQuantity: a difference, so without offset.
     """
     if source.same_as(target):
         return 1.0, 0.0
@@ -62,13 +62,13 @@ def compose(
     relative: bool = False,
     items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
-    """Compose the hops to a variable of a type, such as ``Real``; MisfitError if type or unit do not fit.
+    """Compose the hops to a variable of a type, such as ``Real``; MisfitError if type or unit mismatch.
 
-    Each hop converts the unit first, unless the hop suppresses it or one side has no unit. Then it applies the
-    transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes its source's unit.
+    Each hop first converts the unit, unless this is suppressed or one side has no unit, and then applies the
+    transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit has its source's unit.
 
     `source` and `target` are the units of the variables, `units` the definitions of the SSD; `relative` is whether the
-    target is a relative quantity, `items` has name to value of both variables if they are enumerations.
+    target is a relative quantity, `items` are the values by name of both variables if they are enumerations.
     """
     factor, offset = 1.0, 0.0
     table: dict[int, int] | None = None
@@ -100,7 +100,7 @@ def compose(
 
 
 def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int, int]:
-    """Return one table for two in a row; other values pass unchanged."""
+    """Return one table for two in series; other values pass unchanged."""
     before = first or {}
     return {**then, **{source: then.get(value, value) for source, value in before.items()}}
 
@@ -123,7 +123,7 @@ def _values_of(
 Port = tuple[str, str]
 """Component and variable."""
 SOURCE = "(inputs)"
-"""Component of the signals that come from outside."""
+"""Component of the external signals."""
 
 
 @dataclass(frozen=True)
@@ -139,13 +139,13 @@ class Link:
 
     @property
     def discrete(self) -> bool:
-        """Whether the value changes at communication points only."""
+        """Whether the value changes only at communication points."""
         ends = self.source, self.sink
         return any(v.type != "Real" or v.variability == "discrete" for v in ends)
 
     @property
     def is_given(self) -> bool:
-        """Whether a file or a user gives the value. Values of other processes have the names of their sources."""
+        """Whether the value comes from a file or the user. Values from other processes have their sources' names."""
         return self.start == (SOURCE, ".".join(self.end))
 
     def __str__(self) -> str:

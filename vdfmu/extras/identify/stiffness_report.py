@@ -1,4 +1,4 @@
-"""The springs as identified from a motor-side log: verdict, tables, picture and page."""
+"""Reports the springs identified from a motor-side log: verdict, tables, picture and page."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, m
 from vdfmu.extras.pictures import style
 
 _AROUND = 2.0
-"""A log without the excitation is judged in the band from the antiresonance divided by this to that times this."""
+"""A log without the excitation is judged in the band from the antiresonance divided by this to the product with it."""
 HEADS = (
     "joint", "motor torque\nN.m RMS", "spring torque\nRMS", "stiffness", "95 %", "absolute\n95 %", "damping",
     "antires.\nHz",
@@ -64,9 +64,9 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
 
 
 def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict[str, Any]:
-    """Return the verdict on a log of other torques than the excitation: how well they excite each spring.
+    """Return the verdict on a log with torques other than the excitation: how well they excite each spring.
 
-    They are compared with Coulomb friction in the octaves around the antiresonance, below the half of the log's rate.
+    They are compared with Coulomb friction in the octaves around the antiresonance, below half of the log's rate.
     Faults of the log come first.
     """
     checks = list(log.checks)
@@ -101,7 +101,7 @@ def _band_rms(signal: Any, step: float, band: tuple[float, float]) -> float:
 
 
 def stiffness_rows(fit: Stiffness) -> list[list[str]]:
-    """Return the cells of a table under `HEADS`, a row for each joint and level."""
+    """Return the cells of a table with the headings `HEADS`, a row per joint and level."""
     robot, rows = fit.side.robot, list[list[str]]()
     for i in range(robot.n):
         for level in fit.levels:
@@ -150,7 +150,7 @@ def scaled_robot(fit: Stiffness) -> tuple[Robot, list[str]]:
 
 @style.styled
 def draw_responses(fit: Stiffness, title: str) -> Picture:
-    """Draw the response of each rotor to its own torque, the others held, measured and fitted, at the higher level."""
+    """Draw the measured and fitted response of each rotor to its own torque, with others held, at the higher level."""
     level, n = fit.levels[-1], fit.side.robot.n
     columns = min(n, 3)
     words = (
@@ -198,7 +198,7 @@ def _per_cent(deviation: float) -> str:
 
 
 def design_rows(plan: StiffnessExperiment) -> list[list[str]]:
-    """Return the cells of a table of an experiment, a row for each joint."""
+    """Return the cells of an experiment's table, a row per joint."""
     return [
         [f"{i + 1}", f"{plan.antiresonance[i]:.3g}", f"{plan.rate[i]:.4g}", f"{plan.breakaway[i]:.3g}",
          f"{plan.torque[i]:.3g}", f"{plan.speed[i]:.2g}", f"{plan.travel[i]:.2g}"]

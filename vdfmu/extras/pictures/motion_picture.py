@@ -18,7 +18,7 @@ from vdfmu.extras.pictures.picture import draw
 from vdfmu.extras.pictures.style import save
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2, "snap": 4}
-"""Quantity of a motion to the number of its derivative."""
+"""Quantity of a motion to the order of its derivative."""
 
 
 def recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
@@ -34,7 +34,7 @@ def write_motion(robot: Robot, t: Floats, q: Floats, path: Path) -> None:
 
 
 def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
-    """Draw `q`, (5, m, n) [rad or m, s], and four derivatives over `t`, (m,) [s], a column for each type of joint."""
+    """Draw `q`, (5, m, n) [rad or m, s], with four derivatives, over `t`, (m,) [s], with a column per type of joint."""
     results = recorded(t, {order: q[k] for order, k in _ORDERS.items()})
     kinds = sorted(set(robot.joint_types), reverse=True)
     figures: list[Figure] = []

@@ -103,7 +103,7 @@ def reach(
 ) -> None:
     """Write the scenario of a first motion, with gains.
 
-    The gains follow from one rule, and the margins of the loops are printed.
+    The gains follow from a rule, and the margins of the loops are printed.
     """
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.toml_file import locate

@@ -21,7 +21,7 @@ class Reach(NamedTuple):
     path: Path
     gains: Gains
     margins: Margins | None
-    """Smallest margins of each loop; None if they are not known: the last note says why."""
+    """Smallest margins of each loop; None if they are unknown, for the reason in the last note."""
     notes: list[str]
 
 

@@ -17,17 +17,17 @@ from vdfmu.study.report.shapes import DrawnShape, hex_of
 
 
 def half_axes(mass: float, moments: Floats) -> Floats:
-    """Half-axes of the uniform solid ellipsoid of a mass [kg] and principal moments of inertia [kg.m2]: (3,) [m].
+    """Half-axes (3,) [m] of the uniform solid ellipsoid with a mass [kg] and principal moments of inertia [kg.m2].
 
     Its moments about the centre of mass are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering
-    Mechanics: Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. A flat or thin body has axes of 0.
+    Mechanics: Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. Flat or thin bodies have axes of 0.
     """
     squares = 2.5 * (moments.sum() - 2.0 * moments) / mass
     return np.sqrt(np.maximum(squares, 0.0))
 
 
 def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
-    """Ellipsoids of inertia of links and payload, axes at least 1 % of the longest, and notes on missing ones."""
+    """Ellipsoids of inertia of links and payload, with axes at least 1 % of the longest, and notes on missing ones."""
     of_link = zip(robot.mass, robot.centroid, robot.inertia, strict=True)
     bodies = [(f"link {i}", i, *numbers) for i, numbers in enumerate(of_link, 1)]
     if robot.payload:
@@ -53,13 +53,13 @@ def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
 
 
 def centres(robot: Robot) -> list[tuple[int, Floats]]:
-    """Body and centre of mass in its frame [m] of each link that has a mass."""
+    """Body, and centre of mass in its frame [m], of each link that has a mass."""
     masses = zip(robot.mass, robot.centroid, strict=True)
     return [(i, centroid) for i, (mass, centroid) in enumerate(masses, 1) if float(mass) > 0.0]
 
 
 def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """Meshes of a robot, and notes on unreadable files. One of these hides all: half an arm looks like all of it."""
+    """Meshes of a robot, and notes on unreadable files. One hides all meshes: half an arm could look complete."""
     meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
     parts: list[dict[str, Any]] = []
     notes: list[str] = []

@@ -1,4 +1,4 @@
-"""Indices of sensitivity: which axes a measure depends on, by SALib."""
+"""Sensitivity indices, which tell on which axes a measure depends, by SALib."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from vdfmu.study.sweeps.axes import draw, read_axes, shares
 from vdfmu.study.sweeps.table import StudyTable
 
 CONFIDENCE = 0.95
-"""Probability that a true index lies within its half-width, by bootstrap."""
-_BOOTSTRAP: Any = {"num_resamples": 500, "conf_level": CONFIDENCE, "seed": 1}  # SALib takes 0 as no seed
+"""Confidence level of the half-widths, which come from bootstrap."""
+_BOOTSTRAP: Any = {"num_resamples": 500, "conf_level": CONFIDENCE, "seed": 1}  # SALib reads 0 as no seed
 
 
 _LEVELS = 4
-"""Levels of Morris' trajectories on each axis."""
+"""Number of levels of Morris' trajectories on each axis."""
 
 
 @dataclass(frozen=True)
 class Indices:
-    """Indices of sensitivity of a measure, with the half-widths of their confidence intervals."""
+    """Sensitivity indices of a measure, with the half-widths of their confidence intervals."""
 
     kind: str
     """``sobol`` or ``morris``."""
     axes: tuple[str, ...]
     values: dict[str, Floats]
-    """Sobol: ``first`` and ``total``, (d,), the share of the measure's variance that an axis makes alone, and with
-    all its interactions, and ``second``, (d, d), the share of pairs, NaN except above the diagonal. Morris:
-    ``mu_star``, the mean absolute change of the measure over the range of an axis, ``mu``, the same with its sign, and
-    ``sigma``, its deviation, (d,): 0 for an axis without curvature and interaction."""
+    """Sobol: ``first`` and ``total``, (d,), the share of the measure's variance caused by an axis alone and with all
+    its interactions, and ``second``, (d, d), the share of pairs, NaN except above the diagonal. Morris: ``mu_star``,
+    the mean absolute change of the measure over the range of an axis, ``mu``, the same with sign, and ``sigma``, its
+    standard deviation, (d,), which is 0 for an axis without curvature and interaction."""
     widths: dict[str, Floats]
-    """Half-widths, of the same shapes; of Morris' indices only for ``mu_star``."""
+    """Half-widths of the same shapes; for Morris only of ``mu_star``."""
     confidence: float = CONFIDENCE
 
     def rows(self) -> list[tuple[str, dict[str, str]]]:
@@ -81,7 +81,7 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
 
 
 def sobol_indices(values: ArrayLike, axes: Sequence[str]) -> Indices:
-    """Return Sobol indices of the values at points of ``saltelli``, (n (2 d + 2),), in their order."""
+    """Return Sobol indices of the values at points of ``saltelli``, (n (2 d + 2),), in order."""
     from SALib.analyze import sobol
 
     analysis: Any = sobol.analyze(_unit_problem(len(axes), axes), np.asarray(values, dtype=float), **_BOOTSTRAP)
@@ -122,7 +122,7 @@ def shares_of(d: int, sample: str, n: int, seed: int) -> Floats:
 
 
 def matters(study: StudyTable) -> tuple[Check, list[str]]:
-    """Return the check of the indices of a study of sensitivity, and the axes that matter most."""
+    """Return the check of a sensitivity study's indices, and the axes that matter most."""
     name, label = next(iter(study.facts["measures"])), "Indices"
     unit = study.facts["units"].get(name, "")
     unit = "" if unit == "1" else unit

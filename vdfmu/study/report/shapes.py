@@ -1,4 +1,4 @@
-"""Looks of an arm: shapes in the frames of its links."""
+"""The looks of an arm: shapes in its links' frames."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ class DrawnShape(NamedTuple):
     """A shape that is fixed to a body."""
 
     body: int
-    """0 is {I}, i is {B_i}, counted from 1."""
+    """Number of the body: 0 is {I}, i is {B_i}, counted from 1."""
     shape: str
-    """One of `vdfmu.arm.robot.visual.SHAPES`, with its `size`."""
+    """A key of `vdfmu.arm.robot.visual.SHAPES`, for `size`."""
     size: Sequence[float]
     offset: Floats
-    """Its centre in the frame of the body, (3,) [m]."""
+    """Centre in the frame of the body, (3,) [m]."""
     rotation: Floats
-    """Its axes as columns, (3, 3)."""
+    """Axes as columns, (3, 3)."""
     colour: str = "light"
     """Colour as ``#rrggbb``; "light" and "dark" follow the theme; "joint" shows the value of joint `body`."""
 
     def plain(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the shape for JSON."""
         facts = self._asdict()
         return facts | {key: np.asarray(facts[key]).tolist() for key in ("size", "offset", "rotation")}
 
@@ -52,7 +52,7 @@ class Chain:
         self.payload: Mapping[str, Any] | None = arm.get("payload")
         length = float(np.linalg.norm(gravity))
         self.up: Floats = gravity / length if length else np.array([0.0, 0.0, 1.0])
-        """Unit vector against the pull of gravity: its parameter is written upward."""
+        """Unit vector against gravity, which a robot file states upward."""
         self.weightless = length == 0.0
         self.reach = max(0.05, float(np.linalg.norm([*self.offset, self.tool_offset], axis=1).sum()))
         """Length of the stretched arm at q = 0 [m], at least 5 cm."""
@@ -65,7 +65,7 @@ class Chain:
     def parts(self, travel: ArrayLike, reach: float) -> Iterator[DrawnShape]:
         """Yield housings along the axes of the joints, and the robot's own shapes or tubes from joint to joint.
 
-        Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are shares of `reach` [m].
+        Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are fractions of `reach` [m].
         """
 
         def radius(place: float) -> float:
@@ -95,9 +95,9 @@ class Chain:
             yield DrawnShape(self.n, "box", self.payload["size"], offset + R @ centre, R @ axes, PAYLOAD)
 
     def mount(self, travel: Floats) -> Floats:
-        """Return the side of {I} on which the base is fixed, whose joints are at most at +-`travel`: unit vector, (3,).
+        """Return the side of {I} on which the base is mounted, as a unit vector (3,); joints reach at most +-`travel`.
 
-        Behind the first joint, if it is away from {I}; else below it, above it or beside it: the first of these to
+        It is behind the first joint if this is away from {I}; else below, above or beside it: the first of these to
         which the first link never points.
         """
         if np.linalg.norm(self.offset[0]) > 1e-9:
@@ -115,7 +115,7 @@ class Chain:
 
 
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
-    """Return the page's drawing of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
+    """Return the page's drawing of an arm whose joints reach at most +-`travel`, (n,) [rad or m], ready for JSON."""
     chain = Chain(arm)
     rails = [each for each, kind in zip(travel, chain.types, strict=True) if JOINT_TYPES[kind].slides]
     reach = chain.reach + float(max(rails, default=0.0))
@@ -138,7 +138,7 @@ def hex_of(color: Sequence[float] | Floats) -> str:
 
 
 def turn_to(direction: Floats) -> Floats:
-    """Return a rotation that takes z to a direction, the identity for z itself: (3, 3)."""
+    """Return a rotation (3, 3) from z to a direction, which is the identity for z itself."""
     z = direction / np.linalg.norm(direction)
     x = np.eye(3)[int(abs(z[0]) > 0.9)]
     x = x - (x @ z) * z
