@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.kernel import Kernel
-from vdfmu.base import style
+from vdfmu.extras.pictures import style
 
 Q_END = np.radians([90, 60, 60, 90, 60, 90])
 T, STEP = 10.0, 1e-3

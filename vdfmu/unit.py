@@ -17,6 +17,8 @@ __all__ += unit.__all__
 
 def __getattr__(name: str) -> Any:
     """Import `find_unit` only when it is used, because units must also work where the package of the arm is absent."""
+    if name in ("casadi_unit", "linear_unit", "table_unit"):
+        raise AttributeError(f"vdfmu.unit.{name} moved. Write: from vdfmu.extras.models import {name}")
     if name != "find_unit":
         raise AttributeError(f"module 'vdfmu.unit' has no attribute {name!r}")
     from vdfmu.arm.units import find_unit

@@ -14,7 +14,7 @@ import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.motion.read import kinds
 from vdfmu.base.toml_file import toml_text
-from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.extras.robots.reach import reach_scenario
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import system_values

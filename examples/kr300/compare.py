@@ -20,11 +20,11 @@ from scipy.signal import butter, sosfiltfilt
 
 import vdfmu
 from vdfmu import Results
-from vdfmu.base import style
 from vdfmu.base.option import read_settings
 from vdfmu.engine.results.results import Signal
 from vdfmu.extras.identify.fit import identify
 from vdfmu.extras.identify.log import read_log
+from vdfmu.extras.pictures import style
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import ShownRun
 

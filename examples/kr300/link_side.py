@@ -21,9 +21,9 @@ from scipy.signal import butter, sosfiltfilt
 import vdfmu
 from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
-from vdfmu.base import style
 from vdfmu.dynamics import gravity_torque, inverse_dynamics, mass_matrix
 from vdfmu.extras.identify import read_log
+from vdfmu.extras.pictures import style
 
 HERE = Path(__file__).parent
 DELAYS = (3.07e-3, 3.05e-3, 3.01e-3)

@@ -2,8 +2,10 @@
 
 An extra puts its additions into modules of agreed names: ``commands`` for the command line, ``targets`` of builds,
 ``motions``, ``trials`` of FMUs, ``units``, the ``decomposition`` of arms, ``containers`` of systems, ``schemas`` of
-files, the ``robot_page``, the ``comparison`` and the ``gallery`` of runs, ``programs`` and ``workers`` of studies. The
-core finds them by their files, as it finds plugins of other packages, and imports none by its name.
+files, ``reach`` for first motions, ``picture`` and ``motion_picture`` for figures, the ``robot_page``, the
+``comparison``, the ``gallery`` and the tables in ``latex`` of runs, ``result_formats``, ``programs``, ``workers`` and
+``sensitivities`` of studies. The core finds them by their files, as it finds plugins of other packages, and imports
+none by its name.
 """
 
 from __future__ import annotations

@@ -258,8 +258,8 @@ def report(
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
-    from vdfmu.study.report.latex import LATEX
     from vdfmu.study.report.page import report_of
+    from vdfmu.study.report.sheets import LATEX
 
     with replacing_foreign(overwrite):
         page = report_of(folders or (), out, simulate=simulate)

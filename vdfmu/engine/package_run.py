@@ -21,6 +21,7 @@ from vdfmu.engine.results.folder import (
     keep,
     known_formats,
     known_pictures,
+    picture_module,
     replacing_results,
     write_summary,
 )
@@ -100,10 +101,9 @@ def run_system(
 
         try:
             if options["pictures"]:
-                from vdfmu.engine.results.picture import write_signals  # takes long to import
-
                 with doing("picture"):
-                    left = write_signals(results.thinned(DRAWN), partial, options["pictures"], width, options["serif"])
+                    draw = picture_module().write_signals
+                    left = draw(results.thinned(DRAWN), partial, options["pictures"], width, options["serif"])
                 if left:
                     say(f"signals: not drawn: {', '.join(left)}; select others with --record")
         except VdfmuError:

@@ -62,7 +62,7 @@ def command(*words):
 
 @pytest.fixture(scope="module")
 def ran(folder):
-    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate", "--pictures", "png")
+    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate")
     assert done.exit_code == 0, done.output
     return Results.read(folder / "run" / "results.csv"), json.loads((folder / "run" / "summary.json").read_text())
 

@@ -210,7 +210,7 @@ def test_the_page_finds_what_the_fmus_found(pages, browser):
 
 @pytest.mark.heavy
 def test_the_page_of_fmus_of_fmi_3_under_jacobi_finds_what_they_found(pages, browser):
-    folder = pages("reach", robot="planar_2dof", fmi_version="3.0", algorithm="jacobi", stop=1.0)
+    folder = pages("planar_tracking", fmi_version="3.0", algorithm="jacobi", stop=1.0)
     assert_same(simulated(browser, folder / "report.html", []), Results.read(folder / "results.csv"))
 
 

@@ -380,7 +380,7 @@ class Machine(Protocol):
         """Return an identifier of its traced functions, shared by machines that differ only in run-time parameters."""
         ...
 
-    def joint(self, i: int) -> Self:
+    def joint(self, i: int, /) -> Self:
         """Return the machine with only joint `i`, counted from 0."""
         ...
 

@@ -1,4 +1,4 @@
-"""Figures: curves of one quantity over time. The page draws them, and `vdfmu.engine.results.picture` writes files."""
+"""Figures: curves of one quantity over time. The page draws them, and `vdfmu.extras.pictures.picture` writes files."""
 
 from __future__ import annotations
 

@@ -9,9 +9,11 @@ from contextlib import contextmanager, suppress
 from itertools import count, islice
 from pathlib import Path
 from threading import Lock
+from types import ModuleType
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import closed, exists, make_folder, read_json, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.measure import inches
@@ -47,7 +49,14 @@ def known_pictures(pictures: Sequence[str], width: str) -> float:
     unknown = [kind for kind in pictures if kind not in SUFFIXES]
     if unknown:
         raise UsageError(f"pictures: expected some of {', '.join(SUFFIXES)}, got {', '.join(unknown)}.")
+    if pictures:
+        picture_module()
     return inches("width", width)
+
+
+def picture_module() -> ModuleType:
+    """Return the module that draws figures, which is of an extra; it takes long to import."""
+    return module_of_extra("picture", "pictures", "A picture")
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.plugins import Plugins, PluginTable
 
 if TYPE_CHECKING:
@@ -58,7 +59,9 @@ def _of(module: str) -> Callable[[], Format]:
     return lambda: import_module(f"vdfmu.engine.results.{module}").FORMAT
 
 
-_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet"), ".mat": _of("mat_file")}
+_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet")}
+for _extra in extra_modules("result_formats"):
+    _SHIPPED |= _extra.FORMATS
 PLUGINS = Plugins("formats", "format of results", "a function that returns a Format", callable)
 FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, prefix=".")
 """Formats by suffix, imported on use. If a folder has several, the last is read."""

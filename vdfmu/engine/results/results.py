@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.text import amount
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal, group_of
@@ -237,9 +238,7 @@ class Results(Recorded):
         UsageError
             For an unknown signal, or a file that cannot be written.
         """
-        from vdfmu.engine.results.picture import plot  # takes long to import
-
-        return plot(self, names, over or {}, path)
+        return module_of_extra("picture", "pictures", "plot").plot(self, names, over or {}, path)
 
     def write(self, path: str | Path) -> None:
         """Write a file of results in the format of its suffix, see ``--format``; CSV by default.
@@ -247,7 +246,7 @@ class Results(Recorded):
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
         there is a line for each communication point. Numbers have the shortest form that is read back to the same bits.
         The write is atomic. Parquet and MATLAB files have the same bits in a third of the space, the units and the
-        summary; see `vdfmu.engine.results.parquet` and `mat_file`.
+        summary; see their modules.
 
         UsageError if a package is missing, ``pip install vdfmu[parquet]``; VdfmuError if the file cannot be written.
         """

@@ -145,14 +145,14 @@ def identify(
         _print_score(other.name, scored, arm.joint_labels, units)
     written: list[Path] = []
     if plot is not None:
-        from vdfmu.base.style import save
         from vdfmu.extras.identify.drawings import draw_torques
+        from vdfmu.extras.pictures.style import save
 
         save(draw_torques(fit.t, fit.torque, fit.torque_error, units), targets[plot])
         written.append(plot)
     if residuals is not None:
-        from vdfmu.base.style import save
         from vdfmu.extras.identify.drawings import draw_residuals
+        from vdfmu.extras.pictures.style import save
 
         title = f"Residuals of {arm.name}, identified from {log.name}, on {(other or log).name}"
         save(draw_residuals(title, scored, arm), targets[residuals])

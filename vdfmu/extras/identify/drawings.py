@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 
 from vdfmu.arm.robot import Robot
-from vdfmu.base import style
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import Shown
 from vdfmu.engine.results.figure import Curve, Figure
-from vdfmu.engine.results.picture import draw
 from vdfmu.extras.identify.fit import LogScore
-from vdfmu.study.report.drawings import recorded
+from vdfmu.extras.pictures import style
+from vdfmu.extras.pictures.motion_picture import recorded
+from vdfmu.extras.pictures.picture import draw
 
 
 def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str]) -> Picture:

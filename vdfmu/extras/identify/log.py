@@ -18,11 +18,11 @@ from vdfmu.base.foreign import TITLES, Foreign, read_foreign
 from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results.csv_file import csv_results
-from vdfmu.engine.results.mat_file import mat_results
 from vdfmu.engine.results.parquet import parquet_results
 from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.results.verdict import Check
 from vdfmu.extras.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
+from vdfmu.extras.matlab.mat_file import mat_results
 
 _TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
 _SECONDS = {"": 1.0, **TIME_UNITS}

@@ -12,7 +12,6 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.measure import unit_of
-from vdfmu.base.style import save
 from vdfmu.cli.options import target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.results.verdict import FAILED, state_of
@@ -34,6 +33,7 @@ from vdfmu.extras.identify.stiffness_report import (
     stiffness_verdict,
     unexcited_verdict,
 )
+from vdfmu.extras.pictures.style import save
 from vdfmu.study.report.sheets import verdict_table, verdict_text
 
 _COLUMN = "controller.tau_m[{}]"

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure as Picture
 from scipy.signal import periodogram
 
 from vdfmu.arm.robot import Robot
-from vdfmu.base import style
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.measure import quantity, unit_of
 from vdfmu.base.page import page, table
@@ -24,6 +23,7 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import effective_stiffness
 from vdfmu.extras.identify.stiffness import Stiffness
 from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, missing
+from vdfmu.extras.pictures import style
 
 _AROUND = 2.0
 """A log without the excitation is judged in the band from the antiresonance divided by this to the product with it."""

@@ -188,9 +188,9 @@ def _print(motors: str, q: list[float], modes: Modes) -> None:
 
 
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path, as_json: bool) -> None:
-    from vdfmu.base.style import save
     from vdfmu.extras.linear.drawings import draw_bode
     from vdfmu.extras.linear.responses import joint_bode
+    from vdfmu.extras.pictures.style import save
 
     bode = joint_bode(robot, q, joint, dry)
     unit = unit_of("velocity", robot.joint_types[joint - 1])
@@ -209,9 +209,9 @@ def _modes_along(path: str, robot: str | None, dry: bool, out: Path | None, over
     """Print and draw the natural frequencies over the motion of a scenario."""
     scenario = load(path, robot)
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
-    from vdfmu.base.style import save
     from vdfmu.extras.linear.along import modes_along, ranges
     from vdfmu.extras.linear.drawings import draw_modes
+    from vdfmu.extras.pictures.style import save
     from vdfmu.study.analysis.modes import MOTORS
 
     times, along = modes_along(scenario, dry=dry)

@@ -17,9 +17,10 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import require_ours, write_whole
 from vdfmu.base.measure import JOINT_TYPES, unit_of
 from vdfmu.base.page import page
+from vdfmu.extras.robots.robot_shapes import centres, inertia_parts, mesh_parts
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
 from vdfmu.study.report.scripts import data_element, libraries, look, packed, scripts_of
-from vdfmu.study.report.shapes import Chain, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
+from vdfmu.study.report.shapes import Chain, drawing_of, own_shapes
 from vdfmu.study.run.scene import arm_of
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats, bends, distinct, extremes
 from vdfmu.base.measure import JOINT_TYPES, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
-from vdfmu.engine.results.folder import DRAWN
+from vdfmu.engine.results.folder import DRAWN, picture_module
 from vdfmu.engine.results.results import Recorded, Results, Signal
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.run.joint_components import BASE, joints_of
@@ -384,12 +384,11 @@ def write_pictures(
     """Write the figures of a run, ``figure_tracking.pdf``, or its signals without any. `width` in inches."""
     if not kinds:
         return
-    from vdfmu.engine.results.picture import write_figures, write_signals  # takes long to import
-
+    picture = picture_module()
     shown = results.thinned(DRAWN)
     figures = list(run_figures(shown, results.summary))
-    write_figures(figures, shown, folder, kinds, width, serif)
+    picture.write_figures(figures, shown, folder, kinds, width, serif)
     if robot is not None and {"trajectory.q_d[1]", "plant.p_O[1]"} <= {*results.names}:
-        write_figures([TOOL], tool_error(robot, shown), folder, kinds, width, serif)
+        picture.write_figures([TOOL], tool_error(robot, shown), folder, kinds, width, serif)
     elif not figures:
-        write_signals(shown, folder, kinds, width, serif)
+        picture.write_signals(shown, folder, kinds, width, serif)

@@ -31,9 +31,8 @@ from vdfmu.engine.results.verdict import outcome_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.latex import LATEX, write_tables
 from vdfmu.study.report.parts import checks, components_table, events, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.sheets import sheets
+from vdfmu.study.report.sheets import LATEX, sheets
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.run.joint_components import cut_figures, wired_arm
 from vdfmu.system.package.drawing import Coupling, system_diagram
@@ -92,7 +91,7 @@ def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: boo
         tables = [(name, sheet) for name, run in zip(names, runs, strict=True) for sheet in sheets(run.summary)]
         if len(runs) > 1:
             tables.insert(0, ("", _compare().difference_sheet(names, runs)))
-        return write_tables(tables, out)
+        return module_of_extra("latex", "compare", "A file of tables").write_tables(tables, out)
     return write_report(runs, out, simulate=simulate)
 
 

@@ -59,6 +59,8 @@ _SIGNALS = 12
 """Most signals of the table of coupling errors, the worst first; most lines on events."""
 _TIMES = 12
 """Most times of an event in a note."""
+LATEX = ".tex"
+"""Suffix of a file of tables."""
 COMPARED = ["paper", "%"]
 """Headings for the paper's numbers, and for ours in per cent of them."""
 _NONE = "-"

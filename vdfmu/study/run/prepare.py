@@ -10,6 +10,7 @@ from typing import Unpack
 
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import LOG, UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
@@ -17,7 +18,6 @@ from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.plan.check import check_coupling
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import unfed_inputs
@@ -32,7 +32,7 @@ def scenario_of(
     The robot gets the parameters that these `names` need; see `with_parameters`.
     """
     if source == "reach" and not Path("reach").exists():
-        source = reach_scenario(robot)
+        source = module_of_extra("reach", "robots", "The scenario reach").reach_scenario(robot)
     return with_parameters(source if isinstance(source, Scenario) else load_scenario(source, robot), names)
 
 

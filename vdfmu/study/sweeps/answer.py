@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.measure import number, quantity
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, UNJUDGED, Check, verdict_of
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.candidates import MOST, JudgedPoint, best_of, candidates, judge_point, neighbours
 from vdfmu.study.sweeps.failures import failure_words, place_of
-from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import SearchPoints, StudyTable, View, groups, parts_of, view
 
 _TIE = 0.01
@@ -66,7 +66,7 @@ def answer_of(study: StudyTable) -> Answer:
         return _of_search(study, study.search, values, checks, sentences)
     axes = read_axes(study.facts["axes"])
     if study.facts["sample"] in _SENSITIVITY:
-        check, influence = _matters(study)
+        check, influence = module_of_extra("sensitivities", "sensitivity", "the answer").matters(study)
         return Answer(verdict_of([*checks, check], influence), (_spread(study, values), *sentences))
     if all(axis.form in ("normal", "lognormal") for axis in axes):
         spread, influence = _spread(study, values), _influence(study)
@@ -271,26 +271,6 @@ def _ranking(study: StudyTable, values: Floats, best: float) -> str:
         return f"{tied} other point{' ties' if tied == 1 else 's tie'} with it, within {100.0 * _TIE:.0f} %."
     more = f"{_per_cent(gap)} more" if gap < 1.0 or finite[0] < 0.0 else f"{number(1.0 + gap)} times as much"
     return f"The ranking is clear: the next, point {second}, has {more}." if gap < np.inf else ""
-
-
-def _matters(study: StudyTable) -> tuple[Check, list[str]]:
-    """Return the check of a sensitivity study's indices, and the axes that matter most."""
-    (name, unit), label = _named(study), "Indices"
-    try:
-        sensitivity = indices(study, name)
-    except UsageError as error:
-        return Check("indices", label, DOUBTFUL, str(error).partition(": ")[2].partition(". ")[0]), []
-    key = "total" if sensitivity.kind == "sobol" else "mu_star"
-    first, *rest = np.argsort(-sensitivity.values[key], kind="stable")[:2].tolist()
-    if key == "total":
-        begin, by, factor, unit, more = "", "", 100.0, "%", f" of the variance of {name}"
-    else:
-        begin, by, factor, more = f"over its range it changes {name} ", "by ", 1.0, ""
-    values, widths = (factor * each[key] for each in (sensitivity.values, sensitivity.widths))
-    effects = [f"{by}{quantity(float(values[k]), unit)} ± {quantity(float(widths[k]), unit)}" for k in (first, *rest)]
-    phrases = [f"{sensitivity.axes[first]} matters most: {begin}{effects[0]}{more}"]
-    phrases += [f"{sensitivity.axes[k]} {effect}" for k, effect in zip(rest, effects[1:], strict=True)]
-    return Check("indices", label, GOOD, phrases[0]), phrases
 
 
 def _influence(study: StudyTable) -> str:

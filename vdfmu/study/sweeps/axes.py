@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import MOST_FAULTS, open_csv
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import FORMER, check_type
 from vdfmu.study.options import SAMPLES
 
@@ -163,9 +164,6 @@ def _checked(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(map(str, values)) if any(isinstance(v, str) for v in values) else values
 
 
-LEVELS = 4
-"""Number of levels of Morris' trajectories on each axis."""
-
 Points = dict[str, NDArray[Any]]
 """Target of an axis to its values, (n,) each, where row k is point k."""
 
@@ -225,19 +223,7 @@ def shares(d: int, sample: str, n: int, seed: int) -> Floats:
         if n & (n - 1) == 0:
             return qmc.Sobol(d, **drawn).random_base2(n.bit_length() - 1)
         return qmc.Sobol(d, **drawn).random(2 ** n.bit_length())[:n]
-    problem = unit_problem(d)
-    if sample == "saltelli":
-        from SALib.sample import sobol
-
-        return np.asarray(sobol.sample(problem, n, calc_second_order=True, seed=seed))
-    from SALib.sample import morris
-
-    return np.asarray(morris.sample(problem, n, num_levels=LEVELS, seed=seed))
-
-
-def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return a problem of SALib in the unit cube."""
-    return {"num_vars": d, "names": list(names or [f"x{i}" for i in range(d)]), "bounds": [[0.0, 1.0]] * d}
+    return module_of_extra("sensitivities", "sensitivity", f"sample {sample}").shares_of(d, sample, n, seed)
 
 
 def _read(path: str) -> tuple[list[Axis], Points]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import distinct
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import inside, temporary_folder, write_whole
 from vdfmu.base.measure import quantity
 from vdfmu.base.page import table
@@ -23,7 +24,6 @@ from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.answer import Answer
 from vdfmu.study.sweeps.axes import is_option
 from vdfmu.study.sweeps.failures import failed_groups, place_of
-from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
@@ -145,7 +145,7 @@ def _failures(study: StudyTable) -> str:
 
 def _indices(study: StudyTable, name: str) -> str:
     try:
-        sensitivity = indices(study, name)
+        sensitivity = module_of_extra("sensitivities", "sensitivity", "the table of indices").indices(study, name)
     except UsageError as error:
         return f"<p>{escape(str(error))}</p>"
     rows = [[axis, *(row.get(index, "") for index in sensitivity.values)] for axis, row in sensitivity.rows()]

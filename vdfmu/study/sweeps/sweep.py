@@ -12,11 +12,11 @@ import numpy as np
 
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
 from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.answer import Answer, answer_of
-from vdfmu.study.sweeps.indices import Indices, indices
 from vdfmu.study.sweeps.kept import KeptAnswer
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
@@ -61,9 +61,9 @@ class Sweep(StudyTable):
         """Return sentences on the best point, its margin, the ranking, the axis that matters most, and failures."""
         return (self._kept and self._kept.answer) or answer_of(self)
 
-    def indices(self, measure: str | None = None) -> Indices:
-        """Return Sobol or Morris indices of a measure; see `vdfmu.study.sweeps.indices.indices`."""
-        return indices(self, measure)
+    def indices(self, measure: str | None = None) -> Any:
+        """Return Sobol or Morris indices of a measure; see `vdfmu.extras.sensitivity.indices`."""
+        return module_of_extra("sensitivities", "sensitivity", "indices").indices(self, measure)
 
     def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True, trust: bool = False) -> Path:
         """Write the page, by default ``report.html`` in the folder, and return its path.

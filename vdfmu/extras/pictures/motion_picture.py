@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure as Picture
@@ -12,8 +13,9 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import shown_as
 from vdfmu.engine.results.figure import Curve, Figure
-from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Recorded, Signal
+from vdfmu.extras.pictures.picture import draw
+from vdfmu.extras.pictures.style import save
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2, "snap": 4}
 """Quantity of a motion to the order of its derivative."""
@@ -24,6 +26,11 @@ def recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
     names = [f"{group}[{i}]" for group, values in groups.items() for i in range(1, 1 + values.shape[1])]
     signals = [Signal(name, "real", "", column) for column, name in enumerate(names)]
     return Recorded(t, signals, {"real": np.hstack([*groups.values()])})
+
+
+def write_motion(robot: Robot, t: Floats, q: Floats, path: Path) -> None:
+    """Write the picture of `draw_motion`: PNG, SVG or PDF by its suffix."""
+    save(draw_motion(robot, t, q), path)
 
 
 def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:

@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from matplotlib.lines import Line2D
 
-from vdfmu.base import style
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.figure import Figure, signal_figures
 from vdfmu.engine.results.formats import figure_file
 from vdfmu.engine.results.recorded import Recorded
+from vdfmu.extras.pictures import style
 
 PANELS = 12
 """Most panels of a picture."""

@@ -6,8 +6,8 @@ import pytest
 from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
+from vdfmu.extras.robots.reach import arm_gains, joint_gains, reach_scenario, steepest_fall, whole_arm
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import arm_gains, joint_gains, reach_scenario, steepest_fall, whole_arm
 
 STEP = 1e-3
 
