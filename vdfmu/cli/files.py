@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 FoldedOption = Annotated[
     bool,
     Option(
-        "Make zeros of gravity, centroids, tool constant.",
+        "Fold zero gravity, centroids, tool into the code.",
         more="The FMU is then faster. By default these zeros are parameters that can be set, like those of a payload.",
     ),
 ]

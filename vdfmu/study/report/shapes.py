@@ -1,4 +1,4 @@
-"""The looks of an arm: shapes in its links' frames, ellipsoids of inertia, meshes."""
+"""How an arm is drawn: shapes in its links' frames, ellipsoids of inertia, meshes."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def centres(robot: Robot) -> list[tuple[int, Floats]]:
 
 
 def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """Meshes of a robot, and notes on unreadable files. One hides all meshes: half an arm could look complete."""
+    """Meshes of a robot, none if a file is unreadable, because half an arm could look complete; and notes on them."""
     meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
     parts: list[dict[str, Any]] = []
     notes: list[str] = []
