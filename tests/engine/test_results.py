@@ -142,7 +142,7 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
     ("a,b\ns,m\n1,2\n", "'time' in s as the first column.*got a, b"),
     ("time,b\nms,m\n1,2\n", "'time' in s as the first column"),
     ("time,b,b\n1,2,3\n", "b: more than one column has this name"),
-    ("time,b\ns\n", "as many units as names"),
+    ("time,b\ns\n", "a unit for each name"),
     ("time,b\ns,m\n1,x\n", "row 3: b: expected a number, got 'x'"),
     ("time,b\ns,m\n1,2,3\n", "row 3: expected 2 cells, got 3"),
 ])  # fmt: skip

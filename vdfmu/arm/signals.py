@@ -19,7 +19,7 @@ DESIRED = {
     "q_d_dddot": ("jerk", JOINTS, "third derivative of the desired position"),
     "q_d_ddddot": ("snap", JOINTS, "fourth derivative of the desired position"),
 }
-"""Unit, shape and text of the desired motion."""
+"""Unit, shape and description of the desired motion."""
 MEASURED = {
     "q": ("position", JOINTS, "position of the link"),
     "q_dot": ("velocity", JOINTS, "velocity of the link"),
@@ -27,7 +27,7 @@ MEASURED = {
     "kappa_dot": ("velocity", JOINTS, "velocity of the rotor divided by ell"),
     "tau_s": ("torque", JOINTS, "spring torque, link-side"),
 }
-"""Unit, shape and text of the measured motion and torque of joints."""
+"""Unit, shape and description of the measured motion and torque of joints."""
 
 WRENCH = (3 * ("N",) + 3 * ("N.m",), 6)
 """Units and shape of a force and a moment."""
@@ -40,7 +40,7 @@ ACCELERATION = (3 * ("m/s2",) + 3 * ("rad/s2",), 6)
 
 
 def six(linear: str, angular: str) -> list[str]:
-    """Texts of a 6-vector."""
+    """Descriptions of the parts of a 6-vector."""
     return [f"{linear if k < 3 else angular}, axis {k % 3 + 1}" for k in range(6)]
 
 

@@ -70,7 +70,7 @@ def replacing(path: Path) -> Generator[BinaryIO]:
 
 
 def sync(path: Path) -> None:
-    """Flush a file, or a folder's list of names, to the disk. OSError if the disk reports a fault."""
+    """Flush a file, or the entries of a folder, to the disk. OSError if the disk reports a fault."""
     if os.name == "nt" and path.is_dir():  # Windows cannot open folders, and flushes their names itself
         return
     handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
@@ -85,7 +85,7 @@ def sync(path: Path) -> None:
 
 
 def closed(handle: int) -> None:
-    """Close a handle through which nothing was written, although a full disk may report its fault here again."""
+    """Close a handle through which nothing was written. Ignore errors: a full disk may report its fault again."""
     with suppress(OSError):
         os.close(handle)
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 FoldedOption = Annotated[
     bool,
     Option(
-        "Make zeros of gravity, centroids, tool constant.",
+        "Fold zero gravity, centroids, tool into the code.",
         more="The FMU is then faster. By default these zeros are parameters that can be set, like those of a payload.",
     ),
 ]
@@ -103,7 +103,7 @@ def build(
         refuse(of_units, "does not go with --container")
         return say_written(_container(scenario, robot, out, step, parameters, folded, overwrite))
     if scenario.lower().endswith(".ssp"):
-        raise UsageError(f"{scenario} is a package, so its FMUs are built. Write one FMU of it with --container.")
+        raise UsageError(f"{scenario} is a package of FMUs that are built. Use --container to make one FMU of it.")
     chosen = None if _is_unit(scenario) else _load(scenario, robot, parameters, folded)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot

@@ -275,7 +275,7 @@ def judge(
     ],
     robot: RobotOption = None,
     wanted: Annotated[
-        float | None, option_of(JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")
+        float | None, option_of(JudgeOptions, "judge", "Allowed error in % of a signal's range (default 1).")
     ] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,

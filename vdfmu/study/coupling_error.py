@@ -205,8 +205,7 @@ KINDS: Mapping[str, Kind] = {
     "jumps": Kind(
         "{signal} jumps at communication points",
         "A jump that is one step late is wrong by its full height, however short the step is. Declare the period at "
-        "which "
-        "it jumps, or replace the switch by a smooth one",
+        "which it jumps, or replace the switch by a smooth one",
     ),
     "bends": Kind(
         "{signal} bends at an event", "An event is only passed on at the next communication point. Use a shorter step"
@@ -218,14 +217,12 @@ KINDS: Mapping[str, Kind] = {
     "fast": Kind(
         "{signal} changes as fast as the steps",
         "It is noise that is drawn in each step, or a signal that is faster than the steps. Declare the period at "
-        "which it is drawn, "
-        "or choose a step that resolves it",
+        "which it is drawn, or choose a step that resolves it",
     ),
     "alias": Kind(
         "{signal} contains an alias of a faster signal",
         "A run with 8/13 of the step differs from the value that the other runs predict. Choose a step that resolves "
-        "the "
-        "faster signal, or filter it inside its component",
+        "the faster signal, or filter it inside its component",
     ),
     "solver": Kind(
         "solvers inside the FMUs determine the error of {signal}",

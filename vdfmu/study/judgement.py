@@ -332,7 +332,7 @@ class _Case(NamedTuple):
 
     @property
     def _asked(self) -> str:
-        return f"step {_time(self.step)}; wanted {per_cent(self.wanted)}"
+        return f"step {_time(self.step)}; allowed {per_cent(self.wanted)}"
 
     def _way(self, worst: SignalError) -> str:
         """Return how to make the error of a signal small enough."""

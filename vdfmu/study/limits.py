@@ -125,7 +125,7 @@ ROWS = (
     ),
     Limit(
         "ratio", "Gear ratio", 0.05, DOUBTFUL, "%",
-        "gear ratio of {place} is {ratio}, not {ell}: link motion {factor} times the expected",
+        "gear ratio of {place} is {ratio}, not {ell}: the link moves {factor} times as far",
         "springs and encoders cause a difference of a few per mille", failed=0.1,
     ),
     Limit(

@@ -168,7 +168,7 @@ class Matrix(Unit):
 @pytest.mark.parametrize(
     ("unit", "words"),
     [(Relay, "has events; an eFMU is a sampled or memoryless unit"),
-     (Matrix, "matrix_outputs: a product with a large matrix has no text for this use")],
+     (Matrix, "matrix_outputs: no code can be generated for a product with a large matrix here")],
 )  # fmt: skip
 def test_units_of_other_kinds_are_refused(unit, words, tmp_path):
     with pytest.raises((UsageError, KernelError), match=words):

@@ -92,7 +92,7 @@ _BLOCKS = ((slice(0, 3), slice(0, 3)), (slice(0, 3), slice(3, 6)), (slice(3, 6),
 
 
 def cross_motion(V_B: np.ndarray) -> np.ndarray:
-    """Cross product of a velocity with another one, both in {B}: the rate of change of a frame's coordinates.
+    """Spatial cross product of a velocity with a motion vector, both in {B}: the rate of change of a moving frame.
 
     If {B} moves relative to {A} with ``z q_dot``, then ``d/dt(U_AB.T) = -cross_motion(z * q_dot) @ U_AB.T``.
     The paper uses it without mention, because (47) needs the derivative of (31).

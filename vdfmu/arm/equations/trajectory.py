@@ -29,8 +29,8 @@ def desired_motion(t: Any, q_start: Any, q_end: Any, T: Any, t_start: Any = 0.0)
 
     Deviation: (57) starts from zero at t = 0; here it goes from `q_start` to `q_end` between `t_start` and `t_start +
     T`, and is held before and after. Its third derivative jumps at both ends, between 0 and ``4 pi^2 (q_end - q_start)
-    / T^3``. The value at an end is that of the time after it: at `t_start` the joints move, at ``t_start + T`` they
-    rest. Both ends are shifted earlier by `EARLY`, so that rounding of `t` does not matter.
+    / T^3``. At both ends it has the value just after them: at `t_start` the joints move, at ``t_start + T`` they rest.
+    Both ends are shifted earlier by `EARLY`, so that rounding of `t` does not matter.
 
     Parameters
     ----------

@@ -254,7 +254,9 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             elif language.product is not None and matrix_of(called) is not None:
                 text = language.product(called, values, wanted)
             else:
-                raise KernelError(f"{function.name()}: a product with a large matrix has no text for this use.")
+                raise KernelError(
+                    f"{function.name()}: no code can be generated for a product with a large matrix here."
+                )
         elif operation == ca.OP_INPUT:
             names = (arguments[inputs[0]],)
             text = assign(target, language.argument(names[0], inputs[1]))

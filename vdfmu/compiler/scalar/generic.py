@@ -91,7 +91,7 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
     if shapes[0] or len(shapes[2]) not in (1, 2) or shapes[1] != (shapes[2][0] + 1,):
         raise UsageError(
             "lookup: expected a scalar x, edges (m + 1,) and rows (m, w) or (m,), got the shapes "
-            f"{shapes[0]}, {shapes[1]} and {shapes[2]}. Values at points are for interpolate."
+            f"{shapes[0]}, {shapes[1]} and {shapes[2]}. For values at points use interpolate."
         )
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)

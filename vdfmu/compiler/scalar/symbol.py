@@ -244,7 +244,7 @@ def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwarg
     try:
         result = getattr(_ELEMENTWISE.get(function, function), method)(*map(_plain, inputs), **kwargs)
     except TypeError as error:
-        raise refusal(KernelError(f"np.{function.__name__} takes no symbols: {error}")) from None
+        raise refusal(KernelError(f"np.{function.__name__} does not accept symbols: {error}")) from None
     return _with_symbols(result)
 
 
@@ -255,7 +255,7 @@ def _of_arrays(function: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> 
             return _with_symbols(_REPLACED[function](*args, **kwargs))
         result = np.ndarray.__array_function__(np.empty(0), function, (np.ndarray,), args, kwargs)
     except TypeError as error:
-        raise refusal(KernelError(f"{function.__name__} of numpy takes no symbols: {error}")) from None
+        raise refusal(KernelError(f"{function.__name__} of numpy does not accept symbols: {error}")) from None
     return _with_symbols(result)
 
 

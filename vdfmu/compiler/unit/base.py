@@ -179,7 +179,7 @@ class BaseUnit:
         """Set the sampled states until the next sample. A state that is not set keeps its value."""
 
     def events(self) -> None:
-        """Set the events' numbers. When one rises above 0, this is an event, and its ``at_<name>`` runs."""
+        """Set the event indicators. When one rises above 0, this is an event, and its ``at_<name>`` runs."""
 
     def balance(self) -> Any:
         """Return the residual of the equations in the order of the states, (n_x,): zero at the right derivatives.

@@ -184,10 +184,10 @@ class Held(State):
 
 
 class Event(Output):
-    """A number, set by ``events``, whose rise above 0 is an event, at which the method ``at_<name>`` sets states.
+    """An event indicator, set by ``events``: its rise above 0 is an event. The method ``at_<name>`` then sets states.
 
-    The solver ends an internal step there. Before the next event the number must fall to 0 or below and rise again. A
-    number that is above 0 at the start is not an event.
+    The solver ends an internal step there. Before the next event the indicator must fall to 0 or below and rise
+    again. An indicator that is above 0 at the start is not an event.
     """
 
     set_by = "events"

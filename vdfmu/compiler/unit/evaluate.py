@@ -53,7 +53,7 @@ class Evaluation:
     update: Callable[[], None]
     """Set the sampled states."""
     events: Callable[[], None]
-    """Set the events' numbers, `levels`."""
+    """Set the event indicators, `levels`."""
     at_events: list[Callable[[], None]]
     """Set the states at each event."""
 
@@ -175,7 +175,7 @@ class Plain(Evaluation, Values):
         self.requirements = partial(run, unit, "requirements", self)
 
     def outputs(self) -> None:
-        """Set the outputs, and the numbers of the events."""
+        """Set the outputs and the event indicators."""
         self._outputs()
         if self.at_events:
             self.events()

@@ -1,8 +1,8 @@
 """Events of units during a motion of their states: the time of the first, and the changes that it causes.
 
-The motion ends where an event's number changes its sign: a rise above 0 is an event, and after a fall the next rise can
-be one. The numbers are evaluated at the points of the motion and at the vertices of parabolas through three points, so
-two changes between two points may be missed.
+The motion ends where an event indicator changes its sign: a rise above 0 is an event, and after a fall the next rise
+can be one. The indicators are evaluated at the points of the motion and at the vertices of parabolas through three
+points, so two changes between two points may be missed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from vdfmu.compiler.unit.declaration import AT
 from vdfmu.compiler.unit.evaluate import Evaluation
 
 PARTS = 8
-"""Number of parts of an interval at whose ends the numbers are evaluated."""
+"""Number of parts of an interval at whose ends the event indicators are evaluated."""
 MOST_ROUNDS = 100
-"""Largest number of events at one time that each cause the next."""
+"""Longest chain of events at one time, each caused by the one before."""
 MOST_CHANGES = 1_000
 """Largest number of changes of sign in one motion, which take some 3 ms each; native FMUs allow ten times as many."""
 _LEAST = np.finfo(float).tiny
@@ -28,7 +28,7 @@ _LEAST = np.finfo(float).tiny
 Motion = Callable[[float, Floats, Floats], Floats]
 """Returns the states (m, n_x) at times (m,) of a motion, given its start time and state."""
 Level = Callable[[float, Floats], Floats]
-"""Returns a level per event at a time and a state, which is above 0 if the event's number has changed its sign."""
+"""Returns a level per event at a time and a state, which is above 0 if the event indicator has changed its sign."""
 
 
 def margin(t: float) -> float:
@@ -114,7 +114,7 @@ class UnitEvents:
     """Events of units whose states a solver integrates.
 
     `place` sets a time [s] and states (n_x,) in the units, and the inputs that follow from them. `states` returns the
-    states. `above` (n,) is whether each number was above 0; like the states it determines the future.
+    states. `above` (n,) is whether each event indicator was above 0; like the states it determines the future.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class UnitEvents:
         return bool(self._methods)
 
     def begin(self) -> None:
-        """Accept the present numbers of the units; those above 0 are not events."""
+        """Start from the present event indicators; those already above 0 are not events."""
         self.above = self._numbers() > 0.0
 
     def move(self, motion: Motion, t: float, x: Floats, times: Floats) -> Iterator[Floats]:

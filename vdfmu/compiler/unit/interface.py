@@ -69,7 +69,7 @@ class Interface:
     states, derivatives, sampled : slice
         Positions of the continuous states, of their derivatives in the same order, and of the sampled states.
     events : slice
-        Positions of the numbers of the events.
+        Positions of the event indicators.
     has_states, is_sampled, has_exchange, has_robot : bool
         Whether the unit has continuous states, sampled states, model exchange in a native FMU, and all run-time
         parameters of the robot.

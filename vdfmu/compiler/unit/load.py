@@ -53,7 +53,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     }
     units = {unit_name(unit): unit for unit in classes}
     if not units:
-        raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
+        raise UnitError(f"{file} declares no unit. Derive a class from vdfmu.unit.Unit.")
     if double := [unit.__name__ for unit in classes if units[unit_name(unit)] is not unit]:
         raise UnitError(f'{file}: {double[0]} must be the name of one unit, got two. Name them, name="MyUnit".')
     if twice := [problem for unit in units.values() for problem in _twice(path, unit)]:

@@ -34,7 +34,7 @@ class Program:
     `step` makes one step of the solver. Besides groups its arguments are `h`, `tolerance` and ``rate_<input>``; it
     returns `x_new`, `norm` and `ratio`. `left` returns the time until the derivatives switch, if they switch by time.
 
-    `events` sets the events' numbers, which are also outputs. `at_events` has the calls of each event's method.
+    `events` sets the event indicators, which are also outputs. `at_events` has the calls of each event's method.
     """
 
     def __init__(self, functions: UnitFunctions) -> None:

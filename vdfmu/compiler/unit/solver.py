@@ -16,7 +16,7 @@ from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Limit of calls of the right-hand side, ten times what shipped robots need, because odd values might never end."""
+"""Limit of calls of the right-hand side, ten times what shipped robots need. Odd values might need any number."""
 _CLOSE = 1e-9
 """Distance from a sample, relative to the period, within which a time counts as the sample's."""
 MINIMUM_STEP = 1e-12

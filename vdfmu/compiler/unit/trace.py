@@ -249,7 +249,7 @@ def _kind(declared: Declared) -> str:
         "Sampled": "a sampled state",
         "Held": "a held state",
         "Mode": "a mode",
-        "Event": "the number of an event",
+        "Event": "an event indicator",
     }
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 

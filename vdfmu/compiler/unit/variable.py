@@ -87,7 +87,7 @@ _ORDER = (Input, State, Sampled, Held, Mode, Output, Event)
 def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:
     """Variables of a unit in the order of their value references.
 
-    The order is inputs, states (continuous, sampled, held), outputs, events' numbers, parameters, robot's parameters.
+    The order is inputs, states (continuous, sampled, held), outputs, event indicators, parameters, robot's parameters.
     """
     groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))

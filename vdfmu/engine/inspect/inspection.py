@@ -146,7 +146,7 @@ def _pack(ssd: Path, package: Path) -> None:
     for value in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", members[DEFAULT]):
         name = posixpath.normpath(unquote(html.unescape(value.decode(errors="replace"))))
         if name in members or not is_inside(name):
-            continue  # the check reports sources outside
+            continue  # the check reports sources outside the folder
         file = (home / name).resolve()
         if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
             members[name] = file.read_bytes()

@@ -60,7 +60,7 @@ class Linearisation:
         if blind:
             raise UsageError(
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange. Export them "
-                "that way; native FMUs of this project have directional derivatives."
+                "that way; native FMUs built by vdfmu have directional derivatives."
             )
         self._derive = _derive(components)
         counts = self._derive("begin", loops)

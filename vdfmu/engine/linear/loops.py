@@ -53,8 +53,8 @@ _FAST = 0.05
 """Eigenvalues up to this size are not separated if their eigenvectors are ill-conditioned, as for delays in series.
 Their part of S is then a power series in 1 / z."""
 _TERMS, _LEAST = 12, 1e-15
-"""Largest number of terms of this series, so that the first omitted term is 1e-15 of the first; and states regarded as
-0."""
+"""Largest number of terms of this series, and size below which its states are regarded as 0, so that the first omitted
+term is 1e-15 of the first."""
 _NUDGE = 1e-11
 """Relative perturbation of the closed loop's numbers, so that it has as many eigenvectors as states: the position and
 speed of a free mass share one. Margins have the same relative accuracy, rates 1e-8 1/s over 1 ms."""

@@ -208,8 +208,8 @@ class LinearSystem:
             raise UsageError(f"{text} Declare one of them in its Algorithm.")
         if self.constant:
             raise UsageError(
-                f"{', '.join(self.constant)}: these change at communication points, and their derivatives are not "
-                "known, so neither is the sampled loop. FMUs of this project declare their sampled states."
+                f"{', '.join(self.constant)}: the sampled loop cannot be linearised, because these change at "
+                "communication points and their derivatives are not known. FMUs built by vdfmu declare sampled states."
             )
         if (self._intervals != 1).any():
             return _over_period(self, opened)

@@ -68,8 +68,8 @@ def _refuse_escapes(folder: Path) -> None:
     uri = folder.as_uri()
     if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
         raise VdfmuError(
-            f"{folder}: the folder of Python FMUs must be ASCII letters, digits and spaces only. Set TMPDIR to another "
-            "folder."
+            f"{folder}: the path of a folder with Python FMUs must have only ASCII letters, digits and spaces. Set "
+            "TMPDIR to another folder."
         )
 
 

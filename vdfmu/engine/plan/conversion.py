@@ -43,7 +43,7 @@ def between(source: UnitFactor, target: UnitFactor, relative: bool = False) -> t
         return 1.0, 0.0
     for unit in (source, target):
         if unit.exponents is None or not unit.usable:
-            has = "has no unit definition" if unit.exponents is None else "has a factor or offset of no use"
+            has = "has no unit definition" if unit.exponents is None else "has an unusable factor or offset"
             text = f"unit mismatch, {source.name!r} to {target.name!r}: {unit.name!r} {has}"
             raise MisfitError("unit", text)
     if source.exponents != target.exponents:

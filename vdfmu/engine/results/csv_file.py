@@ -46,8 +46,8 @@ def csv_results(path: Path, file: CsvFile) -> Recorded:
     names, units = (file.headings, file.unit_row) if file.unit_row else (file.names, file.units)
     if names[:1] != ["time"] or units[:1] not in (["s"], [""]) or len(units) != len(names):
         raise UsageError(
-            f"{path}: expected 'time' in s as the first column, and as many units as names if the second line has "
-            f"units; got {', '.join(names[:3]) or 'nothing'} and {len(units)} units of {len(names)} columns."
+            f"{path}: expected 'time' in s as the first column, and a unit for each name if the second line has units; "
+            f"got {', '.join(names[:3]) or 'nothing'}, with {len(units)} units for {len(names)} columns."
         )
     if twice := repeated(names[1:]):
         raise UsageError(f"{path}: {', '.join(twice)}: more than one column has this name.")

@@ -198,8 +198,8 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
     def number(value: float) -> str:
         if precision.bits == 32 and value % 2.0 == 1.0 and float(np.float32(value)) != value:
             raise UsageError(
-                f"{block.interface.name}: its equations have the number {value:.0f}, which single precision cannot "
-                "represent, such as in the generator of random numbers. Build it with double precision."
+                f"{block.interface.name}: single precision cannot represent {value:.0f} in its equations. This number "
+                "may come from the generator of random numbers. Build it with double precision."
             )
         return _literal(value, precision, f"{block.interface.name}: a number of its equations")
 

@@ -69,9 +69,11 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
         whole: Floats = np.unwrap(values, period=period)
         text = f"{name}: wrapped {jumps.size} times, first in row {jumps[0] + 2}"
         if np.abs(np.diff(whole)).max() > _CERTAIN * period:
-            problems.append(f"{text}: expected less than {_CERTAIN} turns from row to row. Log more rows, or the turns")
+            problems.append(
+                f"{text}: expected less than {_CERTAIN} turns between rows. Log faster, or log unwrapped angles"
+            )
         else:
-            notes.append(f"{text}: joined at jumps of {period:.6g} rad")
+            notes.append(f"{text}: unwrapped with a period of {period:.6g} rad")
         return whole
     return values
 
@@ -252,7 +254,7 @@ def check_motion(
         if follows < _FOLLOWS < other and a != b:
             problems.append(
                 f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
-                f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column 'q[{i + 1}]=NAME'"
+                f"kappa[{i + 1}], {alike[a, a]:.3f}: the columns are in another order: use --column 'q[{i + 1}]=NAME'"
             )
             continue
         slope = float(alike[a, a] * size["q"][a] / size["kappa"][a])
@@ -359,7 +361,7 @@ def _torque_checks(read: _Compared, moved: npt.NDArray[np.intp], robot: Robot) -
             text = f"tau[{i + 1}] fits joint {j + 1} better than its own"
             checks.append(Check("order", "Order of the columns", FAILED, text, more))
         elif drives[i]:
-            text = f"tau[{i + 1}] has another sign: its friction would drive the joint"
+            text = f"tau[{i + 1}] has the opposite sign: its friction would drive the joint"
             checks.append(Check("sign", "Sign", FAILED, text, f"use --column 'tau[{i + 1}]=NAME [-1 N.m]'"))
     if not len(moved):
         return checks

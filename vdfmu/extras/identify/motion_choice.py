@@ -45,11 +45,11 @@ _DEFAULTS = {"revolute": (1.0, 1.5, 5.0), "prismatic": (0.2, 0.5, 2.0)}
 _OFF = 0.4
 """Largest offset of the candidates' poses from the middle, as a fraction of the range."""
 _SHRINK = 8
-"""How often a motion is reduced at most until the motors can supply its torques."""
+"""Largest number of times that a motion is reduced until the motors can supply its torques."""
 _SHORTEST = 5.0
 """Shortest useful duration of an experiment [s]."""
 _COARSE, _ROWS = 40.0, 1000.0
-"""Fewest samples of a candidate, in a period of the highest frequency and in all."""
+"""Fewest samples of a candidate, in a period of the highest frequency and in total."""
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def stiffness_notes(fit: Stiffness) -> list[str]:
     late = [f"{1e3 * x.delay:.3f} +- {1e3 * NORMAL_95 * x.delay_deviation:.2g} ms" for x in fit.levels]
     pose = ", ".join(f"{x:.3g}" for x in fit.side.pose)
     return [
-        f"positions are {' and '.join(late)} later than torques, at the two levels",
+        f"positions lag the torques by {' and '.join(late)} at the two levels",
         f"stiffness holds for the spring's torque in the table (RMS), about gravity at the pose {pose}: the spring "
         f"is nonlinear, so its stiffness depends on the torque",
         "95 %: links, position of the payload and torque constants as in the robot file; absolute: links within 6 %, "
@@ -140,7 +140,7 @@ def scaled_robot(fit: Stiffness) -> tuple[Robot, list[str]]:
             width = f"+- {_per_cent(level.deviation[i])} (95 %)"
             for name in ("K_f0", "K_w0"):
                 sources[f"joints[{i + 1}].drive.{name}"] = (
-                    f"scaled to {level.stiffness[i]:.4g} at the motors' side, {width}"
+                    f"scaled to {level.stiffness[i]:.4g} with motor-side logs, {width}"
                 )
         else:
             texts.append(f"joint {i + 1} keeps the robot file's spring")

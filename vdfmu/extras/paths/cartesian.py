@@ -214,7 +214,7 @@ def _along(
             return motion
         if knots == _MOST:
             raise UsageError(
-                f"{where}: expected at most {tolerance:g} m or rad from the path, got {off:.3g} with {knots} knots. "
+                f"{where}: must stay within {tolerance:g} m or rad of the path, got {off:.3g} with {knots} knots. "
                 "Raise the tolerance, or keep away from singular poses."
             )
         knots *= 2

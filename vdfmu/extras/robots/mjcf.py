@@ -75,7 +75,7 @@ def _require_regular(path: Path) -> None:
             try:
                 open_regular(place).close()
             except OSError as error:
-                raise ModelError(f"{path}: {place} must be a regular file, but {error.strerror}.") from None
+                raise ModelError(f"{path}: {place} must be a regular file: {error.strerror}.") from None
 
 
 class _Rotor(NamedTuple):

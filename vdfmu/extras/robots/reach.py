@@ -89,8 +89,8 @@ def joint_gains(
         if not fall:
             break
     raise UsageError(
-        f"{name}: expected gains with a modulus margin of {margin:g} and a delay margin of a sample, got none for a "
-        f"step of {step:g} s. Give a smaller step or margin, or check the joint's drive, inertia and friction."
+        f"{name}: no gains have a modulus margin of {margin:g} and a delay margin of a sample at a step of {step:g} s. "
+        "Use a smaller step or margin, or check the joint's drive, inertia and friction."
     )
 
 

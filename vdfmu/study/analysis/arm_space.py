@@ -138,7 +138,7 @@ def linearize(
     except UsageError as error:
         if isinstance(system, Robot):
             raise
-        raise UsageError(f"{error} A scenario or a package takes a time in s instead of positions.") from None
+        raise UsageError(f"{error} For a scenario or a package give a time in s instead of positions.") from None
     if not dry:
         without_dry_friction(plant)
     return state_space(plant, _INPUTS, (*state_names(plant.interface.robot), *_OUTPUTS))

@@ -1,4 +1,4 @@
-"""The looks of an arm: shapes in its links' frames."""
+"""How an arm is drawn: shapes in its links' frames."""
 
 from __future__ import annotations
 

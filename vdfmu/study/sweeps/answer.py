@@ -151,7 +151,7 @@ def _of_search(
     if demanded:
         pairs = [pair for name, pair in search.compared.items() if name.startswith("modulus[")]
         before, after = (min(pair[k] for pair in pairs) for k in (0, 1))
-        # COBYQA ends at a border from either side: the tenth digit is rounding
+        # COBYQA may stop on either side of a bound: the tenth digit is rounding
         holds = all(pair[1] > needed - 1e-9 for pair, needed in zip(pairs, demanded, strict=True))
         words = f"modulus margin {after:.2g}, {min(demanded):.2g} requested, {before:.2g} at the start"
         state = GOOD if holds else DOUBTFUL
@@ -176,12 +176,12 @@ def _of_search(
 
 
 def _less(value: float, other: float, unit: str) -> str:
-    """Return by how much a value is less than another, as a factor, in per cent, or as a difference."""
+    """Return how far a value is below another, as a factor, in per cent, or as a difference."""
     if value > 0.0 and other > 2.0 * value:
-        return f"{number(other / value)} times less than"
+        return f"a factor of {number(other / value)} below"
     if value > 0.0:
-        return f"{_per_cent(1.0 - value / other)} less than"
-    return f"{quantity(other - value, unit)} less than"
+        return f"{_per_cent(1.0 - value / other)} below"
+    return f"{quantity(other - value, unit)} below"
 
 
 def _per_cent(share: float) -> str:
@@ -260,7 +260,7 @@ def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator
 
 
 def _ranking(study: StudyTable, values: Floats, best: float) -> str:
-    """Return how far the next value is behind the best one; smaller ones belong to points that are not good."""
+    """Return how far the next value is behind that of the best good point. Smaller values are of points that fail."""
     points, allowed = study["point"], np.isfinite(values) & (values >= best)
     finite = np.sort(values[allowed])
     if len(finite) < 2:

@@ -143,7 +143,7 @@ def _axis(target: str, form: Any) -> Axis:
         return axis
     n = numbers[2]
     if n != int(n) or not 1 <= n <= MOST_POINTS:
-        raise ValueError(f"expected a whole number of values of at least 1, at most {MOST_POINTS}, got {form}.")
+        raise ValueError(f"expected a whole number of values from 1 to {MOST_POINTS}, got {form}.")
     return Axis(target, name, (low, high), tuple(axis.at(np.linspace(0.0, 1.0, int(n))).tolist()), factor)
 
 

@@ -208,7 +208,7 @@ def _term(node: ast.expr) -> _Term:
         return _Term(values, lambda units: units.get(name, ""), (name,), True)
     match node:
         case ast.Constant(int() | float() as value):
-            return _Term(lambda _: float(value))  # powers of whole numbers would have any number of digits
+            return _Term(lambda _: float(value))  # powers of Python's integers could have any number of digits
         case ast.Call(ast.Name(name), [_, *_], []):
             return _call(node, name)
         case ast.BinOp(left, op, right) | ast.Compare(left, [op], [right]) if type(op) in _OPERATORS:
@@ -217,7 +217,7 @@ def _term(node: ast.expr) -> _Term:
             operands = [operand]
         case _:
             raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
-    # a generator takes a stack frame: what is too long for values or units is too long to read
+    # a generator needs a stack frame, so an expression too deep to evaluate is already too deep to parse
     first, *more = terms = tuple(_term(each) for each in operands)
 
     def of(results: Results) -> Any:

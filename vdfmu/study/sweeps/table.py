@@ -264,7 +264,10 @@ class StudyTable:
             kept = self.folder / Path(source).name
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
             package = kept if kept.exists() else source
-            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {package}' runs it, with {values}.")
+            raise UsageError(
+                f"{self.path}: expected a study of a scenario, got one of a package. Use 'vdfmu run {package}' and set "
+                f"{values}."
+            )
         system, options = self.system(row)
         if digest(system.content) not in [each["package"] for each in was]:
             self._note(f"{source}: its values, units or robot have changed since the study.")
