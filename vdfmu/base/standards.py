@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class FmiVersion:
+class FmiVersion(NamedTuple):
     """A version of FMI that FMUs are built for. A new one is a row of `FMI_VERSIONS`."""
 
     name: str
@@ -46,8 +45,7 @@ WITHOUT_NATIVE = "FMUs are in Python: a run takes some 20 times as long, and the
 """Consequence of a missing C compiler, the extra ``native``."""
 
 
-@dataclass(frozen=True)
-class SspFormat:
+class SspFormat(NamedTuple):
     """A version of SSP of packages. A new one is a row of `SSP_FORMATS`."""
 
     name: str

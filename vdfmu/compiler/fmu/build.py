@@ -8,10 +8,9 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vdfmu.base.cache import keep_built
 from vdfmu.base.errors import UsageError
@@ -30,8 +29,7 @@ _SLOW_JOINTS = 9
 """Fewest joints with which a first build is announced."""
 
 
-@dataclass(frozen=True)
-class BuildTarget:
+class BuildTarget(NamedTuple):
     """A target other than the plain FMU, imported only when it is built."""
 
     module: str

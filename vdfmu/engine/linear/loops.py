@@ -232,8 +232,8 @@ class _Stack:
         w, log = w[at[:2]], log[at] if lag else _log_of(L[at])
         if self._least and not lag:
             delay, turned = np.mod(log.imag, 2.0 * np.pi) / w, np.abs(np.diff(log.imag, axis=1)[:, 0]) > np.pi
-            known = delay.max(axis=1)[_crosses(log, lag)[:, 0]].min(initial=np.inf)
-            may = turned | (delay.min(axis=1) < _SWING * known)
+            limit = delay.max(axis=1)[_crosses(log, lag)[:, 0]].min(initial=np.inf)
+            may = turned | (delay.min(axis=1) < _SWING * limit)
             row, loop, w, log = (each[may] for each in (row, loop, w, log))
         for _ in range(_ZOOMS):
             inside = w[:, :1] + (w[:, 1:] - w[:, :1]) * _INSIDE

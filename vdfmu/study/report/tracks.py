@@ -126,8 +126,8 @@ class _MovedLoops:
         at = [(pose.loop, pose.time) for pose in along.poses if pose.loop and pose.loop.K.shape in self.alike]
         self.loops, self.times = [loop for loop, _ in at], [time for _, time in at]
         self.every = range(len(self.loops))
-        own = [(loop.rate, loop.modulus, loop.delay) for loop in self.loops]  # most are known from the run
-        self.recorded, self.worst = self._figures({}, self.every, *map(np.array, zip(*own, strict=True)))
+        of_run = [(loop.rate, loop.modulus, loop.delay) for loop in self.loops]  # most are known from the run
+        self.recorded, self.worst = self._figures({}, self.every, *map(np.array, zip(*of_run, strict=True)))
 
     def slopes(self, slider: Mapping[str, Any]) -> Slopes:
         """Return by how much the feedback changes if a slider adds 1 to its factor.
