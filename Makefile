@@ -69,7 +69,7 @@ docs: $(VENV)/docs  ## build the documentation into site/VERSION, beside other v
 	$(BIN)/python docs/make.py $(DOCS_ARGS)
 
 # Types are resolved in what the tests install: the packages of all extras.
-lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),$(LINT_WEB))  ## ruff, pyright, warnings of words and, with npm, lint-web
+lint: $(VENV)/test $(VENV)/dev $(if $(shell command -v npm),$(LINT_WEB))  ## ruff, pyright, warnings about wording and, with npm, lint-web
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python

@@ -10,13 +10,14 @@ from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.engine.run import simulate
 from vdfmu.study.analysis.loops import margins_along
 from vdfmu.study.analysis.modes import natural_modes
-from vdfmu.study.analysis.reach import reach_scenario
 
 TITLE = "The shipped arms"
 
 
 def run(report: Report, quick: bool = False) -> None:
     """Describe each arm, and run `reach` with it."""
+    from vdfmu.extras.robots.reach import reach_scenario
+
     table = Table(
         "arms", TITLE,
         [("robot", "s"), ("joints", "d"), ("mass [kg]", ".3g"), ("lowest mode [Hz]", ".3g"), ("step [ms]", "g"),

@@ -233,7 +233,7 @@ def _alone(tracking: Tracking, case: Case) -> Seen:
     if abs(E_pot - expected) > 1e-9 * abs(expected):
         return Seen(DEVIATES, words=f"E_pot = {E_pot!r} J, expected {expected!r} J")
     if q == E_pot:
-        return Seen(DEVIATES, words="scalars are right; an array reads as the value that was read before it")
+        return Seen(DEVIATES, words="scalars are right; reading an array returns the value that was read before it")
     return Seen(RUNS, words="scalars are right")
 
 

@@ -29,7 +29,7 @@ _MADE = ("said", "recipe", "drawn", "picture")
 """What this module writes into the table."""
 _PACKED = ROOT / "vdfmu" / "study" / "report" / "bundles"
 _PAGES = ("study/report/page.py", "study/report/parts.py", "extras/robots/robot_page.py")
-_DRAWING = ("vdfmu/base/style.py", "vdfmu/engine/results/picture.py")
+_DRAWING = ("vdfmu/extras/pictures/style.py", "vdfmu/extras/pictures/picture.py")
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
 
 Entry = dict[str, Any]

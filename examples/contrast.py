@@ -2,8 +2,8 @@
 
     python examples/contrast.py [FOLDER]
 
-The two formulations share no line of code. The third column shows one reading of Table 3: the difference that a gravity
-constant of 9.80 instead of 9.81 m/s2 makes. The other reading is a thousandth of the torques themselves.
+The two formulations share no line of code. The third column shows one explanation of Table 3: the difference that a
+gravity constant of 9.80 instead of 9.81 m/s2 makes. The other explanation is a thousandth of the torques themselves.
 """
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.kernel import Kernel
-from vdfmu.base import style
+from vdfmu.extras.pictures import style
 
 Q_END = np.radians([90, 60, 60, 90, 60, 90])
 T, STEP = 10.0, 1e-3
@@ -45,7 +45,7 @@ def rms(values):
 
 @style.styled
 def figure_7(time, vd, newton_euler):
-    """Draw the torques of both formulations over each other."""
+    """Draw the torques of both formulations in the same axes."""
     looks = {"virtual decomposition": style.BACK, "Newton-Euler": style.ON_TOP}
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
     words = "As figure 7 of the paper: the rigid arm along Eq. (57)."

@@ -24,7 +24,7 @@ JOINT_TORQUE = {
         "share": [0.5, 0.5, 0.6, 0.9, 0.9, 1.0],
     },
 }
-"""Gains by scenario. Those not named here, and those of `controller` and `pd_gravity`, are the scenario's."""
+"""Gains by scenario. Gains that are not listed, and those of `controller` and `pd_gravity`, are the scenario's."""
 
 
 def gains_of(law: str, scenario: str) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def run(law: str, scenario: str, **options: Any) -> vdfmu.Results:
 
 
 def margin(law: str, scenario: str, algorithm: str) -> tuple[str, float]:
-    """Return the smallest modulus margin of a run, or what is there instead, and the largest error of a joint [rad]."""
+    """Return the smallest modulus margin of a run, or the reason why it has none, and the largest joint error [rad]."""
     try:
         results = run(law, scenario, algorithm=algorithm)
     except vdfmu.VdfmuError as error:

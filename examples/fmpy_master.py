@@ -3,7 +3,7 @@
     vdfmu run planar_tracking --stop 1 --out run
     python fmpy_master.py run
 
-It needs fmpy and numpy alone. It reads the connections and values of the SSP, and prints how far its results are from
+It needs only fmpy and numpy. It reads the connections and values of the SSP, and prints how far its results are from
 those of vdfmu and from scipy's solution of the same equations.
 """
 

@@ -11,7 +11,7 @@ import vdfmu
 ROOT = Path(vdfmu.__file__).parent
 PACKAGES = ("base", "engine", "compiler", "arm", "system", "study", "cli", "extras")
 """From the bottom up. Engine and compiler do not know each other, and the core knows no extra."""
-USES = {("learn", "batch")}
+USES = {("learn", "batch"), ("identify", "matlab"), ("identify", "pictures"), ("linear", "pictures")}
 """Pairs of extras of which the first may import the second, see docs/extras.md."""
 EQUATIONS = ("vdfmu.arm.equations", "vdfmu.arm.drive", "vdfmu.arm.world")
 

@@ -3,18 +3,18 @@
 Python API
 ----------
 ``build``, ``connect``, ``load``
-    One FMU of a unit; a system as an object, of FMUs and connections, or of a package, an FMU or a scenario.
+    Build the FMU of a unit; make a system from FMUs and connections, or load it from a package, an FMU or a scenario.
 ``System``, ``Results``
-    A system, which runs, checks, judges, varies and writes itself; the signals and the summary of a run.
+    A system with methods to run, check, judge, vary and write it; the signals and the summary of a run.
 ``run``, ``judge``, ``sweep``, ``animate``
-    A whole scenario with references, verdict and page; the coupling error of a package; many runs in a table; the arm
-    of a run in a notebook.
+    Run a whole scenario with references, verdict and page; estimate the coupling error of a package; tabulate many
+    runs; show the arm of a run in a notebook.
 ``load_robot``, ``load_motion``
     A robot or a motion of a file, shipped robots by name.
 ``linearize``, ``natural_modes``
-    An arm at rest, or a system at a time, as a linear system; natural frequencies, damping and mode shapes.
+    Linearise an arm at rest or a system at a given time; compute natural frequencies, damping and mode shapes.
 ``vdfmu.dynamics``, ``vdfmu.motion``, ``vdfmu.unit``, ``vdfmu.drive``, ``vdfmu.plugin``
-    Rigid-body dynamics, functions that make motions, and what own units, drives and plugins are made of.
+    Rigid-body dynamics, functions that make motions, and the building blocks of your own units, drives and plugins.
 ``VdfmuError``
     Base of all errors.
 """

@@ -1,4 +1,4 @@
-"""Everything to write a drive: options with their laws, and Dahl's element, a spring that slips."""
+"""Everything that you need to write a drive: options with their laws, and Dahl's element, a spring that slips."""
 
 from vdfmu.arm.drive.dahl import dahl_energy, dahl_loss, dahl_rate
 from vdfmu.arm.drive.option import (

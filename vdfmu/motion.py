@@ -1,4 +1,4 @@
-"""Motions that are worked out before the run: functions that make one, and ``load_motion``, which reads one."""
+"""Motions that are computed before the run: functions that make one, and ``load_motion``, which reads one."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ _MOVED = {"circle": "paths", "fastest": "identify", "line": "paths", "multisine"
 
 
 def __getattr__(name: str) -> Any:
-    """Say where motions of an extra are."""
+    """Name the extra that a motion moved to."""
     if extra := _MOVED.get(name):
         raise ImportError(f"vdfmu.motion.{name} moved. Write: from vdfmu.extras.{extra} import {name}")
     raise AttributeError(f"module 'vdfmu.motion' has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Classes for packages that add master algorithms and formats of results; units are written with `vdfmu.unit`."""
+"""Classes for packages that add master algorithms and result formats; to add units, use `vdfmu.unit`."""
 
 from vdfmu.engine.algorithms import Algorithm
 from vdfmu.engine.masters.components import Coupling

@@ -14,7 +14,7 @@ import vdfmu
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.motion.read import kinds
 from vdfmu.base.toml_file import toml_text
-from vdfmu.study.analysis.reach import reach_scenario
+from vdfmu.extras.robots.reach import reach_scenario
 from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.replace import with_units
 from vdfmu.system.scenario.values import system_values
@@ -114,7 +114,7 @@ class Arm:
         return self._write(name, tables)
 
     def differences(self, path: Path, mismatch: Mismatch, seed: int) -> dict[str, float]:
-        """Return the settings by which a mismatch makes a scenario differ from the model of its law."""
+        """Return the settings with which a mismatch makes a scenario differ from the model of its law."""
         scenario = load_scenario(path)
         settings = {PAYLOAD: mismatch.payload * self.mass}
         if mismatch.factors:
@@ -145,7 +145,7 @@ class Arm:
             return tables, np.stack(rows, axis=1)
         way = np.abs(end - start)
         limits: dict[str, Any] = {"velocity": 2.0 * way / T, "acceleration": 2.0 * np.pi * way / T**2}  # of Eq. (57)
-        if motion == "time_optimal":  # the corner is off by a quarter of each joint's way, by turns
+        if motion == "time_optimal":  # the corner is off by a quarter of each joint's travel, with alternating sign
             corner = self.pose + 0.25 * (end - start) * (-1.0) ** np.arange(len(way))
             tried = [("fastest", {"points": [start, corner, end]})]
         else:  # a circle of 4 % of the arm's length, horizontal if the arm can
@@ -166,7 +166,7 @@ class Arm:
         raise problem
 
     def _push(self) -> str:
-        """Write the force on the way of the tuned motion, and return its file."""
+        """Write the force along the tuned motion to a file, and return the file."""
         T, force = self.T, PUSH * 9.81 * self.mass / np.sqrt(3.0)
         shares = ((0.0, 0.0), (0.25 * T, 0.0), (0.25 * T + 0.02, 1.0), (0.6 * T, 1.0), (0.6 * T + 0.02, 0.0), (T, 0.0))
         rows = [f"{t!r},{','.join(3 * [repr(float(force) * share)])}" for t, share in shares]
@@ -176,7 +176,7 @@ class Arm:
         return "push.csv"
 
     def _wall(self, motion: str) -> dict[str, Any]:
-        """Return a wall across the way from the start of a path to its farthest place."""
+        """Return a wall across the line from the start of a path to its farthest point."""
         path, _ = vdfmu.dynamics.forward_kinematics(self.robot, self._planned(motion)[1][0])
         far = path[np.linalg.norm(path - path[0], axis=1).argmax()] - path[0]
         normal = far / np.linalg.norm(far)

@@ -1,9 +1,9 @@
-"""Tune control laws alike, run them on arms, along motions, with mismatches, and print which law to take.
+"""Tune control laws in the same way, run them on arms along motions with mismatches, and rank them.
 
     python compare.py --arms ur5e_6dof --laws controller,my_law.py --mismatch none,payload --motions circle
 
-Every law is tuned on every arm by the same search: as many evaluations, the same seed, the same cost on the plant that
-it is designed for, the same least modulus margin. The same command goes on after Ctrl-C.
+Every law is tuned on every arm by the same search: the same number of evaluations, the same seed, the same cost on the
+plant that it is designed for, the same smallest modulus margin. After Ctrl-C, the same command resumes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
 ARMS = ("manipulator_6dof", "ur5e_6dof", "panda_7dof", "scara_4dof", "kr300_6dof")
-OFF = 0.05  # tool error from which an arm has left its path, as a share of its length
+OFF = 0.05  # tool error above which an arm has left its path, as a fraction of its length
 LEAST, CLOSE = 1e-6, 1.05  # errors below this one are equally good [m], and laws within this ratio
 Row = dict[str, Any]
 
@@ -110,8 +110,8 @@ def verdict(row: Row, length: float) -> str:
 def ranked(rows: Sequence[Row], laws: Sequence[str], cells_of_a_law: int) -> list[tuple[int, float, str]]:
     """Return (cells that are not stable, error relative to the best law, law), the best law first.
 
-    The best law has the fewest such cells, then the least error. Errors are compared by the geometric mean over the
-    cells with both laws stable.
+    The best law has the fewest such cells, then the smallest error. Errors are compared by their geometric mean over
+    the cells in which both laws are stable.
     """
     good: dict[str, dict[tuple[str, str], float]] = {law: {} for law in laws}
     for row in rows:

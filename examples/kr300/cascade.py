@@ -5,11 +5,11 @@ from vdfmu.unit import JOINTS, Derivative, Input, Output, Parameter, RobotParame
 
 
 class Cascade(Unit):
-    """Position, P, by the encoders behind the gears, above the speed of the motors, PI.
+    """P controller of the position, measured behind the gears, around a PI controller of the motor speed.
 
     ::
 
-        e     = q_d - (q - T_q kappa_dot)                               by encoders that are late by T_q
+        e     = q_d - (q - T_q kappa_dot)                               encoders delayed by T_q
         w_dot = (kappa_dot_d + (tau_ff + K_p e) / K_v - w) / T          filtered command of the speed
         z_dot = K_v (w - kappa_dot) f_n                                 f_n = 1 / T_n
         tau   = K_v (w - kappa_dot) + z

@@ -3,12 +3,12 @@
     python examples/kr300/compare.py
     python examples/kr300/compare.py results/no_integrator controller.f_n=0
 
-The robot and times of its controller were fitted to record A. Record B is a prediction without fit. A wrong robot runs
-under the same controller: half the masses, half the friction, springs ten times as stiff. A number that both robots
-predict says nothing about the arm.
-The records in Parquet need pyarrow. They are corrected for constants of the torques and the delay of the encoders
-behind the gears, as `vdfmu identify` finds them in A, and for the constant between the encoders of each axis: they
-count from their start. Axes 4 to 6 have no encoders behind their gears: the motor's position is shown.
+The robot and the time constants of its controller were fitted to record A. Nothing was fitted to record B, so it tests
+the prediction. A wrong robot runs under the same controller: half the masses, half the friction, springs ten times as
+stiff. A number that both robots predict equally well does not test the arm. The records in Parquet need pyarrow. They
+are corrected for torque offsets and for the delay of the encoders behind the gears, as `vdfmu identify` finds them in
+A, and for the constant difference between the encoders of each axis, which count from their start. Axes 4 to 6 have no
+encoders behind their gears, so the motor's position is shown.
 """
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -20,11 +20,11 @@ from scipy.signal import butter, sosfiltfilt
 
 import vdfmu
 from vdfmu import Results
-from vdfmu.base import style
 from vdfmu.base.option import read_settings
 from vdfmu.engine.results.results import Signal
 from vdfmu.extras.identify.fit import identify
 from vdfmu.extras.identify.log import read_log
+from vdfmu.extras.pictures import style
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import ShownRun
 
@@ -49,7 +49,7 @@ def simulated(name, robot, **options):
 
 
 def corrections(robot):
-    """Return constants of the torques (6,) [N.m] and delays of the encoders behind the gears (6,) [s], found in A."""
+    """Return torque offsets (6,) [N.m] and delays of the encoders behind the gears (6,) [s], identified from A."""
     identified = identify(read_log(HERE / "a.parquet", robot), vdfmu.load_robot(HERE / "nominal.toml"))
     values = dict(zip(identified.names, identified.values, strict=True))
     return [[values.get(f"{name}[{i}]", 0.0) for i in range(1, 7)] for name in ("tau_0", "delay_q")]
@@ -95,7 +95,7 @@ def errors(here, there):
 
 
 def table(name, arm, wrong, file):
-    """Print measured values, predictions, and the rest of the arm and the wrong arm; *moving*: below 20 Hz, in motion.
+    """Print measured values, predictions, and residuals of the arm and the wrong arm; *moving*: below 20 Hz, in motion.
 
     Arms and file's law are pairs of simulated and measured signals.
     """

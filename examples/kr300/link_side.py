@@ -1,12 +1,12 @@
-"""Where the links of the KR 300 are, from motor-side measurements: a Kalman filter compared with the second encoders of
-the records.
+"""Link positions of the KR 300 from motor-side measurements: a Kalman filter against the second encoders.
 
     python examples/kr300/link_side.py [PICTURE]
 
-The arm and its springs are those identified from record A. The filter gets torques and positions of the motors alone,
-causally. Its states by axis are the positions and speeds of link and rotor, and a constant torque of friction that the
-model does not have, which drifts. Its two noises were chosen by record A; record B is a prediction. The second encoders
-judge it: they are late by a constant and count from their start, so both constants are taken out.
+The arm and its springs are those identified from record A. The filter is causal and reads only torques and positions of
+the motors. Its states for each axis are the positions and speeds of link and rotor, and a slowly drifting friction
+torque that the model does not describe. Its two noise levels were chosen with record A, so record B is a prediction.
+The reference is the second encoders: they have a constant delay and count from their start, so both constants are
+removed.
 """
 
 import sys
@@ -21,9 +21,9 @@ from scipy.signal import butter, sosfiltfilt
 import vdfmu
 from vdfmu.arm.equations.friction import stribeck_friction
 from vdfmu.arm.equations.harmonic_drive import deformation, deformation_derivative
-from vdfmu.base import style
 from vdfmu.dynamics import gravity_torque, inverse_dynamics, mass_matrix
 from vdfmu.extras.identify import read_log
+from vdfmu.extras.pictures import style
 
 HERE = Path(__file__).parent
 DELAYS = (3.07e-3, 3.05e-3, 3.01e-3)

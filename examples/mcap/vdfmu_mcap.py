@@ -46,7 +46,7 @@ def topics(signals: Sequence[Signal]) -> Iterator[tuple[str, str, np.dtype, dict
     components = list(dict.fromkeys(name.partition(".")[0] for name, _ in groups)) or ["time"]
     for component, topic in zip(components, ros_names(components), strict=True):
         keys = [key for key in groups if key[0].partition(".")[0] == component]
-        keys.sort(key=lambda key: list(TYPES).index(key[1]))  # the largest first, so that no gaps align them
+        keys.sort(key=lambda key: list(TYPES).index(key[1]))  # the largest first, so that no padding is needed
         names = ros_names([name.partition(".")[2] or "value" for name, _ in keys], taken=["time"])
         lines, layout, fields = ["float64 time  # s"], [("head", "V4"), ("time", "<f8")], {}
         for name, key in zip(names, keys, strict=True):
@@ -143,7 +143,7 @@ def read(path: Path) -> Recorded:
         return Recorded(time, signals, data, header["summary"])
     except VdfmuError:
         raise
-    except Exception as error:  # mcap has many kinds for a file that is damaged
+    except Exception as error:  # mcap raises many kinds of errors for a damaged file
         raise VdfmuError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
 
 
@@ -153,7 +153,7 @@ def read(path: Path) -> Recorded:
 def read_log(path: Path) -> Results | dict[str, tuple[np.ndarray, np.ndarray, str]]:
     """Return columns of a log, for the group ``vdfmu.logs`` of entry points: name to times [s], numbers and unit.
 
-    Messages are of ROS 2 or JSON. Their time is from their header if they have one, else from the log.
+    Messages are of ROS 2 or JSON. Their time is that of their header if they have one, otherwise that of the log.
     """
     decoders, rows, unread = DecoderFactory(), {}, {}
     try:
@@ -174,7 +174,7 @@ def read_log(path: Path) -> Results | dict[str, tuple[np.ndarray, np.ndarray, st
                     rows.setdefault(f"{channel.topic}.{name}", []).append((stamp or message.log_time, value))
     except VdfmuError:
         raise
-    except Exception as error:  # mcap has many kinds for a file that is damaged
+    except Exception as error:  # mcap raises many kinds of errors for a damaged file
         raise VdfmuError(f"{path}: expected an MCAP file, got unreadable data: {error}") from None
     for topic, encoding in unread.items():
         logging.getLogger("vdfmu").warning("%s: not read, its encoding is %s", topic, encoding)
@@ -189,7 +189,7 @@ def read_log(path: Path) -> Results | dict[str, tuple[np.ndarray, np.ndarray, st
 
 
 def numbers(name: str, value: Any, labels: Sequence[str] = ()) -> Iterator[tuple[str, float]]:
-    """Yield the numbers in a message: elements of arrays by the names that it has for them, else from 1."""
+    """Yield the numbers in a message; elements of arrays have the names in the message, or else numbers from 1."""
     members = value if isinstance(value, Mapping) else {k: getattr(value, k) for k in getattr(value, "__slots__", ())}
     if members:
         labels = members.get("name", ())

@@ -5,10 +5,10 @@
     vdfmu identify LOG.csv --robot planar_2dof --for stiffness --excitation TORQUES.csv
 
 The arm is planar_2dof as `vdfmu robot export` writes it, with springs of 0.8 and 1.25 times the stiffness of the file
-and 1 % of damping. Added are features that the identification does not model: currents follow their commands by a loop
-of 600 Hz, cogging is 5 % of the breakaway torque 24 times a turn of the motor, friction falls by a fifth within the log
-as the drive warms up, and the arm is mounted on a base that oscillates at some 60 Hz. The log has commanded currents
-times the torque constant, and encoders of 17 bits. With ``--stiff`` the mount is rigid.
+and 1 % of damping. It has additional features that the identification does not model: currents follow their commands
+with a loop of 600 Hz, cogging is 5 % of the breakaway torque 24 times a turn of the motor, friction falls by a fifth
+within the log as the drive warms up, and the arm is mounted on a base that oscillates at some 60 Hz. The log has
+commanded currents times the torque constant, and encoders of 17 bits. With ``--stiff`` the mount is rigid.
 """
 
 import sys

@@ -6,7 +6,7 @@ from vdfmu.unit import Derivative, Input, Output, Parameter, State, Unit
 class NAME(Unit):
     """Proportional-integral controller.
 
-    The first line is the description of the FMU, all of it is on the FMU's page::
+    The first line is the description of the FMU, and the whole text is on the FMU's page::
 
         e     = r - y
         z_dot = e
@@ -21,7 +21,7 @@ class NAME(Unit):
     # Without tunable=True a parameter is fixed over a run.
     K = Parameter("1", text="gain", start=2.0, minimum=0.0, tunable=True)
     T = Parameter("s", text="integral time", start=0.5, minimum=1e-6, tunable=True)
-    # A continuous state is integrated by the FMU. It starts at the parameter z_0, which comes with it.
+    # The FMU integrates a continuous state. It starts at the parameter z_0, which is added automatically.
     z = State("s", text="integral of the error")
     z_dot = Derivative(z)
 

@@ -30,7 +30,7 @@ class CubicRows:
 
 
 def torsion(robot, tau_s):
-    """Return x of ``tau_s = K_1 (x + x^3 / x_1^2)``, by the hyperbolic form of Cardano's root."""
+    """Return x of ``tau_s = K_1 (x + x^3 / x_1^2)``, with the hyperbolic form of Cardano's root."""
     side, scale = sgn(tau_s), 2.0 * robot.x_1 / np.sqrt(3.0)
     s = 3.0 * side * tau_s / (robot.K_1 * scale)
     u = np.expm1(np.log1p(s + s * s / (1.0 + np.sqrt(1.0 + s * s))) / 3.0)
@@ -38,7 +38,7 @@ def torsion(robot, tau_s):
 
 
 def cubic_spring(spring, robot, tau_s):
-    """Instead of the harmonic drive's: torsion, its slope, and energy."""
+    """Torsion, its slope, and energy, in place of the harmonic drive's."""
     x = torsion(robot, tau_s)
     share = (x / robot.x_1) ** 2
     return Spring(x, 1.0 / (robot.K_1 * (1.0 + 3.0 * share)), 0.5 * robot.K_1 * x * x * (1.0 + 0.5 * share))
@@ -65,7 +65,7 @@ class WarmRows:
 
 
 def warm_friction(friction, robot, sliding, T_f):
-    """Stribeck's curve and Coulomb's, at a temperature; a planned motion is as warm as the surroundings."""
+    """Stribeck and Coulomb friction at a temperature; along a planned motion it is that of the surroundings."""
     if T_f is None:
         return friction
     return friction._replace(dry=friction.dry * np.exp((robot.T_0 - T_f) / robot.T_s))

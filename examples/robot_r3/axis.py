@@ -9,7 +9,7 @@ R_A = 250.0
 
 
 class Axis(Unit):
-    """Position and speed controller, P and PI, and a motor whose current follows by an analog circuit.
+    """Position and speed controller, P and PI, and a motor whose current is controlled by an analog circuit.
 
     ::
 
@@ -19,7 +19,7 @@ class Axis(Unit):
         i_dot   = 2 D w / R_A (-5 v_C - R_A i - k ell kappa_dot)          armature, with the back electromotive force
         tau     = k i
 
-    So the current follows as a system of second order, of the frequency w and the damping ratio D. The unit starts with
+    So the current follows like a second-order system with the frequency w and the damping ratio D. The unit starts with
     the current that holds the arm.
     """
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import vdfmu
-from vdfmu.base import style
+from vdfmu.extras.pictures import style
 
 NAMES = {"position": "rad", "motor current": "A", "gear deflection, motor-side": "rad"}
 ROTATION = (-1, 1, 1, -1, 1, -1)

@@ -172,9 +172,9 @@ def library(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("code", "message"), [
     *heavy(("import os; os.abort()", r"x.h5: expected a HDF5 file, but its content crashed .* \(SIGABRT")),
     ("import os; os._exit(3)", r"its content crashed the library that reads it \(exit code 3"),
-    *heavy(("raise MemoryError", "the memory limit of 1536 MiB does not hold it")),
+    *heavy(("raise MemoryError", "the memory limit of 1536 MiB is too small")),
     ("raise ImportError('none')", r"an HDF5 file needs the package h5py, .*'pip install vdfmu\[matlab\]'"),
-    ("bytearray(2**32)", "the memory limit of 1536 MiB does not hold it"),
+    ("bytearray(2**32)", "the memory limit of 1536 MiB is too small"),
 ])  # fmt: skip
 def test_a_library_that_crashes_ends_with_a_sentence_and_the_next_file_is_read(library, tmp_path, code, message):
     if "bytearray" in code and os.uname().sysname != "Linux":

@@ -50,8 +50,8 @@ LOADED = ("--robot", "planar_2dof", "--set")
     [
         (("Plant", *LOADED, "payload_mass=2", "--set", "gravity[1]=3"), ["Plant"], ("2.0", "3.0")),
         (("plant", "--robot", "planar_2dof"), ["Plant"], ("0.0", "0.0")),
-        (("--robot", "planar_2dof", "--folded"), SYSTEM, (None, None)),
-        (("reach", *LOADED, "plant.payload_mass=2", "--set", "plant.gravity[1]=3"), SYSTEM, ("2.0", "3.0")),
+        (("planar_tracking", "--folded"), SYSTEM, (None, None)),
+        (("planar_tracking", "--set", "plant.payload_mass=2", "--set", "plant.gravity[1]=3"), SYSTEM, ("2.0", "3.0")),
         (("planar_tracking",), SYSTEM, ("0.0", "0.0")),
     ],
 )  # fmt: skip

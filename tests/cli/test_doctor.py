@@ -64,5 +64,5 @@ def test_a_run_without_a_compiler_says_first_what_that_costs(monkeypatch, caplog
     warn_once.cache_clear()
     assert [build.choose_backend(None), build.choose_backend(None), build.choose_backend("python")] == ["python"] * 3
     (said,) = (record.getMessage() for record in caplog.records)
-    assert said.startswith("FMUs are in Python: a run takes some 20 times as long")
+    assert said.startswith("FMUs are in Python: a run takes about 20 times as long")
     assert "pip install vdfmu[native]" in said

@@ -17,9 +17,9 @@ from vdfmu.engine.package import archive as archive
 from vdfmu.extras.inspect import abilities as abilities
 from vdfmu.extras.inspect import reference as reference
 from vdfmu.extras.laws.units.devices.encoder import PAST as PAST
+from vdfmu.extras.robots.reach import steepest_fall as steepest_fall
 from vdfmu.study import coupling_error as coupling_error
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import steepest_fall as steepest_fall
 from vdfmu.system.scenario import load_scenario as load_scenario
 from vdfmu.system.scenario import scenario_names as scenario_names
 from vdfmu.system.scenario.values import group_value

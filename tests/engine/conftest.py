@@ -249,7 +249,7 @@ def component(name: str, fmu: str, connectors: str = "", bindings: str = "", att
 IN_PROCESS = {
     "test_algorithms", "test_check", "test_clocks", "test_compiled", "test_continuous", "test_derivatives",
     "test_ends", "test_events", "test_experiment", "test_failures", "test_fmi3", "test_foreign", "test_inputs",
-    "test_linear", "test_loops", "test_model_exchange", "test_multirate", "test_observer", "test_picture",
+    "test_linear", "test_loops", "test_model_exchange", "test_multirate", "test_observer",
     "test_recorder", "test_simulator", "test_systems",
 }  # fmt: skip
 """Tests of signals and steps, which are the same in this process and in one of their own, except for its start."""

@@ -61,7 +61,7 @@ def test_a_factor_multiplies_the_value_of_the_package_else_the_start_value(pack,
         assert values["p", "k"] == -1.5 and values["q", "k"] == 4.0 * start
     twice = simulate(system, stop=0.1, step=0.1, parameters={"p.k": "*2", "p.u": 1.0})
     assert twice["p.y"][-1] == 6.0  # once, not for each check
-    for value, text in (("*x", "expected a number behind the star, such as \\*0.8, got \\*x"), ("*", "got \\*")):
+    for value, text in (("*x", "expected a number after the star, such as \\*0.8, got \\*x"), ("*", "got \\*")):
         with pytest.raises(UsageError, match=rf"^parameter 'p.k': .*{text}\.$"):
             check_system(system, {"p.k": value})
 

@@ -92,7 +92,8 @@ def test_a_picture_that_cannot_be_drawn_is_a_note_and_the_results_stay(packed, t
     def fail(*_, **__):
         raise ValueError("no ink")
 
-    monkeypatch.setattr("vdfmu.engine.results.picture.draw", fail)
+    pytest.importorskip("vdfmu.extras.pictures")
+    monkeypatch.setattr("vdfmu.extras.pictures.picture.draw", fail)
     said = []
     path = packed('communicationStepSize="0.25"')
     run_system(path, out=tmp_path / "out", log=said.append, pictures=["png"])

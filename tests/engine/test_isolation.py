@@ -335,7 +335,7 @@ def fleeing(package, monkeypatch, tmp_path):
     *heavy(("os.kill(os.getpid(), 9)", r"components failed .* their process was killed from outside \(SIGKILL\)")),
     *heavy(("time.sleep(60)", "did not continue within 3 s after this call had returned")),
     ("raise ZeroDivisionError('ours')", "ZeroDivisionError: ours .* a fault of vdfmu, not of a component"),
-    *heavy(("raise MemoryError", r"process is full: memory_limit \(--memory-limit\)")),
+    *heavy(("raise MemoryError", r"process is full: raise memory_limit \(--memory-limit\)")),
 ])  # fmt: skip
 def test_a_child_that_fled_does_not_hold_the_run_and_faults_of_ours_blame_no_component(package, fleeing, rest, said):
     fleeing(rest)

@@ -46,4 +46,4 @@ def test_thousands_of_breaches_of_a_schema_are_counted_and_the_first_reported(re
     if n <= 1000:
         assert len(problems) == n and problems[-1].line == n // 2
     else:
-        assert len(problems) == 1 and f"the first of {n} breaches of the schema" in problems[0]
+        assert len(problems) == 1 and f"the first of {n} violations of the schema" in problems[0]

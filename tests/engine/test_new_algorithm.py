@@ -26,7 +26,7 @@ from vdfmu.engine.masters.sampled import SampledStepper
 
 
 class Halving(SampledStepper):
-    """Makes two steps of half the length of each."""
+    """Splits each step into two of half the length."""
 
     def advance(self, time, step, stop):
         super().advance(time, 0.5 * step, stop)

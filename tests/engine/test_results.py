@@ -142,7 +142,7 @@ def test_a_file_that_cannot_be_written(results, tmp_path):
     ("a,b\ns,m\n1,2\n", "'time' in s as the first column.*got a, b"),
     ("time,b\nms,m\n1,2\n", "'time' in s as the first column"),
     ("time,b,b\n1,2,3\n", "b: more than one column has this name"),
-    ("time,b\ns\n", "as many units as names"),
+    ("time,b\ns\n", "a unit for each name"),
     ("time,b\ns,m\n1,x\n", "row 3: b: expected a number, got 'x'"),
     ("time,b\ns,m\n1,2,3\n", "row 3: expected 2 cells, got 3"),
 ])  # fmt: skip
@@ -201,7 +201,7 @@ def test_differences_of_results_on_other_times():
     assert mine.compare(mine).rows[0][2] == 0.0
     half = made([0.5, 0.75], q=[0.5, np.nan])
     assert np.isnan(mine.compare(half).rows[0][2])  # NaN is not passed over
-    with pytest.raises(UsageError, match=r"results of a common time, got 0 to 1 s and 2 to 3 s"):
+    with pytest.raises(UsageError, match=r"results that overlap in time, got 0 to 1 s and 2 to 3 s"):
         mine.compare(made([2.0, 3.0], q=0.0))
     with pytest.raises(UsageError, match="results with signals of the same names"):
         mine.compare(made(time, other=0.0))

@@ -58,7 +58,7 @@ def test_what_is_wrong_is_told_where_it_is_said(package):
         with pytest.raises(UsageError, match="expected a multiple of step = 0.001 s"):
             simulator.run(stop=0.0015, step=1e-3)
         assert len(simulator.run(**OPTIONS)) == 51
-    with pytest.raises(UsageError, match="made in a block"):
+    with pytest.raises(UsageError, match="within a block"):
         simulator.run(**OPTIONS)
     with pytest.raises(UsageError, match="tolerance must be positive"):
         Simulator(package, tolerance=0.0)

@@ -66,7 +66,6 @@ JOBS = {
     "report": Job(("report", "out"), (_EARLIER,)),
     "check of an FMU": Job(("check", "out/Plant.fmu"), (BUILD,)),
     "check of a package": Job(("check", "arm.ssp"), (_PACKAGE,)),
-    "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
     "scenario motion": Job(("scenario", "motion", "motion.toml", "-o", "out/motion.png"), (_motion,)),
     "unit new": Job(("unit", "new", "brake", "--out", "out/brake.py")),
 }  # fmt: skip

@@ -28,7 +28,7 @@ COMMANDS = (
         Job(tuple(words.split()))
         for words in (
             "robot list", "robot show manipulator_6dof", 
-            "robot drives", "unit examples out", "doctor", "doctor --cache",
+            "unit examples out", "doctor", "doctor --cache",
         )
     ),
 )  # fmt: skip

@@ -101,8 +101,8 @@ def test_names_units_and_times_that_do_not_fit_are_failures(check):
     ("time,y\n", None, "must have a signal and a row"),
     ("time,y\n0,nan\n", None, "y must be finite numbers"),
     ("time,y\n1,0\n0,0\n", None, "in the order of their times"),
-    ("time,y\n0,0\n", -1.0, r"within: must be 0 or a positive share of a signal's range, got -1\."),
-    (None, 1e-3, "within: goes with expect"),
+    ("time,y\n0,0\n", -1.0, r"within: must be 0 or a positive fraction of a signal's range, got -1\."),
+    (None, 1e-3, "within: needs expect"),
 ])  # fmt: skip
 def test_what_cannot_be_compared_is_said_before_the_run(tmp_path, text, within, said):
     path = tmp_path / "reference.csv"

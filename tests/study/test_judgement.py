@@ -111,7 +111,9 @@ def test_the_estimate_is_the_error_of_a_closed_form(lags, algorithm, step):
 def test_the_step_that_it_advises_is_right(lags):
     judged = lags.judge(0.001, step=0.05)
     assert judged.verdict == WRONG
-    assert str(judged).startswith("Not right: about 16 % of the range of c.y (step 50 ms; wanted 0.1 %). Iterative, or")
+    assert str(judged).startswith(
+        "Not right: about 16 % of the range of c.y (step 50 ms; allowed 0.1 %). Iterative, or"
+    )
     advised = float(str(judged).partition("a step of ")[2].split()[0]) * 1e-3
     assert lags.judge(0.001, step=advised).verdict == RIGHT
 
@@ -292,7 +294,9 @@ def test_jumps_that_no_difference_shows():
     judged = system.judge(0.01, step=0.02, algorithm="jacobi")
     assert judged.error < 1e-3 < 0.01 < 1.0 - np.exp(-0.048)  # largest when the late step comes
     assert judged.verdict == OPEN
-    assert judged.text.startswith("Not decided: step.y jumps at communication points (step 20 ms; wanted 1 %). A jump ")
+    assert judged.text.startswith(
+        "Not decided: step.y jumps at communication points (step 20 ms; allowed 1 %). A jump "
+    )
     t = np.linspace(0.0, 1.0, 33)
     runs = [np.column_stack([t >= 0.5, np.maximum(t - 0.5, 0.0)])[:: 4 // 2**k].astype(float) for k in range(3)]
     seen = differences(runs, ["a.y", "b.y"])
@@ -358,7 +362,7 @@ def test_what_is_met_is_named(kind, signal):
     runs = [signal(np.linspace(0.0, 1.6, 80 * 2**k + 1), 0.02 / 2**k)[:, None].astype(float) for k in range(3)]
     seen = differences(runs, ["a.y"])
     assert kind_of(runs, seen, np.ones(1, bool), np.zeros(1, bool)) == (kind, 0)
-    sentence = f"Not decided: {KINDS[kind].met.format(signal='feedforward.tau_m[6]')} (step 1 ms; wanted 0.1 %)"
+    sentence = f"Not decided: {KINDS[kind].met.format(signal='feedforward.tau_m[6]')} (step 1 ms; allowed 0.1 %)"
     assert len(sentence) <= 120
 
 

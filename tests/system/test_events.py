@@ -123,7 +123,7 @@ def test_an_event_moves_a_switching_by_time(scenario, tmp_path, name):
 
 def test_programs_of_lanes_and_pages_refuse_events(scenario):
     loaded = load_scenario(scenario({"ball": "Ball"}))
-    with pytest.raises(UsageError, match="ball: has events, which end internal steps at other times"):
+    with pytest.raises(UsageError, match="ball: has events, at which internal steps end"):
         SystemProgram(SystemDescription(loaded, system_values(loaded)))
 
 

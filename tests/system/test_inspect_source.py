@@ -19,7 +19,7 @@ UNIT = "from vdfmu.unit import Input, Output, Unit\n\n\nclass Gain(Unit):\n    u
     ("x.toml", 'extends = "system"\nname = "x"\n[connections]\n"plant.qq" = ["controller.q"]\n', "system",
      "connections: plant.qq: expected an output of plant, got 'qq'. Did you mean"),
     ("x.toml", SYSTEM + '"plant.E_kin" = ["controller.q"]\n', "system",
-     "x.toml: connections: plant.E_kin -> controller.q: expected signals of one shape, got () and (2,)."),
+     "x.toml: connections: plant.E_kin -> controller.q: expected signals of the same shape, got () and (2,)."),
     ("x.toml", SYSTEM + '"plant.q" = ["plant.tau"]\n', "system",
      "x.toml: connections: plant.q -> plant.tau: expected one unit of measurement, got rad and N.m."),
     ("x.toml", SYSTEM + '"plant.tau_s" = ["plant.tau"]\n"controller.tau" = ["plant.tau"]\n', "system",

@@ -17,7 +17,7 @@ NAME = "expected a name of letters, digits, spaces and _ [+] -, a letter, digit 
     ("[shared.a]", r"shared\.a: expected a table such as .*, got a table"),
     ('[shared.a]\nplnt = "q_0"', r"shared\.a: expected names of \[components\], got plnt. Did you mean .plant"),
     ('[shared."../a"]\nplant = "q_0"', rf"shared\.\.\./a: {NAME}, got .\.\./a"),
-    ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. The parameter set of"),
+    ('[shared.robot]\nplant = "q_0"', r"shared\.robot: expected another name, got robot\. It is in the robot's"),
     ("shared = [1]", r"shared: expected a table, got \[1\]\.$"),
     ("components = 3", "components: expected a table, got 3"),
     ('[units]\nwall = "wall"', r"toml: units: expected \[components\], got \[units\]\. Rename the table\.$"),

@@ -1,4 +1,4 @@
-"""Kinematics and dynamics of the rigid links, by the traced functions: the Python API of the equations."""
+"""Kinematics and dynamics of the rigid links, from the traced functions: the Python API of the equations."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def inverse_dynamics(
 ) -> Floats:
     """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), without friction.
 
-    They are the torques that the drives must supply: those of [joints.counterbalance] are subtracted.
+    The drives must supply these torques; those of [joints.counterbalance] are already subtracted.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ def forward_dynamics(
 ) -> Floats:
     """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
 
-    The inverse of :func:`inverse_dynamics`, with its errors.
+    The inverse of :func:`inverse_dynamics`, with the same errors.
 
     Parameters
     ----------
     robot : Robot
     q, q_dot : (n,) or (m, n) [rad or m, and per s]
         One state or a batch of m; a single row goes with a batch of the others.
-    tau : (n,) or (m, n) [N m or N], link-side, of the drives; counterbalances add theirs
+    tau : (n,) or (m, n) [N m or N], link-side torques of the drives, to which those of counterbalances are added
     F_e : (6,) or (m, 6) [N, N m], optional
         Wrench that the arm exerts on its surroundings, in {O}.
 
@@ -145,7 +145,7 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
     p_O : (3,) or (m, 3) [m]
         Position of the origin of {O} in {I}.
     R_O : (3, 3) or (m, 3, 3)
-        Rotation of {O} in {I}: ``R_O @ v`` turns a vector in {O} into {I}.
+        Rotation of {O} in {I}: ``R_O @ v`` transforms a vector from {O} to {I}.
     """
     pose = _at_position(robot, "forward_kinematics", q, (12,))
     return pose[..., :3], pose[..., 3:].reshape(*pose.shape[:-1], 3, 3)
@@ -153,7 +153,7 @@ def forward_kinematics(robot: Robot, q: npt.ArrayLike) -> tuple[Floats, Floats]:
 
 @checks_types
 def _under_wrench(robot: Robot, name: str, joints: Sequence[npt.ArrayLike], F_e: npt.ArrayLike | None) -> Floats:
-    """Call a traced function of three arrays of the joints and a wrench."""
+    """Call a traced function of three joint arrays and a wrench."""
     kernel = _kernel(robot)
     return kernel.rows(name, (*joints, _NO_WRENCH if F_e is None else F_e), (*[kernel.robot.n] * 3, 6))
 

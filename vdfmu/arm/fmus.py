@@ -44,35 +44,35 @@ def build_fmus(
 ) -> dict[str, Path]:
     """Build FMUs of units, each ``<Name>.fmu``.
 
-    The same sources, robot, start values and options give the same bytes. An existing FMU is kept if
-    this user built exactly it from the same inputs, for at least these platforms; any other is replaced.
+    Builds are reproducible: the same sources, robot, start values and options result in the same bytes. An existing FMU
+    is kept if this user built it from the same inputs for at least these platforms; any other is replaced.
 
     Parameters
     ----------
     robot : Robot or None
-        None will do for units without joints.
+        May be None for units without joints.
     out_dir : path
         Folder, made if it does not exist.
     units : str, path or type of Unit, or sequence of them, optional
         Names of units of the package, files ``my_unit.py`` or ``my_units.py:Name``, or classes.
         Default: those of the shipped systems that need a robot.
     parameters : mapping of unit to mapping of variable to number, optional
-        Start values instead of those of the declaration.
+        Start values that replace the declared ones.
     backend : "python" or "native", optional
-        A Python FMU runs in a Python that has vdfmu; a native one needs nothing but its platform. Default
-        native where its compiler is installed.
+        A Python FMU runs in a Python that has vdfmu; a native one needs only its platform. The default is native if its
+        compiler is installed.
     fmi_version : "2.0" or "3.0", optional
-        Python FMUs are of FMI 2.0.
+        Python FMUs have FMI 2.0.
     platforms : sequence of str, or "all", optional
         Platforms of native FMUs; default that of this machine.
     sources : bool
-        Whether native FMUs carry their C, for platforms that they have no library of.
+        Whether native FMUs contain their C sources, for platforms without a library.
     target : "fmi" or "efmi", optional
-        What is built: FMUs, or eFMUs, which are FMUs with code for microcontrollers in them.
+        What is built: FMUs, or eFMUs, which also contain code for microcontrollers.
     precision : "double" or "float32", optional
         Numbers of that code.
     step : float, optional [s]
-        Time from one step to the next of an eFMU without sampled states; others have their period.
+        Step of an eFMU without sampled states; others use their period.
     folded : bool, optional
         Whether zeros of gravity, centres of mass and tool, and the payload of a robot without one, are constants. That
         is the fastest form, and the one that :func:`vdfmu.run` builds. By default they are parameters, as in
@@ -88,8 +88,8 @@ def build_fmus(
     Raises
     ------
     UsageError
-        If a unit, variable, backend, platform or target does not exist, a start value is not allowed, or a unit cannot
-        be built for the target.
+        If a unit, variable, backend, platform or target does not exist, if a start value is not allowed, or if a unit
+        cannot be built for the target.
     UnitError
         If a unit is declared wrongly, or its methods cannot be run or traced.
     ModelError
@@ -140,7 +140,7 @@ def build(
     unit : type of Unit, path or str
         A class, a file ``my_unit.py`` or ``my_units.py:Name``, or the name of a unit of the package.
     path : path, optional
-        The FMU to write, default ``<Class>.fmu`` in this folder.
+        The FMU to write, by default ``<Class>.fmu`` in this folder.
     robot : Robot, str, optional
         Robot, its name or its file, for units of an arm.
     fmi : "2.0" or "3.0", optional

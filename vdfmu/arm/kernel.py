@@ -26,7 +26,8 @@ from vdfmu.compiler.functions.traced import Functions, KernelFunction, traced_fu
 from vdfmu.compiler.scalar import from_sx, to_sx
 
 _WORTH = 50_000
-"""Number of states in batches from which on a function is compiled: compiling takes as long as they do uncompiled."""
+"""Number of states in batches from which a function is compiled, because compiling takes as long as evaluating
+these."""
 
 
 def _of_drives(dynamics: Callable[..., Any]) -> Callable[..., Any]:
@@ -39,13 +40,13 @@ def _driven(robot: Any, q: Any, q_dot: Any, tau: Any, F_e: Any) -> Any:
 
 FUNCTIONS: dict[str, tuple[tuple[str, ...], str, Callable[..., Any]]] = {
     "inverse_dynamics": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(inverse_dynamics)),
-    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),  # for contrast, section IV-A
+    "newton_euler": (("q", "q_dot", "q_ddot", "F_e"), "tau", _of_drives(newton_euler)),  # for comparison, section IV-A
     "forward_dynamics": (("q", "q_dot", "tau", "F_e"), "q_ddot", _driven),
     "forward_kinematics": (("q",), "pose", lambda *a: np.concatenate([np.ravel(x) for x in end_effector_pose(*a)])),
     "jacobian": (("q",), "J_q", jacobian),
     "mass_matrix": (("q",), "M", joint_space_mass_matrix),
 }
-"""Name to inputs, output and equation. The last input of all is ``p``, the run-time parameters of the robot."""
+"""Name to inputs, output and equation. The last input is always ``p``, the run-time parameters of the robot."""
 
 
 def trace(name: str, robot: Robot) -> ca.Function:
@@ -58,7 +59,7 @@ def trace(name: str, robot: Robot) -> ca.Function:
 
 
 class Kernel(Functions):
-    """The functions of :data:`FUNCTIONS` for one robot structure; `p` holds the values of its run-time parameters."""
+    """The functions of :data:`FUNCTIONS` for one robot structure; `p` has the values of its run-time parameters."""
 
     def __init__(self, robot: Robot, cache: Path | None | str = "default") -> None:
         super().__init__(robot.key(), cache)
@@ -78,7 +79,7 @@ class Kernel(Functions):
         return trace(name, self.robot)
 
     def rows(self, name: str, arguments: Sequence[npt.ArrayLike], sizes: Sequence[int]) -> Floats:
-        """Call a function of one result for arrays (m,) or batches (k, m), with this robot's parameters."""
+        """Call a function with one result on arrays (m,) or batches (k, m), with this robot's parameters."""
         prepared = getattr(self._prepared, name, None)
         if prepared is None:
             prepared = _Prepared(self.casadi_function(name), sizes, self.p)
@@ -116,13 +117,13 @@ class Kernel(Functions):
 
 
 class _Prepared:
-    """A function of one result with buffers for one state; each thread has its own."""
+    """A function with one result and buffers for one state; each thread has its own."""
 
     def __init__(self, function: ca.Function, sizes: Sequence[int], p: Floats) -> None:
         self.all = np.zeros(sum(sizes))
         parts = np.split(self.all, np.cumsum(sizes)[:-1])
         self.buffers = dict(zip(function.name_in(), parts, strict=False))
-        """Arguments except for the parameters, next to each other in `all`."""
+        """Arguments except for the parameters, contiguous in `all`."""
         self._function = KernelFunction(function, {**self.buffers, "p": p})
         (self.result,), self.run = self._function.results.values(), self._function.run
         self._places = [(buffer, buffer.shape) for buffer in parts]

@@ -1,4 +1,4 @@
-"""Common parts of control laws: desired motion, motor torque with its limit, and equilibrium of the arm."""
+"""Common parts of control laws: desired motion, limited motor torque, and equilibrium of the arm."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class Law(Unit):
         cls.terminals = tuple(Terminal(t.name, t.side, names, t.description) for t, names in members if names)
 
     def command(self, torque: Any) -> None:
-        """Command the motors to a torque (n,) [N m or N], link-side, within tau_max."""
+        """Command a torque (n,) [N m or N], link-side, from the motors, within tau_max."""
         self.tau = clip(torque / self.robot.ell, -self.tau_max, self.tau_max)
 
     def experiment(self) -> None:
-        """Approximate the motion of an arm near its start by a linear one."""
+        """Linear approximation of the motion of an arm near its start."""
         phase = self.t + 0.4 * np.arange(self.n)
         motion = small_motion(self.t, self.n, self.experiment_stop)
         near = {
@@ -82,7 +82,7 @@ class SampledPD(Law):
     robot = RobotParameters("ell")
 
     def pd(self, added: Any) -> Any:
-        """Torque of the motors with `added`, (n,) [N m] each, motor-side; the first within tau_max."""
+        """Torque of the motors including `added`, (n,) [N m] each, motor-side; the first is limited to tau_max."""
         return pd_control(
             self.K_p,
             self.K_v,

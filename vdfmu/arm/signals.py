@@ -1,4 +1,4 @@
-"""Variables that several units have: the motion of the joints, and the wrench of the end effector."""
+"""Variables shared by several units: the motion of the joints, and the wrench of the end effector."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DESIRED = {
     "q_d_dddot": ("jerk", JOINTS, "third derivative of the desired position"),
     "q_d_ddddot": ("snap", JOINTS, "fourth derivative of the desired position"),
 }
-"""Unit, shape and text of the desired motion."""
+"""Unit, shape and description of the desired motion."""
 MEASURED = {
     "q": ("position", JOINTS, "position of the link"),
     "q_dot": ("velocity", JOINTS, "velocity of the link"),
@@ -27,7 +27,7 @@ MEASURED = {
     "kappa_dot": ("velocity", JOINTS, "velocity of the rotor divided by ell"),
     "tau_s": ("torque", JOINTS, "spring torque, link-side"),
 }
-"""Unit, shape and text of the measured motion and torque of joints."""
+"""Unit, shape and description of the measured motion and torque of joints."""
 
 WRENCH = (3 * ("N",) + 3 * ("N.m",), 6)
 """Units and shape of a force and a moment."""
@@ -40,7 +40,7 @@ ACCELERATION = (3 * ("m/s2",) + 3 * ("rad/s2",), 6)
 
 
 def six(linear: str, angular: str) -> list[str]:
-    """Texts of a 6-vector."""
+    """Descriptions of the parts of a 6-vector."""
     return [f"{linear if k < 3 else angular}, axis {k % 3 + 1}" for k in range(6)]
 
 
@@ -61,7 +61,7 @@ def base_motion() -> tuple[Input, Input, Input]:
 
 
 def base_of(unit: Any) -> Base:
-    """Return the motion of the base from a unit's inputs, or a base at rest if the robot has no moving base."""
+    """Return the motion of the base from a unit's inputs, or a resting base if the robot has no moving base."""
     return moving_base(unit.R_S, unit.V_S[3:], unit.A_S) if unit.of_robot.moving_base else AT_REST
 
 
@@ -85,10 +85,10 @@ def torque_limit() -> Parameter:
 
 
 def small_motion(t: float, n: int, stop: float) -> Desired:
-    """Small desired motion of `n` joints, for experiments that end at `stop`."""
+    """Return a small desired motion of `n` joints, for experiments that end at `stop`."""
     return desired_motion(t, np.zeros(n), 0.05 * (1.0 + np.arange(n) / n), 2.0 * stop)
 
 
 def wave_wrench(t: float) -> Any:
-    """Small wrench, for experiments."""
+    """Return a small wrench, for experiments."""
     return 0.1 * np.sin(2.0 * t + np.arange(6.0))

@@ -1,4 +1,4 @@
-"""The slaves of pythonfmu in ``fmu_src``: units of the package, for a shipped arm unless their FMU has another."""
+"""The pythonfmu slaves in ``fmu_src``: units of the package, for a shipped arm unless their FMU contains another."""
 
 from __future__ import annotations
 

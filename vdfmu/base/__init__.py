@@ -1,1 +1,1 @@
-"""Tools for all packages: C libraries, errors, files, processes, signals, progress, text, tables of TOML, units."""
+"""Tools for all packages: C libraries, errors, files, processes, signals, progress, text, TOML tables, units."""

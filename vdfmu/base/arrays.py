@@ -1,4 +1,4 @@
-"""Arrays: their type, elements by name, thinning for plots, and modules of scipy that load fast."""
+"""Arrays: their type, elements by name, thinning for plots, and fast imports of scipy's modules."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Floats = NDArray[np.float64]
 
 
 def element_name(name: str, index: Sequence[int]) -> str:
-    """Return the name of an element of an array, counted from 1: ``inertia[1,3]``; of a scalar its name."""
+    """Return the name of an array's element, counted from 1: ``inertia[1,3]``. A scalar keeps its name."""
     return f"{name}[{','.join(str(i + 1) for i in index)}]" if index else name
 
 
 def with_named(numbers: ArrayLike, name: str, values: Mapping[str, Any]) -> Floats:
-    """Return the array `name` with the elements that `values` names replaced; names count from 1: ``name[2,3]``."""
+    """Return the array `name` with elements replaced by `values`, whose keys count from 1: ``name[2,3]``."""
     replaced = np.array(numbers, dtype=np.float64)
     for place in np.ndindex(replaced.shape):
         replaced[place] = values.get(element_name(name, place), replaced[place])
@@ -40,14 +40,14 @@ def extremes(values: NDArray[Any], buckets: int) -> NDArray[np.intp]:
     m = len(values)
     edges = np.linspace(0, m, min(buckets, m) + 1).astype(int)
     first, last = edges[:-1, None], edges[1:, None]
-    places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # shorter intervals repeat the last
+    places = np.minimum(first + np.arange(np.max(last - first)), last - 1)  # shorter ones repeat their last row
     low, high = np.where(np.isnan(values), [[np.inf], [-np.inf]], values)
     rows = [np.argmin(low[places], axis=1), np.argmax(high[places], axis=1)]
     return distinct([0, m - 1], *(first[:, 0] + each for each in rows))
 
 
 def distinct(*arrays: ArrayLike) -> NDArray[Any]:
-    """Return the numbers of all arrays once, in order. np.unique loads numpy.ma, which takes 15 ms."""
+    """Return the sorted distinct numbers of all arrays. np.unique would load numpy.ma, which takes 15 ms."""
     ordered = np.sort(np.concatenate(arrays))
     new = np.ones(len(ordered), bool)
     new[1:] = ordered[1:] != ordered[:-1]
@@ -57,11 +57,12 @@ def distinct(*arrays: ArrayLike) -> NDArray[Any]:
 def bends(
     time: NDArray[Any], values: NDArray[Any], rows: NDArray[np.intp], count: int, least: float
 ) -> tuple[NDArray[np.intp], NDArray[Any]]:
-    """Return at most `count` more rows where curves deviate from the straight lines between `rows`, and the deviations.
+    """Return up to `count` more rows where curves deviate most from straight lines between `rows`, and the deviations.
 
-    Rule of Ramer (1972) and Douglas and Peucker (1973), from the top: always add the row farthest from its line. A
-    distance is the largest over the curves, at the moment when its row is added. Distances below `least` and values
-    that are not finite are ignored. `time` (m,) and `rows` (k,) increase. `values` (curves, m) have the same unit.
+    The algorithm of Ramer (1972) and Douglas and Peucker (1973), top down: the next row added is always the one
+    farthest from its line. A deviation is the largest over the curves when its row is added. Distances below `least`
+    and values that are not finite are ignored. `time` (m,) and `rows` (k,) increase. `values` (curves, m) have the same
+    unit.
     """
 
     def farthest(first: int, last: int) -> tuple[float, int, int, int]:
@@ -88,7 +89,7 @@ def bends(
 
 
 def scipy_part(name: str) -> Any:
-    """Import a module of scipy without its package, which takes 0.1 to 0.3 s; import the package if it is missing."""
+    """Import a module of scipy without its package, which takes 0.1 to 0.3 s; or with it if that fails."""
     import scipy
 
     package = name.rpartition(".")[0]
@@ -105,7 +106,7 @@ def scipy_part(name: str) -> Any:
 
 
 def odeint(rate: Callable[[float, Floats], Floats], x: Floats, times: Floats, **options: Any) -> tuple[Floats, str]:
-    """Solve by LSODA from `x` at the first of the times. Return a row for each time, and the reason if it failed."""
+    """Integrate by LSODA from `x` at the first time. Return a row for each time, and the reason of a failure."""
     options |= {"full_output": 1, "tfirst": 1}
     with suppress(TypeError, ValueError):  # a scipy with other internals
         states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate, x, times, **options)

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 class EscapedTerminal(Console):
-    """Console that escapes control characters in text, except sequences of rich, and leaves ``:x:`` as it is."""
+    """Console that escapes control characters in text, except rich's own, and does not turn ``:x:`` into an emoji."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, emoji=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, to a pipe or file without trailing blanks in the lines of tables."""
+        """Print as rich does, but without trailing blanks in tables when the output is a pipe or a file."""
         items = [shown(item) if isinstance(item, str) else item for item in objects]
         if self.is_terminal or self.is_jupyter:
             super().print(*items, **options)
@@ -43,15 +43,15 @@ class EscapedTerminal(Console):
 
 
 errors = EscapedTerminal(stderr=True)
-"""Console of all but results. ``errors.quiet`` silences it."""
+"""Console for everything but results. ``errors.quiet`` silences it."""
 _SOON = 0.5
 """Time [s] after which the moving line and a rate appear."""
 _LONG, _SELDOM = ("evaluations",), 10.0
-"""Stages of minutes, and the time [s] between two lines on them where bars cannot move, as in a pipe."""
+"""Stages that take minutes, and the time [s] between two lines about them where bars cannot move, as in a pipe."""
 
 
 class Bars:
-    """Progress bars, one per stage. With a title also a moving line, from half a second on until the end."""
+    """Progress bars, one per stage. With a title there is also a moving line after half a second."""
 
     def __init__(self, title: str = "") -> None:
         self._title = title
@@ -81,7 +81,7 @@ class Bars:
                 progress.stop()
 
     def rest(self) -> None:
-        """Leave the terminal to other output. Later stages begin new bars."""
+        """Release the terminal for other output. Later stages begin new bars."""
         self.__exit__()
         self.__enter__()
 
@@ -123,7 +123,7 @@ def _progress() -> Progress:
     from rich.text import Text
 
     class Rate(progress.ProgressColumn):
-        """Steps per second, once a stage is long enough for a measurement."""
+        """Steps per second, once a stage has run long enough to measure them."""
 
         def render(self, task: progress.Task) -> Text:
             if (task.elapsed or 0.0) < _SOON:
@@ -132,7 +132,7 @@ def _progress() -> Progress:
             return Text(f"{rate:.3g}/s" if rate and task.total != 1 else "")
 
     class Count(progress.MofNCompleteColumn):
-        """Steps, if there are several."""
+        """Number of steps, if there are several."""
 
         def render(self, task: progress.Task) -> Text:
             return super().render(task) if (task.total or 1) > 1 else Text("")

@@ -1,13 +1,13 @@
-"""The user's cache on disk, seals with its key, and a cache in memory for one job.
+"""The user's cache on disk, seals made with its key, and a cache in memory for one job.
 
-Entries are executed when they are loaded, so only files are trusted that the user alone may write. Each starts with a
-digest of its name and content. Beyond a total size the least recently used entries are removed.
+Entries are executed when they are loaded, so only files that nobody but the user may write are trusted. Each starts
+with a digest of its name and content. Beyond a total size the least recently used entries are removed.
 
-Traced functions and their objects depend on the structure of a robot alone: their keys contain the structure, and an
-entry is valid for all parameter values. An FMU and its library contain the values, so each value makes new entries.
+Traced functions and their objects depend only on the structure of a robot, which is in their keys, so an entry is valid
+for all parameter values. An FMU and its library contain the values, so each value makes new entries.
 
-A wheel for one platform brings the entries of the first run in the package. They are read where the user's cache has
-none, so that this run compiles nothing.
+A wheel for one platform contains the entries that the first run needs. They are read if the user's cache lacks them, so
+that the first run compiles nothing.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ _HEAD = re.compile(rb"[0-9a-f]{64}\n")
 COMPILER = "zig"
 """Folder of the cache that the compiler manages, with its own locks."""
 PREBUILT = PACKAGE / "_data" / "prebuilt"
-"""Entries that came with the package, an archive for each kind, trusted as its code is. A source tree has none."""
+"""Entries shipped with the package, an archive for each kind, trusted like its code. A source tree has none."""
 _NEW_KEY = secrets.token_bytes(32)
-"""Key that this process stores if the cache has no key, and uses if it cannot be stored."""
+"""Key that this process stores if the cache has none, and uses even if it cannot be stored."""
 _PROCESSES = 8
-"""Processes that may share the room in a cache before one of them measures it. A full cache takes 70 ms to measure."""
+"""Processes that may share the free space of a cache before one of them measures it. A full one takes 70 ms to
+measure."""
 _built: dict[str, str] = {}
-"""Digests of FMUs that this process built, for caches that cannot be written, to their GUIDs."""
+"""Digest to GUID of the FMUs that this process built, for caches that cannot be written."""
 _room: dict[Path, float] = {}
-"""Bytes that this process may store in a cache before it measures it again."""
+"""Bytes that this process may still store in a cache before it measures its size again."""
 _made: ContextVar[dict[Hashable, Any] | None] = ContextVar("_made", default=None)
 Arguments = TypeVarTuple("Arguments")
 Made = TypeVar("Made")
@@ -58,9 +59,9 @@ def cache_folder() -> Path:
     A folder is skipped if other users may write to it. The last resort is a temporary folder of this process.
     UsageError: see :func:`limit`.
     """
-    from platformdirs import user_cache_path  # help works without it
+    from platformdirs import user_cache_path  # the help works without a cache
 
-    limit()  # a wrong limit is an error before any work
+    limit()  # reports a wrong limit before any work
     chosen = os.environ.get("VDFMU_CACHE_DIR")
     for folder in [*([Path(chosen)] if chosen else []), user_cache_path("vdfmu", appauthor=False)]:
         if trusted(folder):
@@ -78,7 +79,7 @@ def limit() -> float:
 
 
 def trusted(folder: Path) -> bool:
-    """Whether a folder belongs to the user and nobody else may write to it. If not, warn once.
+    """Return whether a folder belongs to the user and nobody else may write to it. If not, warn once.
 
     A missing folder is trusted: `store` makes it for the user alone. Windows has no such modes, but the profile is
     closed to other users.
@@ -102,7 +103,7 @@ def _fault(status: os.stat_result) -> str:
     if status.st_uid != os.geteuid():
         return f"it belongs to user {status.st_uid}, not to {os.geteuid()}"
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        return f"others may write to it (mode {stat.S_IMODE(status.st_mode):o})"
+        return f"other users may write to it (mode {stat.S_IMODE(status.st_mode):o})"
     return ""
 
 
@@ -121,7 +122,7 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
     """Return the content of an entry as `read` gives it.
 
     None if the entry is missing, untrusted, damaged, stored under another name, or not what `read` expects: whatever
-    `read` raises, the entry is made anew.
+    `read` raises, the entry is made again.
     """
     brought = False
     try:
@@ -150,7 +151,7 @@ def load(path: Path, read: Callable[[bytes], Any] = bytes) -> Any:
 
 @lru_cache
 def _prebuilt(kind: str) -> dict[str, bytes]:
-    """Return the entries of a kind that the package brought, by name; none if their archive is damaged."""
+    """Return the entries of a kind that were shipped with the package, by name; none if their archive is damaged."""
     archive = PREBUILT / f"{kind}.tar.xz"
     if not archive.is_file():
         return {}
@@ -159,7 +160,7 @@ def _prebuilt(kind: str) -> dict[str, bytes]:
     try:
         with tarfile.open(archive) as packed:
             return {member.name: file.read() for member in packed if (file := packed.extractfile(member))}
-    except Exception as error:  # what xz raises has no common base, and some builds of Python have no xz
+    except Exception as error:  # xz's errors have no common base, and some builds of Python have no xz
         LOG.info("made again, because the package has other content: %s: %s", archive, error)
         return {}
 
@@ -173,7 +174,7 @@ def load_or_make(path: Path, make: Callable[[], bytes], read: Callable[[bytes], 
 
 
 def store(path: Path, content: bytes) -> None:
-    """Write an entry ``cache / kind / name`` atomically and evict old entries. Warn once of errors of the disk."""
+    """Write an entry ``cache / kind / name`` atomically and evict old entries. Warn once if the disk fails."""
     temporary = None
     try:
         for folder in (path.parent.parent, path.parent):
@@ -196,7 +197,7 @@ def store(path: Path, content: bytes) -> None:
 
 
 class _CachedFile(NamedTuple):
-    """An entry: time of its last use [s], size [byte] and path."""
+    """An entry: time of its last use [s], its size [byte] and its path."""
 
     used: float
     size: int
@@ -213,7 +214,7 @@ class _CachedFile(NamedTuple):
 
 
 def entries(cache: Path) -> list[_CachedFile]:
-    """Return the entries of a cache, without other files in its folders."""
+    """Return the entries of a cache; other files in its folders are ignored."""
     listed: list[_CachedFile] = []
     for path in cache.glob("*/*"):
         with suppress(OSError):  # removed by another process
@@ -226,9 +227,9 @@ def entries(cache: Path) -> list[_CachedFile]:
 
 
 def _evict(cache: Path, new: Path, size: int) -> None:
-    """Remove the least recently used entries except `new` until three quarters of the limit are left.
+    """Remove the least recently used entries except `new` until three quarters of the limit are in use.
 
-    Safe while other processes read: a reader has the whole file open, or makes its content anew.
+    Safe while other processes read: a reader has the file open, or makes its content again.
     """
     most = limit()
     _room[cache] = _room.get(cache, 0.0) - size
@@ -249,7 +250,7 @@ def _evict(cache: Path, new: Path, size: int) -> None:
 
 
 def _digest(path: Path, content: bytes) -> bytes:
-    """Return the first line of an entry. It covers the name, so that no entry can replace another."""
+    """Return the first line of an entry, a digest that includes its name, so that no entry can replace another."""
     return sha256(f"{path.parent.name}/{path.name}\n".encode() + content).hexdigest().encode() + b"\n"
 
 
@@ -264,7 +265,7 @@ def is_own(text: object, *content: Any) -> bool:
 
 
 def keep_built(path: Path, guid: str) -> None:
-    """Remember an FMU that was built here, to the byte, with its GUID or instantiation token."""
+    """Remember the bytes of an FMU that was built here, by their digest, with its GUID or instantiation token."""
     digest = digest_of(path)
     _built[digest] = guid
     store(cache_folder() / "built" / digest, guid.encode())
@@ -273,7 +274,7 @@ def keep_built(path: Path, guid: str) -> None:
 def built_as(file: Path | IO[bytes]) -> str | None:
     """Return the GUID or token with which this user built an FMU here; None for any other file.
 
-    What an FMU says about itself does not prove it: the GUID stays the same when a library is changed.
+    The GUID in an FMU does not prove its origin, because it stays the same when a library is changed.
     """
     digest = digest_of(file)
     content = load(cache_folder() / "built" / digest)
@@ -285,7 +286,7 @@ def _sealed(key: bytes, content: Any) -> str:
 
 
 def _keys() -> list[bytes]:
-    """Return the keys. There are several if processes with an empty cache began at once."""
+    """Return the keys. There are several if processes started at once with an empty cache."""
     folder = cache_folder() / "seals"
     stored = [key for path in sorted(folder.glob("*")) if (key := load(path))]
     if not stored:
@@ -297,7 +298,7 @@ def _keys() -> list[bytes]:
 def one_job() -> Generator[None]:
     """Begin a job or continue the current one: a command, or a call such as :func:`vdfmu.run`.
 
-    Results of `cached_per_command` end with the job, because files and classes may change before the next.
+    Results of `cached_per_command` are dropped at its end, because files and classes may change before the next job.
     """
     made = _made.get()
     token = _made.set({} if made is None else made)

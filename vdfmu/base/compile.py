@@ -1,8 +1,8 @@
-"""C libraries by the compiler of the package ziglang, or for this machine by gcc or clang, and their loading.
+"""Compile C libraries with ziglang, or with gcc or clang for this machine, and load them.
 
-The same sources give the same bits: objects are compiled under relative names without debug information, and time
-stamps of the linker are replaced. Objects and libraries are cached by the digest of their sources, so FMUs that differ
-in start values share the compiled equations.
+Builds are reproducible: objects are compiled under relative names without debug information, and the linker's time
+stamps are replaced. Objects and libraries are cached by the digest of their sources, so FMUs that differ only in start
+values share the compiled equations.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ _FLAGS = (
 WRITTEN = "fmu_src.c"
 """File with the common code of all units."""
 _SINGLY = "-fno-slp-vectorize"
-"""Disables SLP vectorisation, whose search takes half of the compile time of straight code and gains nothing at run
-time. A solver's step works on arrays; there it saves up to 8 %, and the results are bit-identical."""
+"""Disables SLP vectorisation, which takes half of the compile time of straight-line code and gains nothing at run time.
+It stays on for a solver's step, which works on arrays: there it saves up to 8 %, with bit-identical results."""
 _STEP = re.compile(r"(kernel_\w+_step)(_avx2)?\.c")
-"""File of a solver's step, without its long callees."""
+"""File of a solver's step, without the long functions that it calls."""
 _LOOPED = "-fno-unroll-loops"
-"""Keeps the loops in the step of a long arm. With them unrolled, a compile of 1 s takes 6 s, the object is three times
-as large, and a step takes 0.96 to 0.98 of the time, with bit-identical results."""
+"""Keeps the loops in the step of a long arm. Unrolled, they compile in 6 s instead of 1 s and make the object three
+times as large, and a step saves only 2 to 4 % of its time, with bit-identical results."""
 _LOOP = b"for (int j = 0;"
 """Start of a loop over joints, see :func:`vdfmu.compiler.c.rolled.rolled`."""
 _JOINED = re.compile(r"(kernel_\w+|rows|unit)(?<!_avx2)\.c")
@@ -54,9 +54,9 @@ _SHORT = 5_000
 """Most characters of a traced function that is part of an object with others, if it is not rare."""
 _RARE = re.compile(r"kernel_\w+_(forward|reverse)\.c|rare\.c")
 _QUICKLY = ("-O0", "-fno-sanitize=undefined", "-fno-stack-protector")
-"""For rare code: derivatives, and the step for processors from before 2015, if there is a copy of it for AVX2.
-Optimised code takes three times as long to compile, and runs in half of the time. The runner of tables of derivatives
-is not rare: a run of a long arm took 35 % longer."""
+"""For code that rarely runs: derivatives, and the step for processors from before 2015 if there is a copy of it for
+AVX2. Optimised, it would run twice as fast, but take three times as long to compile. The runner of tables of
+derivatives is always optimised, because otherwise a run of a long arm took 35 % longer."""
 _STRAIGHT = re.compile(r"kernel_(?!\w*_step)\w+\.c")
 """File of a traced function outside of a solver's step."""
 _LESS = ("-Xclang", "-O1")
@@ -66,7 +66,7 @@ _COMPACT = ("-fno-inline-functions", "-fno-vectorize")
 """For the common code of all units, without long loops."""
 _ROOM = "Free space there, or set TMPDIR and VDFMU_CACHE_DIR to other folders."
 _CODE = (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ", b"\x64\x86", b"\0asm")
-"""First bytes of libraries and objects of Linux, macOS, Windows (its objects of x86-64) and WebAssembly."""
+"""First bytes of libraries and objects on Linux, macOS, Windows (objects for x86-64) and WebAssembly."""
 _INCLUDE = re.compile(rb'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 SHOWN = """#ifdef _WIN32
 #define SHOWN __declspec(dllexport)
@@ -74,39 +74,40 @@ SHOWN = """#ifdef _WIN32
 #define SHOWN __attribute__((visibility("default")))
 #endif
 """
-"""C text that defines the mark of functions for Python."""
+"""C definition of the attribute of functions that Python calls."""
 _Library = TypeVar("_Library", bound=CDLL)
 
 
 @dataclass(frozen=True)
 class Compilation:
-    """One library to make from C files and headers, with its model name."""
+    """A library to make from C files and headers, with its model name."""
 
     name: str
     sources: Mapping[str, bytes]
     platform: str
     """Name in :data:`~vdfmu.base.platforms.PLATFORMS`."""
     flags: tuple[str, ...] = ()
-    """Further flags of the compiler and the linker."""
+    """Additional flags of the compiler and the linker."""
     zig: bool = False
     """Whether the sources need zig on this machine too."""
 
     @property
     def target(self) -> Platform:
-        """Platform of the library."""
+        """The library's platform."""
         return PLATFORMS[self.platform]
 
     @property
     def compiler(self) -> Compiler:
-        """Its compiler."""
+        """The library's compiler."""
         return compiler("" if self.zig else self.platform)
 
     @cached_property
     def files(self) -> dict[str, bytes]:
         """Text of the C file of each object.
 
-        A start of the compiler takes as long as a short function, so short files are one object, and rare code is
-        another. Long functions have an object each: processors share them, and references take them from the cache.
+        Starting the compiler takes as long as compiling a short function, so short files form one object, and rare code
+        another. Each long function has its own object, so that they compile in parallel and references find them in the
+        cache.
         """
         files: dict[str, bytes] = {}
         for name, text in sorted(self.sources.items()):
@@ -144,7 +145,7 @@ class Compilation:
         return has_copy or bool(_RARE.fullmatch(name))
 
     def needed(self, name: str) -> dict[str, bytes]:
-        """Return a file and the sources that it includes, directly or through others."""
+        """Return a file and the sources that it includes, directly or indirectly."""
         sources, needed = {**self.sources, **self.files}, dict[str, bytes]()
         names = [name]
         while names:
@@ -180,9 +181,9 @@ def _machine_code(content: bytes) -> bytes:
 
 
 def compile_libraries(jobs: Iterable[Compilation]) -> list[bytes]:
-    """Return the shared library of each job: from the cache, or compiled with all processors.
+    """Return the shared library of each job, from the cache or compiled on all processors.
 
-    A job is compiled while the iterator makes the next one. FmuError if the compiler is not installed or refuses a
+    A job is compiled while the iterator makes the next one. FmuError if the compiler is not installed or rejects a
     file, or if the disk is full.
     """
     libraries: dict[int, bytes] = {}
@@ -213,9 +214,9 @@ def _stored(key: str) -> Path:
 
 
 def support_folder(spare: Path) -> str:
-    """Return the folder for zig's own libraries of each platform, with zig's locks; in `spare` without a cache.
+    """Return the folder for zig's own libraries of each platform, with zig's locks. Without a cache it is in `spare`.
 
-    No other program uses this subfolder: zig would reuse its libraries whatever variables of the environment made them.
+    No other program uses this subfolder, because zig would reuse libraries made under other environment variables.
     """
     chosen, cache = os.environ.get("ZIG_GLOBAL_CACHE_DIR"), cache_folder()
     folder = (Path(chosen) if chosen and trusted(Path(chosen)) else cache / COMPILER) / "vdfmu"
@@ -229,7 +230,7 @@ def support_folder(spare: Path) -> str:
 
 
 class _Workshop:
-    """A subfolder for each job, and the processes of the compiler."""
+    """Folders of jobs, and the processes of the compiler."""
 
     def __init__(self, folder: str) -> None:
         self._folder = Path(folder)
@@ -262,7 +263,7 @@ class _Workshop:
 
     @contextmanager
     def _pool(self) -> Generator[ThreadPoolExecutor]:
-        """Yield threads that wait for processes. An error or an interrupt ends the processes."""
+        """Yield the threads that wait for the compiler's processes. An error or an interrupt ends the processes."""
         with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
             try:
                 yield pool
@@ -274,7 +275,7 @@ class _Workshop:
     def _compile(
         self, pool: ThreadPoolExecutor, job: Compilation, place: Path, objects: dict[str, Path]
     ) -> list[Future[None]]:
-        """Start to compile the objects that no earlier job has, the longest first."""
+        """Start to compile the objects that no earlier job makes, the longest first."""
         missing: list[tuple[str, str]] = []
         for name, key in job.objects.items():
             if key in objects:
@@ -297,7 +298,7 @@ class _Workshop:
         files = [os.path.relpath(objects[key], place) for key in job.objects.values()]
         library = f"{job.name}{job.target.suffix}"
         extra = self._system_libraries(job)
-        # the name in the library would include the temporary folder
+        # otherwise the name in the library would include the temporary folder
         if job.platform.endswith("darwin"):
             extra.append(f"-Wl,-install_name,@rpath/{library}")
         if job.platform == WASM:
@@ -306,9 +307,9 @@ class _Workshop:
         return _without_time((place / library).read_bytes())
 
     def _system_libraries(self, job: Compilation) -> list[str]:
-        """Return linker arguments for files that replace the system's libraries: they have the names but no code.
+        """Return linker arguments for stubs of the system's libraries, which define the names but have no code.
 
-        Zig would first compile its own for 7 s, to learn the library of each function.
+        Without them zig would first spend 7 s on compiling its own, to find the library of each function.
         """
         if not job.compiler.is_zig:
             return ["-lm"]
@@ -359,7 +360,7 @@ class _Workshop:
         words = output.decode("utf-8", "replace")
         full = "NoSpaceLeft" in words or "No space left" in words
         spare = str(self._folder / "zig_support")
-        if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it only takes longer
+        if full and environment["ZIG_GLOBAL_CACHE_DIR"] != spare:  # without the cache it just takes longer
             self._folders = self._folders | {"ZIG_GLOBAL_CACHE_DIR": spare}
             return self._run(job, place, product, arguments)
         errors = "\n".join(line for line in words.splitlines() if line and not line.startswith("warning(zcu)"))
@@ -381,23 +382,23 @@ def _without_time(library: bytes) -> bytes:
 
 
 def loaded(files: Mapping[str, bytes], name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Compile C files, or take their library `name` from the cache, and load it.
+    """Compile C files, or find their library `name` in the cache, and load it.
 
-    `kind`: functions of a `CDLL` let other threads run. For short functions this change takes longer than the function:
-    use `PyDLL`. FmuError without a compiler or room.
+    `kind`: functions of a `CDLL` release the interpreter's lock for other threads. Short functions take less time than
+    that, so use `PyDLL` for them. FmuError without a compiler or disk space.
     """
     return load_library(compile_library(files, this_platform(), name=name), name, kind)
 
 
 def own_library(source: Path) -> CDLL | None:
-    """Load the library of a C file of the package; None without a compiler or room."""
+    """Load the library of a C file of the package; None without a compiler or disk space."""
     with suppress(FmuError):
         return loaded({source.name: SHOWN.encode() + source.read_bytes()}, source.stem)
     return None
 
 
 def load_library(library: bytes, name: str, kind: type[_Library] = CDLL) -> _Library:
-    """Load a compiled library of this platform. FmuError without room."""
+    """Load a compiled library of this platform. FmuError if the disk is full."""
     with temporary_folder("vdfmu_library_") as folder:
         path = Path(folder) / f"{name}{PLATFORMS[this_platform()].suffix}"
         try:

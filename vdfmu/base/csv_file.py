@@ -23,13 +23,13 @@ _QUOTED = re.compile(r'"[^"]*"')
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of times, in s."""
 _CELLS, _ROWS = 2**18, 512
-"""Cells of a block, and least rows of a block of many columns."""
+"""Number of cells of a block, and its least number of rows if there are many columns."""
 MOST_FAULTS = 8
-"""Faults of rows that are listed."""
+"""Number of faulty rows that are listed."""
 
 
 class CsvError(ValueError):
-    """A text is not CSV."""
+    """A text that is not CSV."""
 
 
 def split_unit(heading: str) -> tuple[str, str]:
@@ -47,12 +47,12 @@ def repeated(names: Iterable[str]) -> list[str]:
 
 
 class CsvFile:
-    """Rows of a CSV text, below its names and its units; they can be read once, by iteration or by `blocks`.
+    """Rows of a CSV text below its names and units. They can be read once, by iteration or with `blocks`.
 
     The separator is the first of tab, semicolon and comma that is in the heading, else a blank. If it is not a comma,
-    numbers may have decimal commas. Units are in brackets behind the names, or in a second row. A second row has units
-    if it begins with a unit of time above a number; or if it begins with a text, has no number but 1, which is the unit
-    of ratios, and has a text above a number. Rows of empty cells are skipped.
+    numbers may have decimal commas. Units are in brackets after the names, or in a second row. A second row contains
+    units if its first cell is a unit of time with a number below it; or if its first cell is a text, another text has a
+    number below it, and its only number is 1, the unit of ratios. Rows of empty cells are skipped.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class CsvFile:
     Raises
     ------
     CsvError
-        Here or while rows are read.
+        At once, or while rows are read.
     """
 
     def __init__(self, lines: Iterable[str]) -> None:
@@ -76,10 +76,10 @@ class CsvFile:
         self._rows = self._read(chain(first, stream), padded)
         head, second, third = ([*islice(self._rows, 1)] for _ in range(3))
         self.headings: list[str] = head[0][1] if head else []
-        """Cells of the first row, as they are."""
+        """Cells of the first row, unchanged."""
         are_units = bool(second) and self._are_units(second[0][1], third[0][1] if third else [])
         self.unit_row = second[0][1] if are_units else []
-        """Cells of a row of units, as they are; empty without such a row."""
+        """Cells of the row of units, unchanged; empty without a row of units."""
         split = [(cell.strip(), "") if are_units else split_unit(cell) for cell in self.headings]
         self.names = [name for name, _ in split]
         """Names without units, stripped."""
@@ -115,15 +115,15 @@ class CsvFile:
         return True
 
     def pointed(self, cell: str) -> str:
-        """Return a cell with a decimal point for a decimal comma."""
+        """Return a cell with its decimal comma replaced by a decimal point."""
         return cell if self.separator == "," else cell.replace(",", ".")
 
     def __iter__(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield each row below names and units, with the number of its line."""
+        """Yield the line number and the cells of each row below names and units."""
         return iter(self._rows)
 
     def blocks(self, faults: list[str], texts: bool = False) -> Iterator[tuple[NDArray[np.int64], Floats]]:
-        """Yield numbers of lines (m,), and values (m, n), of stretches of rows.
+        """Yield the line numbers (m,) and values (m, n) of blocks of rows.
 
         Rows with another number of cells, or with a cell that is not a number, are skipped and added to `faults`. With
         `texts`, such a cell is NaN.
@@ -147,7 +147,7 @@ class CsvFile:
             yield np.array([*rows], np.int64), values
 
     def _floats(self, cells: Sequence[str], texts: bool = False) -> Floats:
-        """Return the numbers of cells; with `texts` NaN for those that are none, else ValueError."""
+        """Return the cells as numbers. A cell that is not a number becomes NaN with `texts`, else raises ValueError."""
         for written in (cells, map(self.pointed, cells)):
             with suppress(ValueError):
                 return np.array([*written], float)
@@ -165,7 +165,7 @@ class CsvFile:
 
 @contextmanager
 def open_csv(path: Path) -> Generator[CsvFile]:
-    """Open a CSV file in UTF-8. UsageError if it cannot be read, also for rows that are read in the block."""
+    """Open a CSV file in UTF-8. UsageError if it cannot be read, at once or while rows are read in the block."""
     try:
         with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as stream:
             yield CsvFile(stream)
@@ -178,13 +178,13 @@ class CsvColumns(NamedTuple):
     """A CSV file of numbers."""
 
     file: CsvFile
-    """Its headings, names and units."""
+    """Headings, names and units."""
     lines: NDArray[np.int64]
-    """Number of the line of each row (m,)."""
+    """Line number of each row (m,)."""
     values: Floats
     """(m, n)."""
     faults: list[str]
-    """Faults of rows, at most `MOST_FAULTS` and the number of further ones."""
+    """Faults of rows: at most `MOST_FAULTS`, then the number of further ones."""
 
 
 def columns_of(file: CsvFile, texts: bool = False) -> CsvColumns:
@@ -198,6 +198,6 @@ def columns_of(file: CsvFile, texts: bool = False) -> CsvColumns:
 
 
 def read_columns(path: Path) -> CsvColumns:
-    """Read a CSV file of numbers. UsageError if it cannot be read; `faults` has faults of rows."""
+    """Read a CSV file of numbers. UsageError if it cannot be read. Faulty rows are in `faults`."""
     with open_csv(path) as file:
         return columns_of(file)

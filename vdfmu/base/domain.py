@@ -1,4 +1,4 @@
-"""The values that a variable may have: one conversion and one message for each fault, wherever a value comes from."""
+"""The values that a variable may have, with the same conversion and messages wherever a value comes from."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Domain(NamedTuple):
     type: str = "Real"
     """Real, Integer, Enumeration, Boolean, String or Binary."""
     names: Mapping[str, int] | None = None
-    """Names of the only values, of an enumeration."""
+    """Names of the values of an enumeration."""
     low: float | None = None
     """Least value. `POSITIVE` means "above 0"."""
     high: float | None = None
@@ -32,14 +32,14 @@ class Domain(NamedTuple):
         """Convert a value to the type of the variable.
 
         A text is read as a number, as true or false, or as the name of a value. A number of any type of Python and
-        numpy is accepted if the variable can have it exactly: an integer keeps all of its 64 bits, a float that is a
-        whole number is accepted as an integer, and 0 and 1 as booleans. A boolean is no number. Infinity is accepted
-        for a limit whose start value is `NO_LIMIT`.
+        numpy is accepted if the variable can represent it exactly: an integer keeps all of its 64 bits, a float that is
+        a whole number is accepted as an integer, and 0 and 1 as booleans. A boolean is not accepted as a number.
+        Infinity is accepted for a limit whose start value is `NO_LIMIT`.
 
         Raises
         ------
         ValueError
-            The text has the expectation and the value.
+            With the expected and the actual value.
         """
         if getattr(value, "ndim", None) == 0:
             value = value.item()  # a scalar of numpy
@@ -64,7 +64,7 @@ class Domain(NamedTuple):
         return bool(number) if self.type == "Boolean" else int(number)
 
     def fault(self, number: float) -> str | None:
-        """Return the fault of a number, as ``expected .., got ..``; None if the variable may have it."""
+        """Return ``expected .., got ..`` for a number that the variable may not have, else None."""
         low, high = self.low, self.high
         if self.names:
             if number in self.names.values():
@@ -74,7 +74,7 @@ class Domain(NamedTuple):
             if number in (0, 1):
                 return None
             expected = self._expected()
-        elif not -math.inf < number < math.inf:  # an int may be beyond all floats
+        elif not -math.inf < number < math.inf:  # an int may exceed all floats
             expected = "a finite number"
         elif low is not None and number < low:
             expected = "a number above 0" if low == POSITIVE and number <= 0.0 else f"at least {self._shown(low)}"
@@ -108,8 +108,8 @@ class Domain(NamedTuple):
 
 
 def _number(value: Any, whole: bool) -> float | None:
-    """Return a number, a text as a number, or None; `whole` keeps integers, which may have more digits than floats."""
-    if isinstance(value, str) and "_" not in value:  # Python reads 1_000, no file of FMI or SSP has it
+    """Return a number or a text as a number, else None. `whole` keeps all digits of integers."""
+    if isinstance(value, str) and "_" not in value:  # Python reads 1_000, but FMI and SSP do not allow it
         for kind in (int, float) if whole else (float,):
             with suppress(ValueError):
                 return kind(value)

@@ -9,9 +9,9 @@ from enum import StrEnum
 from typing import Any
 
 LOG = logging.getLogger("vdfmu")
-"""Details of the work, shown by ``--verbose``. Warnings are always shown."""
+"""Progress in detail, shown by ``--verbose``. Warnings are always shown."""
 _SHOWN = 20
-"""Most problems in the text of an error. `problems` has all."""
+"""Largest number of problems in an error's message; `problems` has all of them."""
 _DISK = (errno.EIO, errno.EACCES, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENFILE)
 
 
@@ -20,7 +20,7 @@ class VdfmuError(Exception):
 
 
 class _ProblemsError(VdfmuError):
-    """An error with all problems: each a text of one or more sentences, with its place."""
+    """An error that lists all problems, each as one or more sentences with its place."""
 
     def __init__(self, problems: Sequence[str] | str) -> None:
         self.problems: list[str] = [problems] if isinstance(problems, str) else list(problems)
@@ -36,10 +36,10 @@ class ModelError(_ProblemsError):
 
 
 class SspError(_ProblemsError):
-    """A system description that cannot be run. `problems` lists all of its faults, `notes` the remarks."""
+    """A system description that cannot be run. `problems` lists all of its faults, `notes` all remarks."""
 
     problems: list[Any]
-    """Each is a `vdfmu.engine.rules.Finding`, as are the notes."""
+    """Each is a `vdfmu.engine.rules.Finding`, and so are the notes."""
     notes: Sequence[Any] = ()
 
 
@@ -60,7 +60,7 @@ class StorageError(FmuError):
 
 
 def disk_error(error: BaseException | None) -> OSError | None:
-    """Return the cause of an error if it is the disk or too many open files, not a fault in a file."""
+    """Return the cause of an error if it is the disk or too many open files rather than a fault in a file."""
     while error is not None and not (isinstance(error, OSError) and error.errno in _DISK):
         error = error.__cause__ or error.__context__
     return error
@@ -71,14 +71,14 @@ class UsageError(VdfmuError):
 
 
 SHORTEST_STEP = "the internal step reached its minimum"
-"""Part of the message of a unit whose solver gives up, the only thing that FMI carries of it."""
+"""Part of the message of a unit whose solver gives up. FMI transmits the failure only as this text."""
 
 
 class FailureKind(StrEnum):
     """Why a co-simulation failed."""
 
     COMPONENT = "component"
-    """A call of a component failed, for a reason of its own."""
+    """A component's call failed for a reason other than those below."""
     SOLVER = "solver"
     """The internal step of a component's solver reached its minimum."""
     NOT_FINITE = "not finite"
@@ -86,11 +86,11 @@ class FailureKind(StrEnum):
     UNSTABLE = "unstable"
     """A loop is unstable."""
     COUPLING = "coupling"
-    """The values of coupled components do not agree, or need a shorter step than there is."""
+    """The values of coupled components do not agree, or would need a step shorter than the shortest allowed."""
     TIME_LIMIT = "time limit"
     """A component, or a point of a study, took longer than it may."""
     LOST = "lost process"
-    """A component ended its process."""
+    """A component's process ended."""
 
 
 class CosimError(VdfmuError):
@@ -109,12 +109,12 @@ class CosimError(VdfmuError):
 
     @property
     def facts(self) -> tuple[str, str, float, str, None, str]:
-        """The arguments of the same error in another process, without results."""
+        """Arguments to construct the same error in another process, without results."""
         return self.unit, self.call, self.time, self.reason, None, str(self.kind)
 
     @property
     def sentence(self) -> str:
-        """When, where and why the run ended, for a headline."""
+        """Headline that says when, where and why the run ended."""
         return f"run ended at {self.time:.3g} s in {self.unit}: {' '.join(self.reason.split())}"
 
     def __str__(self) -> str:

@@ -24,11 +24,11 @@ from vdfmu.base.interrupt import InterruptGuard
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 MARK = b'generationTool="vdfmu'
-"""Marker of files for other tools that vdfmu wrote."""
+"""Marker of files that vdfmu wrote for other tools."""
 PAGE_MARK = b'<meta name="generator" content="vdfmu">'
-"""Marker of its pages."""
+"""Marker of pages that vdfmu wrote."""
 _HEAD = 8192
-"""Bytes in which a marker is searched."""
+"""Number of bytes in which a marker is searched for."""
 
 
 def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
@@ -47,8 +47,9 @@ def pack_zip(path: Path, members: Mapping[str, bytes]) -> None:
 def replacing(path: Path) -> Generator[BinaryIO]:
     """Write to a temporary file and rename it to `path` on success. On an error delete it and leave `path` unchanged.
 
-    After the block the disk has the file, so that it survives a power failure. Follows symbolic links. The file gets
-    the default mode. StorageError if `path` is not a regular file, OSError with its name if it cannot be written.
+    After the block the file is flushed to the disk, so that it survives a power failure. Follows symbolic links. The
+    file gets the default mode. StorageError if `path` is not a regular file. OSError with the file's name if it cannot
+    be written.
     """
     target = regular_target(path)
     temporary = target.with_name(f"{secrets.token_hex(8)}.tmp")
@@ -63,14 +64,14 @@ def replacing(path: Path) -> Generator[BinaryIO]:
         LOG.info("written: %s", target)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename is None:  # of a write, or of closing the file
+        if isinstance(error, OSError) and error.filename is None:  # from a write, or from closing the file
             error.filename = str(path)
         raise
 
 
 def sync(path: Path) -> None:
-    """Flush a file, or the names in a folder, to the disk. OSError if the disk reports a fault."""
-    if os.name == "nt" and path.is_dir():  # Windows opens no folders, and writes their names by itself
+    """Flush a file, or the entries of a folder, to the disk. OSError if the disk reports a fault."""
+    if os.name == "nt" and path.is_dir():  # Windows cannot open folders, and flushes their names itself
         return
     handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
@@ -84,7 +85,7 @@ def sync(path: Path) -> None:
 
 
 def closed(handle: int) -> None:
-    """Close a handle through which nothing was written. A full disk may report its fault here once more."""
+    """Close a handle through which nothing was written. Ignore errors: a full disk may report its fault again."""
     with suppress(OSError):
         os.close(handle)
 
@@ -108,7 +109,7 @@ def write_whole(path: Path, blocks: Iterable[bytes]) -> None:
 
 
 def write_all(file: Any, content: bytes) -> None:
-    """Write bytes to an unbuffered file, part by part."""
+    """Write bytes to an unbuffered file in parts."""
     rest = memoryview(content)
     while rest:
         rest = rest[file.write(rest) :]
@@ -156,7 +157,7 @@ _REPLACING = ContextVar("_REPLACING", default=False)
 
 @contextmanager
 def replacing_foreign(wanted: bool) -> Generator[None]:
-    """Let `require_ours` accept foreign files in the block, if wanted."""
+    """Let `require_ours` accept foreign files within the block, if `wanted`."""
     token = _REPLACING.set(wanted)
     try:
         yield
@@ -194,7 +195,7 @@ def inside(folder: Path, file: Path) -> Path:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a file for reading in binary mode, for a name that came from a data file.
+    """Open a file, whose name may come from a data file, for reading in binary mode.
 
     A pipe, a device, a socket or a folder is refused before it is opened, because opening a pipe waits for its writer
     and reading a device may never end.
@@ -202,7 +203,7 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     Raises
     ------
     OSError
-        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, and whatever the system raises.
+        With the reason in ``strerror``: EINVAL for a special file, EISDIR for a folder, or what the system raises.
     """
     _require_regular(os.stat(path), path)
     stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - the caller closes it
@@ -283,10 +284,10 @@ def no_temporary(user: str, why: Any) -> StorageError:
 
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[str]:
-    """Make a temporary folder and remove it at the end, also after Ctrl-C at any moment. Ignore errors of removal.
+    """Make a temporary folder and remove it at the end, even after Ctrl-C at any moment. Ignore errors of removal.
 
-    The one of `tempfile` leaves a folder if Ctrl-C comes before it has noted the folder, or during the removal. Its
-    first search for a place may leave a trial file. OSError if no place is writable.
+    `tempfile` would leave a folder behind if Ctrl-C comes before it has noted the folder, or during the removal, and
+    its first search for a place may leave a trial file. OSError if no place is writable.
     """
     made = None
     try:
@@ -298,13 +299,13 @@ def temporary_folder(prefix: str) -> Generator[str]:
             try:
                 with InterruptGuard():
                     _remove(made)
-            except KeyboardInterrupt:  # it may have come before the guard
+            except KeyboardInterrupt:  # the signal may have come before the guard
                 _remove(made)
                 raise
 
 
 def _remove(folder: tempfile.TemporaryDirectory[str]) -> None:
-    """Remove a folder; try twice, as an error may be transient. If memory is short, remove it when Python exits."""
+    """Remove a folder; try twice, because errors may be transient. If memory is short, remove it when Python exits."""
     for _ in range(2):
         try:
             folder.cleanup()
@@ -330,5 +331,5 @@ def data_path(kind: Literal["models", "ssp", "fmu_src", "examples"]) -> Path:
 
 
 def source_bytes(file: Path) -> bytes:
-    """Return the content of a source file with newlines of Unix."""
+    """Return the content of a source file with Unix newlines."""
     return file.read_bytes().replace(b"\r\n", b"\n")

@@ -1,7 +1,7 @@
-"""Files of other tools, read by the libraries of their formats in a process with limits of memory and time.
+"""Files of other tools, read with the libraries of their formats in a process with limited memory and time.
 
-Such a library is made for files without damage: it may crash, hang or take all memory. The process ends then, and this
-one reports it. It returns arrays in files, and names and texts as JSON, until this process ends.
+Given a damaged file, these libraries may crash, hang or take all memory. Then only the reading process ends, and this
+one reports it. It returns arrays in files, and names and texts as JSON, and serves until this process ends.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from vdfmu.base.files import no_temporary, open_regular, temporary_folder
 from vdfmu.base.process import Child, ending
 
 LEAST, RATIO = 256 * 2**20, 20
-"""Bytes that any file may unpack to, and the largest ratio of a larger one: logs of float64 shrink 2 to 4 times."""
+"""Bytes that any file may unpack to, and the largest ratio for a larger one: logs of float64 compress 2 to 4 times."""
 SECONDS, RATE = 60.0, 10e6
-"""Time limit [s] of reading a file, and bytes that are allowed another second."""
+"""Time limit [s] of reading a file, and the bytes for which the limit grows by a second."""
 _IN_MEMORY = 2**25
-"""Bytes of arrays that are kept in memory; larger ones are mapped."""
+"""Largest size [byte] of arrays kept in memory; larger ones are memory-mapped."""
 TITLES = {
     ".mat": "MATLAB file",
     ".npz": "file of numpy",
@@ -36,9 +36,9 @@ TITLES = {
     ".hdf5": "HDF5 file",
     ".parquet": "Parquet file",
 }
-"""Suffixes of the formats, and the names of their files in messages."""
+"""Suffix of each format to the name of its files in messages."""
 ARROW = "table.arrow"
-"""Name of the file of a table that is returned as a whole."""
+"""File name of a table that is returned whole."""
 
 
 class NamedArray(NamedTuple):
@@ -59,11 +59,11 @@ class Foreign(NamedTuple):
     """Names of the arrays, in their order in the file; fields of structs as ``rec.position``."""
     blocks: list[NamedArray]
     texts: Mapping[str, str]
-    """Texts by the names of their variables."""
+    """Texts by variable name."""
     units: Mapping[str, str]
-    """Units of columns that state one."""
+    """Units by column, of columns that state one."""
     left_out: Sequence[str]
-    """Variables that are neither numbers nor texts, with what they are in brackets."""
+    """Variables that are neither numbers nor texts, with their kind in brackets."""
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -86,12 +86,12 @@ class _Reader(NamedTuple):
     thread: threading.Thread
     """Thread that started the process: on Linux both end together."""
     process: int
-    """Number of the starting process, another one after a fork."""
+    """ID of the starting process; after a fork the ID differs."""
 
 
 _LOCK = threading.Lock()
 _READERS: list[_Reader] = []
-"""The process that reads, if it has been started."""
+"""The reading process, if it has been started."""
 
 
 def imported(feature: str, package: str, extra: str, *modules: str) -> tuple[ModuleType, ...]:
@@ -101,16 +101,16 @@ def imported(feature: str, package: str, extra: str, *modules: str) -> tuple[Mod
     except ImportError as error:
         raise UsageError(
             f"{feature} needs the package {package}, which cannot be imported: {error}. Install it with "
-            f"'pip install vdfmu[{extra}]'. The results of a run can be CSV, which needs no package: --format csv."
+            f"'pip install vdfmu[{extra}]'. Runs can also write CSV, which needs no package: --format csv."
         ) from None
 
 
 def read_foreign(path: Path) -> Foreign:
     """Read the numbers of a file of one of the formats in `TITLES`, by its suffix.
 
-    Links to other files, objects, cells and other content without numbers are ignored. UsageError if the file cannot
-    be read, unpacks to more than its limit, or ends the process that reads it. StorageError if the folder of temporary
-    files cannot hold its numbers.
+    Links to other files, objects, cells and other content without numbers are ignored. UsageError if the file cannot be
+    read, unpacks to more than its limit, or crashes the reading process. StorageError if the temporary folder is too
+    small for its numbers.
     """
     with temporary_folder("vdfmu_read_") as folder:
         reply = _answer(path, TITLES[path.suffix.lower()], folder, None)
@@ -126,7 +126,7 @@ def read_arrow(path: Path, columns: Sequence[str] | None = None) -> bytes:
 
 
 def _answer(path: Path, title: str, folder: str, columns: Any) -> dict[str, Any]:
-    """Return the answer of the process that reads."""
+    """Return the answer of the reading process."""
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
@@ -158,7 +158,7 @@ def _blocks(folder: Path, listed: Sequence[Any]) -> list[NamedArray]:
     for names, kind, number, shape, file, offset in listed:
         place, dtype = folder / os.path.basename(file), np.dtype(number)
         count = math.prod(shape)
-        if count * dtype.itemsize > _IN_MEMORY and os.name == "posix":  # Windows removes no mapped file
+        if count * dtype.itemsize > _IN_MEMORY and os.name == "posix":  # Windows cannot remove mapped files
             values: NDArray[Any] = np.memmap(place, dtype, "c", offset, tuple(shape))
         else:
             values = np.fromfile(place, dtype, count, offset=offset).reshape(shape)
@@ -167,7 +167,7 @@ def _blocks(folder: Path, listed: Sequence[Any]) -> list[NamedArray]:
 
 
 def _child() -> Child:
-    """Return the process that reads; start it if there is none."""
+    """Return the reading process; start it if there is none."""
     for reader in [*_READERS]:
         if reader.process == os.getpid() and reader.thread.is_alive() and reader.child.alive:
             return reader.child
@@ -179,7 +179,7 @@ def _child() -> Child:
 
 @atexit.register
 def _end() -> None:
-    """End the process that reads, if this process started one."""
+    """End the reading process if this process started one."""
     while _READERS:
         reader = _READERS.pop()
         if reader.process == os.getpid():
@@ -188,12 +188,12 @@ def _end() -> None:
 
 
 def _lost(child: Child) -> str:
-    """Return why the process that reads has ended."""
+    """Return why the reading process has ended."""
     _READERS.clear()
     code, peak, output = child.end()
     how, killed = ending(code)
     if child.late:
-        return f"it could not be read within {child.limit:g} s. Save a shorter part of it."
+        return f"it could not be read within {child.limit:g} s. Export a shorter part of it."
     if killed:
         return f"the process that reads it was killed ({how}). Repeat the command."
     last = "".join(f": {line.strip()[:200]}" for line in output.strip().splitlines()[-1:])

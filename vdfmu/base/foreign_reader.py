@@ -19,15 +19,15 @@ from vdfmu.base.foreign import ARROW, imported
 from vdfmu.base.process import Parent, limit
 
 _LIBRARIES = 2**30
-"""Address space [byte] of Python and the libraries; 0.45 GiB are measured."""
+"""Address space [byte] of Python and the libraries; 0.45 GiB was measured."""
 _COPIES = 2
-"""Number of copies of the content that a library may keep in memory."""
+"""Number of copies of the content that a library may hold in memory."""
 _ENTRY = 64
-"""Bytes that are counted for each array, in addition to its content and name."""
+"""Bytes counted for each array in addition to its content and name."""
 _ALIGNED = 16
 """Alignment of an array in its file [byte]."""
 _ROWS = 2**16
-"""Rows of a table that are read at a time."""
+"""Number of rows of a table read at a time."""
 _MATLAB_NUMBERS = (
     "double",
     "single",
@@ -42,11 +42,11 @@ _MATLAB_NUMBERS = (
     "uint64",
 )
 _CLASSES = {"function_handle": "a function handle", "cell": "a cell array", "struct": "an array of structs"}
-"""Names of the classes of MATLAB without numbers; others are objects."""
+"""Names of MATLAB's classes without numbers; all others are objects."""
 
 
 class Handover:
-    """Arrays for the parent, in files of a folder, up to a number of bytes."""
+    """Arrays for the parent, written to files in a folder up to a total size."""
 
     def __init__(self, folder: Path, most: int) -> None:
         self._folder, self._most, self._size = folder, most, 0
@@ -58,13 +58,13 @@ class Handover:
         self.left_out: list[str] = []
 
     def room(self, size: int) -> None:
-        """Raise UsageError if so many more bytes exceed the limit."""
+        """Raise UsageError if this number of additional bytes exceeds the limit."""
         if self._size + size > self._most:
             limit, got = (f"{count / 2**20:.0f} MiB" for count in (self._most, self._size + size))
             raise UsageError(f"the file must unpack to at most {limit}, got {got} or more. Save a shorter part of it.")
 
     def write(self, file: str, array: NDArray[Any]) -> int:
-        """Append the numbers of an array to a file; return where they begin."""
+        """Append the numbers of an array to a file; return the offset where they begin."""
         self.room(array.nbytes)
         self._size += array.nbytes
         if file not in self._files:
@@ -74,7 +74,7 @@ class Handover:
         return offset
 
     def add(self, name: str, value: Any) -> None:
-        """Add numbers or a text under a name, fields of a single struct each; anything else is ignored."""
+        """Add numbers or a text under a name, and each field of a single struct; ignore anything else."""
         name = name.encode("utf-8", "replace").decode()
         self._size += _ENTRY + len(name)
         kind = type(value).__name__
@@ -103,7 +103,7 @@ class Handover:
             self.leave(name, "an array of structs" if array.dtype.names else "a cell array")
 
     def leave(self, name: str, kind: str) -> None:
-        """Leave a variable out."""
+        """Note a variable as ignored."""
         self.left_out.append(f"{name} ({kind})")
 
     def close(self) -> None:
@@ -124,10 +124,10 @@ def _matlab(path: str, store: Handover) -> None:
         warnings.simplefilter("error", np.exceptions.ComplexWarning)
         try:
             variables = loadmat(path, appendmat=False, mat_dtype=True)
-        except np.exceptions.ComplexWarning:  # scipy would cut imaginary parts off
+        except np.exceptions.ComplexWarning:  # scipy would cut off imaginary parts
             variables = loadmat(path, appendmat=False)
     for name, value in variables.items():
-        if name == "None":  # scipy has no names of objects
+        if name == "None":  # scipy does not return the names of objects
             store.left_out.append("objects, such as strings and tables of MATLAB")
         elif not name.startswith("__"):
             store.add(name, value)
@@ -141,11 +141,11 @@ def _npz(path: str, store: Handover) -> None:
 
 
 def _hdf5(path: str, store: Handover, feature: str = "an HDF5 file") -> None:
-    """Read the arrays of HDF5, each group once, without links. MATLAB's classes and its transposed arrays are known."""
+    """Read the arrays of HDF5, each group once, without links. Handles MATLAB's classes and transposed arrays."""
     (h5py,) = imported(feature, "h5py", "matlab", "h5py")
     links: list[tuple[str, Any]] = []
     whole: tuple[str, ...] = ()
-    """Beginnings of names in groups that are one variable."""
+    """Prefixes of names in groups that form one variable."""
     with h5py.File(path, "r") as tree:
         tree.visititems_links(lambda name, link: links.append((name, link)))
         for place, link in links:
@@ -194,12 +194,12 @@ def _dataset(name: str, item: Any, kind: str, store: Handover) -> None:
 
 
 def _complex(value: NDArray[Any]) -> NDArray[Any]:
-    """Return complex numbers of two fields as such, other values as they are."""
+    """Return pairs of real and imaginary fields as complex numbers, other values unchanged."""
     return value["real"] + 1j * value["imag"] if value.dtype.names == ("real", "imag") else value
 
 
 def _parquet(path: str, store: Handover) -> None:
-    """Read columns of numbers and times, those of one type together, block by block. Missing numbers are NaN."""
+    """Read columns of numbers and times block by block, columns of one type together. Missing numbers are NaN."""
     pa, parquet = _arrow()
     with open(path, "rb") as stream:
         file = parquet.ParquetFile(stream)
@@ -210,7 +210,7 @@ def _parquet(path: str, store: Handover) -> None:
         store.texts |= {
             key.decode("utf-8", "replace"): text.decode("utf-8", "replace") for key, text in metadata.items()
         }
-        stored: dict[str, tuple[str, str]] = {}  # type of a column, and of its numbers for the parent
+        stored: dict[str, tuple[str, str]] = {}  # type of a column, and the type in which the parent gets its numbers
         whole: list[str] = []
         for field in schema:
             kind = field.type
@@ -228,7 +228,7 @@ def _parquet(path: str, store: Handover) -> None:
                 store.units[field.name] = unit.decode("utf-8", "replace")
 
         def batches(columns: list[str]) -> Iterator[Any]:
-            # threads hang where memory is short
+            # threads hang if memory is short
             return file.iter_batches(_ROWS, columns=columns, use_threads=False) if columns else iter(())
 
         gaps = {name for batch in batches(whole) for name in whole if batch[name].null_count}
@@ -243,7 +243,7 @@ def _parquet(path: str, store: Handover) -> None:
                 columns = [_numbers(pa, batch[name], name in gaps) for name in names]
                 store.write(f"columns_{number}", np.column_stack(columns).astype(dtype, copy=False))
         for number, ((kind, dtype, _), names) in enumerate(groups.items()):
-            store.write(f"columns_{number}", np.empty(0))  # the file is there without rows
+            store.write(f"columns_{number}", np.empty(0))  # makes the file even if there are no rows
             store.blocks.append((names, kind, dtype, (rows, len(names)), f"columns_{number}", 0))
 
 
@@ -260,12 +260,12 @@ def _table(path: str, folder: str, columns: Any, store: Handover) -> None:
 
 
 def _arrow() -> tuple[Any, ...]:
-    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # others reserve address space
+    os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # other allocators reserve address space
     return imported("Parquet", "pyarrow", "parquet", "pyarrow", "pyarrow.parquet")
 
 
 def _numbers(pa: Any, column: Any, gaps: bool) -> NDArray[Any]:
-    """Return the numbers of a column, times in ns since 1970."""
+    """Return the numbers of a column; times become ns since 1970."""
     if gaps:
         column = column.cast(pa.float64(), safe=False)
     values = column.to_numpy(zero_copy_only=False)
@@ -276,7 +276,7 @@ _READERS = {".mat": _matlab, ".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5, ".parqu
 
 
 def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
-    """Read a file, or `columns` of a table; return its blocks, texts, units, the ignored content, or a fault."""
+    """Read a file, or `columns` of a table; return its blocks, texts, units and ignored content, or a fault."""
     limit("AS", _LIBRARIES + _COPIES * most, lasting=False)
     store, fault, said, full = Handover(Path(folder), most), "", False, ""
     try:
@@ -284,14 +284,12 @@ def _answer(path: str, folder: str, most: int, columns: Any) -> dict[str, Any]:
             _READERS[os.path.splitext(path)[1].lower()](path, store)
         else:
             _table(path, folder, columns, store)
-        store.close()  # a full disk may show here
+        store.close()  # a full disk may be reported here
     except UsageError as error:
         fault, said = str(error), True
     except MemoryError:
-        fault = (
-            f"the memory limit of {(_LIBRARIES + _COPIES * most) / 2**20:.0f} MiB does not hold it. Save a part of it."
-        )
-    except Exception as error:  # damage shows in a dozen kinds
+        fault = f"the memory limit of {(_LIBRARIES + _COPIES * most) / 2**20:.0f} MiB is too small. Save a part of it."
+    except Exception as error:  # damage raises a dozen kinds of errors
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             full = error.strerror
         fault = (str(error).splitlines() or [""])[0][:300] or type(error).__name__

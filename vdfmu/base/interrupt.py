@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP: end a command, or wait for a guarded step."""
+"""Ctrl-C, SIGTERM and SIGHUP end a command, at once or after a guarded step."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from typing import Any
 
 _set_handler: Any = c_signal.signal  # pyright: ignore[reportUnknownMemberType]
 _handler_of: Any = c_signal.getsignal  # pyright: ignore[reportUnknownMemberType]
-"""The functions behind `signal`; its conversions to enumerations take 2 us a call."""
+"""The functions behind `signal`; its conversion to enumerations takes 2 us per call."""
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end a command."""
 _RETRY = 0.005
-"""Time [s] after which a signal is sent again if it came during a call of CasADi or a library dropped it."""
+"""Time [s] after which a signal is sent again, if it came during a call of CasADi or if a library dropped it."""
 _PATIENCE = 1.0
 """Time [s] after a signal in which further signals are ignored, so that the command can end."""
 _TWICE = 0.1
-"""Time [s] in which a second signal to a guard is the first one again: a terminal sends Ctrl-C to all processes of a
-command, and the first of them passes it on to the second, see `vdfmu.cli.own_process`."""
+"""Time [s] within which a second signal to a guard counts as the first one: a terminal sends Ctrl-C to both processes
+of a command, and the first also forwards it to the second, see `vdfmu.cli.own_process`."""
 _last, _deferred = -math.inf, -math.inf
 _command, _ended = False, False
 _guards: list[InterruptGuard] = []
@@ -39,7 +39,7 @@ class Stopped(KeyboardInterrupt):
         self.number = number
 
     def __del__(self) -> None:
-        """Send the signal again if a library drops it, as a bare ``except`` does, while a command runs."""
+        """Send the signal again if a library drops it while a command runs, as a bare ``except`` does."""
         global _last
         if _command:
             _last = -math.inf
@@ -82,7 +82,7 @@ def command_begins() -> None:
     global _command
     taken = _listen()
     _command = True
-    # while Python frees its modules, the default handlers would end it without a message
+    # the default handlers would end Python without a message while it frees its modules
     atexit.register(_give_back, [(number, int(signal.SIG_IGN)) for number, _ in taken])
 
 
@@ -95,8 +95,9 @@ def command_ended() -> None:
 def _stop(number: int, frame: FrameType | None) -> None:
     """Raise `Stopped`, delegate it to guards, or send the signal again.
 
-    CasADi calls Python to find the types of its arguments and drops exceptions of these calls. Python drops exceptions
-    of ``Stopped.__del__`` and of the callback of an import that frees its lock. Such a signal would be lost.
+    CasADi calls Python to find the types of its arguments and drops exceptions raised in these calls. Python drops
+    exceptions raised in ``__del__``, and in the callback with which an import frees its lock. The signal would then be
+    lost.
     """
     global _last, _deferred
     if _guards and not _guards[-1].number:
@@ -146,11 +147,11 @@ class InterruptGuard:
 
     def __init__(self) -> None:
         self.number = 0
-        """Deferred signal, else 0."""
+        """Deferred signal, or 0."""
         self._taken: list[tuple[int, Any]] = []
 
     def __enter__(self) -> InterruptGuard:
-        # `_guards` does not say whether one of them handles it: a generator that nobody ended keeps its guard
+        # a guard in `_guards` may be stale: a generator that nobody closed keeps its guard
         if _in_main_thread():
             self._taken = [] if _command else _listen(signal.SIGINT)
             _guards.append(self)

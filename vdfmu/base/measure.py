@@ -1,4 +1,4 @@
-"""Units of measurement: SI exponents, units of joint quantities, and prefixes that fit a number."""
+"""Units of measurement: SI exponents, units of joint quantities, and a suitable prefix for a number."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _DISPLAY = {
     "N.m": {"N.mm": 1e3}, "rad": {"deg": _DEG}, "rad/s": {"deg/s": _DEG},
     **{f"rad/s{k}": {f"deg/s{k}": _DEG} for k in (2, 3, 4)},
 }  # fmt: skip
-# Quantity to unit, for a revolute and for a prismatic joint. "_m" is motor-side, else link-side.
+# Quantity to its unit for a revolute and for a prismatic joint. "_m" is motor-side, others are link-side.
 _QUANTITIES = {
     "position": ("rad", "m"),
     "velocity": ("rad/s", "m/s"),
@@ -85,7 +85,7 @@ def coherent(name: str) -> tuple[str, float]:
 
 
 def derivative_of(name: str) -> str:
-    """Return the unit of the derivative in time: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
+    """Return the unit of the time derivative: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
     upper, _, lower = name.partition("/")
     if not lower:
         return f"{upper}/s"
@@ -105,7 +105,7 @@ def unit_of(quantity: str, joint_type: str) -> str:
 
 
 class Shown(NamedTuple):
-    """Unit of measurement that figures and tables show, and its factor from the SI unit."""
+    """Unit of measurement in figures and tables, and the factor from the SI unit."""
 
     unit: str
     factor: float = 1.0
@@ -123,14 +123,14 @@ def shown_as(quantity: str, joint_type: str = "revolute") -> Shown:
 
 
 class JointType(NamedTuple):
-    """A type of joint: how it moves, its units of measurement, and the sizes that are usual for it."""
+    """A type of joint: how it moves, its units of measurement, and its usual sizes."""
 
     slides: bool
-    """Whether it moves along its axis; else it turns about it."""
+    """Whether it slides along its axis instead of turning about it."""
     noun: str
-    """Noun of its torque."""
+    """Noun for its torque."""
     mistaken: str
-    """Unit of positions beyond `far` that were probably meant otherwise, as a word."""
+    """The unit, as a word, in which positions beyond `far` were probably given by mistake."""
     far: float
     """Position that joints of arms do not reach [rad or m]."""
     fastest: float
@@ -138,7 +138,7 @@ class JointType(NamedTuple):
     travel: float
     """Largest position on a slider without limits [rad or m]."""
     stroke: float
-    """Length of a first motion, as far as end stops allow it [rad or m]."""
+    """Length of a first motion, unless end stops make it shorter [rad or m]."""
 
     @property
     def name(self) -> str:
@@ -151,28 +151,28 @@ class JointType(NamedTuple):
         return shown_as("position", self.name)
 
     def unit(self, quantity: str) -> str:
-        """Return the unit of a quantity, see :func:`unit_of`."""
+        """Return the unit of a quantity; see :func:`unit_of`."""
         return unit_of(quantity, self.name)
 
     @property
     def position_factors(self) -> dict[str, float]:
-        """Units in which a file may give positions, and their factors to rad or m."""
+        """Units in which a file may state positions, and their factors to rad or m."""
         return {self.unit("position"): 1.0, self.shown.unit: 1.0 / self.shown.factor}
 
 
 _TURNING, _SLIDING = "revolute", "prismatic"
 JOINT_TYPES = {
-    # Two turns are more than joints of common arms move, and less than 13 if degrees were meant. The wrists of SCARA
-    # robots reach 45 rad/s. Limits in public robot files go up to 1e4 rad/s and are not asked.
+    # Common joints move less than two turns, and a number above 13 is probably in degrees. The wrists of SCARA
+    # robots reach 45 rad/s. Limits in public robot files, up to 1e4 rad/s, are not used here.
     _TURNING: JointType(False, "torque", "degrees", 4.0 * math.pi, 60.0, math.pi, 0.5),
-    # The longest arms in space have 17 m, millimetres of a link are more than 20. Linear motors reach 15 m/s.
+    # The longest arms in space are 17 m long, and links in millimetres exceed 20. Linear motors reach 15 m/s.
     _SLIDING: JointType(True, "force", "mm", 20.0, 20.0, 0.5, 0.1),
 }
 """Types of joints by their names in files."""
 
 
 def spaced(unit: str) -> str:
-    """Return a unit as papers print it: ``N m`` for ``N.m``, ``m/s²`` for ``m/s2``."""
+    """Return a unit as printed in papers: ``N m`` for ``N.m``, ``m/s²`` for ``m/s2``."""
     return re.sub(r"(?<=[A-Za-z])-?\d+", lambda match: match[0].translate(_RAISED), unit.replace(".", " "))
 
 
@@ -185,7 +185,7 @@ def inches(option: str, text: str) -> float:
     match = _LENGTH.fullmatch(text.strip())
     length = float(match[1]) / _INCHES[match[2]] if match else 0.0
     if not 20.0 <= 25.4 * length <= 2000.0:
-        raise UsageError(f"{option} must be a length from 20mm to 2000mm, got {text}. Give 85mm, 17cm or 3.3in.")
+        raise UsageError(f"{option} must be a length from 20mm to 2000mm, got {text}. Try 85mm, 17cm or 3.3in.")
     return length
 
 
@@ -193,13 +193,13 @@ _PREFIXED = re.compile(r"(?P<milli>m(?=m))?(?P<base>deg|rad|m|s|N|W|J|V|A|Hz)(?P
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXES = {6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n"}
 NONE = 1e-9
-"""Share of a peak below which a number is rounding noise."""
+"""Fraction of a peak below which a number is rounding noise."""
 
 
 def fitted(unit: str, largest: float) -> tuple[str, int]:
-    """Return a prefixed unit and a power of ten that give a largest value at most three digits before its point.
+    """Return a prefixed unit and a power of ten that leave at most three digits before the point of the largest value.
 
-    Values are divided by ten to that power. From 0.1 to 10,000 they stay unchanged. The unit is empty if no prefix
+    Values are divided by ten to that power. Values from 0.1 to 10,000 stay unchanged. The unit is empty if no prefix
     fits.
 
     >>> fitted("deg", 2e-5), fitted("mm", 0.004), fitted("N.m", 3e5), fitted("rad", 1e-13)
@@ -215,7 +215,7 @@ def fitted(unit: str, largest: float) -> tuple[str, int]:
 
 
 def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
-    """Return a number with three digits and a fitting unit, ``2.89 µm``. Less than `NONE` times the `peak` is 0."""
+    """Return a number with three digits and a fitting unit, ``2.89 µm``; 0 if it is below `NONE` times the `peak`."""
     if not math.isfinite(value):
         return "–"
     value = 0.0 if abs(value) < NONE * abs(peak) else float(f"{value:.3g}")
@@ -227,12 +227,12 @@ def quantity(value: float, unit: str = "", peak: float = 0.0) -> str:
 
 
 def per_cent(share: float) -> str:
-    """Return a share in per cent, two digits: ``3.4 %``; ``infinite`` if it is not finite."""
+    """Return a fraction in per cent with two digits: ``3.4 %``; ``infinite`` if it is not finite."""
     return f"{number(100.0 * share, 2)} %" if math.isfinite(share) else "infinite"
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with some significant digits, as all pages and messages write it.
+    """Return a number with some significant digits, in the notation of all pages and messages.
 
     >>> number(0.0123456), number(98765.4), number(6.7e-13), number(2.5e7)
     ('0.0123', '98800', '6.7e-13', '2.5e7')

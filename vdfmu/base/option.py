@@ -1,4 +1,4 @@
-"""Options declared once, as fields of a TypedDict, for functions, their help, the command line and the docs.
+"""Options, each declared once as a field of a TypedDict, for functions, their help, the command line and the docs.
 
 A field is ``step: Annotated[float | None, Option("Communication step in seconds.", "float [s]")]``. A function with
 ``**options: Unpack[...]`` and `with_options` reads ``options["step"]``.
@@ -24,7 +24,7 @@ FORMER: Mapping[str, str] = {
     "master": "algorithm",
     **dict.fromkeys(("settings", "values", "start_values"), "parameters"),
 }
-"""Names of options, keys and arguments of earlier versions, and their names now."""
+"""Names of options, keys and arguments in earlier versions to their names now."""
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _ENTRY = re.compile(r"^( *)\*\*options\n(?:\1 +\S.*\n)*", re.MULTILINE)
@@ -34,7 +34,7 @@ _WIDTH = 110
 
 @dataclass(frozen=True)
 class Option:
-    """Declaration of an option, without name and type."""
+    """Declaration of an option without its name and type."""
 
     text: str
     """Meaning, in sentences for ``--help`` and ``help()``."""
@@ -44,14 +44,14 @@ class Option:
     """Text that ``help()`` adds to `text`."""
     default: Any = None
     flag: str | None = ""
-    """Name on the command line, ``--set``. Default: the name of the field. None hides it there."""
+    """Name on the command line, ``--set``. Default: the name of the field. None omits it there."""
     metavar: str | None = None
     typed: Any = None
-    """Type on the command line, if different."""
+    """Type on the command line, if it differs."""
     read: Callable[[Any], Any] | None = None
     """Converts the value of the command line."""
     names: Callable[[], Iterable[str]] | None = None
-    """Returns names that the shell completes."""
+    """Returns names for the shell's completion."""
     choices: tuple[str, ...] = ()
     """Valid values, for ``--help`` and completion."""
     group: str = ""
@@ -63,12 +63,12 @@ class DeclaredOption(NamedTuple):
 
     name: str
     type: Any
-    """Type in Python. A text if its parts are not imported."""
+    """Type in Python. A text if it refers to names that are not imported."""
     option: Option
 
     @property
     def annotation(self) -> str:
-        """Type as a text."""
+        """The type as a text."""
         return _plain(self.type)
 
     def entry(self) -> str:
@@ -79,7 +79,7 @@ class DeclaredOption(NamedTuple):
 
 
 def _plain(annotation: Any) -> str:
-    """Return a type as a text, without the modules of its names."""
+    """Return a type as a text, without the modules in its names."""
     return re.sub(r"\b(?:[a-z]+\.)+(?=[A-Z])", "", inspect.formatannotation(annotation).strip("'"))
 
 
@@ -93,7 +93,7 @@ def declared(options: Any) -> list[DeclaredOption]:
 
 
 def option_of(options: Any, name: str, text: str = "") -> Option:
-    """Return the declaration of an option, with another text if given."""
+    """Return the declaration of an option, with `text` replaced if given."""
     option = next(each.option for each in declared(options) if each.name == name)
     return replace(option, text=text) if text else option
 
@@ -117,7 +117,7 @@ def _call_of(function: Callable[..., Any]) -> str:
 
 
 def checks_types(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Make a function raise a UsageError that lists all arguments of a wrong type, see `_TYPES`."""
+    """Make a function raise a UsageError that lists all arguments of a wrong type; see `_TYPES`."""
     check = _check_of(function, ())
 
     @wraps(function)
@@ -155,7 +155,7 @@ def _check_of(
 
 
 def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Add its options to a function: defaults, signature, docstring, and UsageError for all values of a wrong type."""
+    """Add its options to a function: defaults, signature, docstring, and a UsageError for values of a wrong type."""
     plain = inspect.signature(function)
     listed = declared(taken_options(function))
     parameters = [each for each in plain.parameters.values() if each.kind is not each.VAR_KEYWORD]
@@ -174,7 +174,7 @@ def with_options(function: Callable[_P, _T]) -> Callable[_P, _T]:
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         for unknown in kwargs.keys() - names:
             if FORMER.get(unknown) in names:
-                continue  # the check names the option that it is now
+                continue  # the check names its successor
             close = close_to(unknown, signature.parameters)
             raise TypeError(f"{call}() got an unexpected keyword argument {unknown!r}{close}")
         positional = leading[: len(args)]
@@ -204,7 +204,7 @@ def _listing(docstring: str | None, options: list[DeclaredOption]) -> str | None
 
 
 def pick(kind: type[_T], options: Mapping[str, Any]) -> _T:
-    """Return the options that a TypedDict declares, to pass them on."""
+    """Return the options declared by a TypedDict, to forward them."""
     names = kind.__annotations__
     return cast("_T", {name: value for name, value in options.items() if name in names})
 
@@ -214,7 +214,7 @@ def read_settings(
     option: str = "--set",
     form: str = "COMPONENT.VARIABLE=VALUE, such as controller.K_p[1]=3000",
 ) -> dict[str, str]:
-    """Read ``--set`` options, or others of a form ``NAME=TEXT``: name to text."""
+    """Read ``--set`` options, or others of the form ``NAME=TEXT``; return name to text."""
     settings: dict[str, str] = {}
     for item in items or []:
         key, equals, value = item.partition("=")
@@ -225,7 +225,7 @@ def read_settings(
 
 
 def _number(value: Any) -> bool:
-    kind = "" if getattr(value, "shape", None) != () else value.dtype.kind  # an array of no dimension is a number too
+    kind = "" if getattr(value, "shape", None) != () else value.dtype.kind  # a zero-dimensional array is a number too
     return not isinstance(value, bool) and isinstance(value, Real) or bool(kind) and kind in "iuf"
 
 
@@ -280,7 +280,7 @@ _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "None": ("None", lambda value: value is None),
     **{name: (f"a {name}", partial(_is_one, name)) for name in ("Robot", "Scenario", "System", "FlatSystem", "Motion")},
 }
-"""Annotation, or its part before a bracket, to the text of the type and its check; others are not checked."""
+"""Annotation, or its part before a bracket, to the type as a text and its check; other annotations are not checked."""
 
 
 _LOADERS = {
@@ -289,12 +289,12 @@ _LOADERS = {
     "a System": "load",
     "a Motion": "load_motion",
 }
-"""Text of a type to the function that loads one."""
+"""Type, as a text, to the function that loads it."""
 
 
 @cache
 def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
-    """Return the rows of the types of an annotation, ``None`` first; an empty list if one of them has no row."""
+    """Return the rows of an annotation's types, ``None`` first; an empty list if a type has no row."""
     parts = sorted(annotation.split(" | "), key=lambda part: part != "None")
     rows = [_TYPES.get(part) or _TYPES.get(part.partition("[")[0]) for part in parts]
     return [] if None in rows else [row for row in rows if row is not None]
@@ -303,7 +303,7 @@ def _checks(annotation: str) -> list[tuple[str, Callable[[Any], bool]]]:
 def type_problem(name: str, annotation: str, value: Any, kind: str = "", choices: tuple[str, ...] = ()) -> str | None:
     """Return the problem of a value whose type differs from its annotation, ``float | None``, else None.
 
-    `kind` is the type in words with a unit of measurement, ``float [s]``, `choices` are the valid texts.
+    `kind` is the type in words with a unit of measurement, ``float [s]``; `choices` are the valid texts.
     """
     checks = _checks(annotation)
     if any(fits(value) for _, fits in checks) or not checks:

@@ -1,4 +1,4 @@
-"""Frame and colours of HTML pages without other files and without network."""
+"""Frame and colours of HTML pages that need no other files and no network."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from html import escape
 from vdfmu.base.files import PAGE_MARK
 
 LIGHT = ("#015e9c", "#b94b01", "#088158", "#c76999", "#c88507", "#369bda", "#060809")
-"""Colours of curves and values on white: near Okabe and Ito (2008) without yellow, but each pair is distinct.
+"""Colours of curves and values on white: close to Okabe and Ito (2008) without yellow, with all pairs distinct.
 
-Lines of 0.1 degree of the visual field differ for at least half of all readers, also in protanopia and deuteranopia,
-and each has a contrast of 3 to the page (WCAG 2.1, 1.4.11): `tests/study/report/test_palette.py` calculates both.
+At least half of all readers, with protanopia or deuteranopia too, can tell lines apart that are 0.1 degree of the
+visual field wide, and each has a contrast of 3 to the page (WCAG 2.1, 1.4.11): `tests/study/report/test_palette.py`
+calculates both.
 """
 DARK = ("#5daced", "#e47c3c", "#47cda0", "#bc75a1", "#efbc44", "#99d2f6", "#eef1f0")
 """The same colours in the same order on a dark page."""
@@ -47,10 +48,10 @@ def page(
     lead: str = "",
     scripts: Sequence[str] = (),
 ) -> bytes:
-    """Return a page of a width [rem] with a title, a line on its content, a body and more of the head, both HTML.
+    """Return a page of a `width` [rem] with a title, a line about its content, and HTML for the body and the head.
 
     `tab` is the title of the browser's tab if different, `first` HTML above the title, `lead` HTML below it. `scripts`:
-    the module that the page runs, then the scripts that the module adds. A browser runs no other script of the page.
+    the module that the page runs, then the scripts that this module adds. The browser refuses any other script.
     """
     module = f'<script type="module">{scripts[0]}</script>\n' if scripts else ""
     return f"""<!DOCTYPE html>
@@ -78,14 +79,14 @@ def page(
 
 
 def compressed(content: bytes) -> str:
-    """Return content compressed for ``unzip`` of ``web/packed.js``."""
+    """Return content compressed for ``unzip`` in ``web/packed.js``."""
     return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 def _policy(scripts: Sequence[str]) -> str:
-    """Return the Content-Security-Policy: no request to a network, no script but these (CSP 3, 6.7.2.3).
+    """Return the Content-Security-Policy: no network requests, and no scripts except these (CSP 3, 6.7.2.3).
 
-    With scripts, WebAssembly and workers of the page run too.
+    If there are scripts, the page may also run WebAssembly and workers.
     """
     digests = (base64.b64encode(sha256(text.encode()).digest()).decode() for text in scripts)
     sources = "".join(f"'sha256-{digest}' " for digest in digests)
@@ -95,7 +96,7 @@ def _policy(scripts: Sequence[str]) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:
-    """Return a table with cells in HTML and a class for each column. It has no heads if all are empty."""
+    """Return a table with cells in HTML and a class for each column. It has no headings if all are empty."""
     cells = "".join(f"<th>{head}</th>" if head else "<td></td>" for head in heads)
     lines = ["<table>", *([f"<tr>{cells}</tr>"] if any(heads) else [])]
     tags = [f'<td class="{name}">' if name else "<td>" for name in classes]
@@ -106,7 +107,7 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], classes: Sequence
 
 
 def style_sheet() -> str:
-    """Return the colours as variables: ``--joint-1`` to as many as ``--joints``, ``--negative``, ``--positive``."""
+    """Return the colours as CSS variables: ``--joint-1`` and so on, ``--joints``, ``--negative``, ``--positive``."""
 
     def variables(colours: tuple[str, ...]) -> str:
         named = {f"joint-{i}": colour for i, colour in enumerate(colours, 1)}

@@ -23,7 +23,7 @@ The libraries in binaries/ contain parts of the run-time support of the compiler
 LLVM-exception) and zig (MIT); those for Windows also parts of mingw-w64 (ZPL-2.1 and public domain), those for
 WebAssembly of wasi-libc (Apache-2.0 WITH LLVM-exception) and in it musl (MIT, Copyright 2005-2020 Rich Felker, et al.).
 """
-"""Licences of the code of the compiler in the libraries of FMUs."""
+"""Licences of the compiler's code in the libraries of FMUs."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +31,18 @@ class Platform:
     """A platform, with the flags of its compiler and its linker."""
 
     name: str
-    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly has no operating system, so the
-    name is that of its processor."""
+    """Platform tuple of FMI 3.0 and folder in ``binaries/``. WebAssembly has no operating system, so it is named by its
+    processor."""
     target: str
     """Target of zig: the oldest system on which the library loads."""
     folder_2: str
-    """Folder in FMI 2.0: a defined name for x86, else the platform tuple (FMI 2.0.4, section 2.3)."""
+    """Folder in FMI 2.0: the standard's name for x86, else the platform tuple (FMI 2.0.4, section 2.3)."""
     suffix: str
     flags: tuple[str, ...] = ()
     link: tuple[str, ...] = ("-shared",)
     libraries: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
-    """Functions of the system's libraries, separated by spaces, by file and symbol version: all that the linker needs.
-    For a platform without these, zig first compiles its own libraries."""
+    """Functions of the system's libraries by file and symbol version, separated by spaces. They are all that the linker
+    needs; without them zig first compiles its own libraries."""
 
 
 X86 = ("-march=x86_64_v2",)
@@ -56,7 +56,7 @@ _MODULE = (
     "-Wl,--export-table",
     "-Wl,--growable-table",
 )
-"""The module also exports memory for arguments, and a table for the importer's callbacks."""
+"""The module also exports its memory, for arguments, and a table for the importer's callbacks."""
 _MATH = (
     "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh exp exp10 exp2 expm1 fabs floor fma fmax fmin "
     "fmod frexp hypot ldexp log log10 log1p log2 nearbyint pow rint round sin sincos sinh sqrt tan tanh trunc"
@@ -65,7 +65,7 @@ _C = (
     "bcmp calloc free malloc memccpy memchr memcmp memmove mempcpy memset realloc snprintf stpcpy strcat strchr strcmp "
     "strcpy strcspn strlen strncat strncmp strncpy strnlen strpbrk strrchr strspn strstr strtod vsnprintf"
 )
-"""Functions called by the C of units and benchmarks, and functions that the compiler may call instead."""
+"""Functions that the C code of units and benchmarks calls, and functions that the compiler may call instead."""
 # fmt: off
 PLATFORMS = {
     p.name: p
@@ -91,14 +91,14 @@ PLATFORMS = {
 # fmt: on
 """Name to platform."""
 ALL = tuple(name for name in PLATFORMS if name != WASM)
-"""Platforms that ``all`` chooses: those whose libraries are loaded by importers of native FMUs."""
+"""Platforms that ``all`` means: those on which importers load native FMUs."""
 
 _SYSTEMS = {"linux": "linux", "win32": "windows", "darwin": "darwin"}
 _MACHINES = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 
 
 def this_platform() -> str:
-    """Name of this machine's platform. FmuError if native FMUs cannot be built for it."""
+    """Return the name of this machine's platform. FmuError if native FMUs cannot be built for it."""
     processor = machine.machine()
     name = f"{_MACHINES.get(processor.lower(), processor)}-{_SYSTEMS.get(sys.platform, sys.platform)}"
     if name not in PLATFORMS:
@@ -123,11 +123,10 @@ def chosen_platforms(chosen: Sequence[str] | str | None) -> tuple[str, ...]:
 
 
 def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
-    """Return path in the FMU to content, for libraries by platform.
+    """Return the content by path in the FMU for libraries by platform.
 
-    On Arm, importers of FMI 2.0 such as fmpy and OpenModelica may read the folder of their system's x86. So
-    ``darwin64`` holds a library for both processors if both are chosen. Without a library for x86, its folder holds the
-    library for Arm.
+    On Arm, importers of FMI 2.0 such as fmpy and OpenModelica may read the folder for x86. So ``darwin64`` contains a
+    library for both processors if both are chosen, and without a library for x86 its folder contains the one for Arm.
     """
     files: dict[str, bytes] = {}
     tuples = FMI_VERSIONS[fmi_version].platform_tuples
@@ -148,8 +147,8 @@ def binaries(model_name: str, libraries: Mapping[str, bytes], fmi_version: str) 
 
 
 def _universal(x86: bytes, arm: bytes) -> bytes:
-    """Return a universal binary of macOS: a header, then the library of each processor from a new page on."""
-    page = 14  # 2^14 bytes, the larger page of both processors
+    """Return a universal binary for macOS: a header, then the library of each processor, aligned to pages."""
+    page = 14  # 2^14 bytes, the larger page size of the two processors
     processors = ((0x01000007, 3, x86), (0x0100000C, 0, arm))
     header = struct.pack(">II", 0xCAFEBABE, len(processors))
     body = b""
@@ -185,7 +184,7 @@ _WORDS = {
 
 
 class Compiler(NamedTuple):
-    """A C compiler: name with version, command, and whether it is zig, which compiles for every platform."""
+    """A C compiler: its name with version, its command, and whether it is zig, which compiles for every platform."""
 
     name: str
     command: tuple[str, ...]
@@ -193,12 +192,12 @@ class Compiler(NamedTuple):
 
     @property
     def identity(self) -> str:
-        """What distinguishes its libraries from those of other compilers. Zig brings all its parts with its version."""
+        """Key that distinguishes its libraries from those of other compilers. Zig's version decides all its parts."""
         return self.name if self.is_zig else f"{self.name} {self.command[0]}"
 
     @property
     def environment(self) -> dict[str, str]:
-        """The only environment variables that its processes get."""
+        """All environment variables of its processes."""
         return _environment(self.command[0])
 
     def arguments(self, target: Platform, flags: Sequence[str]) -> list[str]:
@@ -211,9 +210,9 @@ class Compiler(NamedTuple):
 def _environment(program: str) -> dict[str, str]:
     """Return the environment of the processes of a compiler, which depends only on the path of its program.
 
-    Compilers obey many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
-    CCC_OVERRIDE_OPTIONS changes options. A library may only depend on what its key in the cache contains, so no
-    variable of the user is passed on. Messages are in English, because they are searched for English words.
+    Compilers read many variables: CPATH and C_INCLUDE_PATH add headers, COMPILER_PATH and PATH replace the assembler,
+    CCC_OVERRIDE_OPTIONS changes options. A library may depend only on what its key in the cache contains, so none of
+    the user's variables is passed on. Messages are in English, because they are searched for English words.
     """
     if sys.platform == "win32":
         return {"SYSTEMROOT": os.environ.get("SYSTEMROOT", r"C:\Windows")}
@@ -252,14 +251,14 @@ def _compiler(chosen: str) -> Compiler:
 
 
 def _answer(program: str, question: str) -> str:
-    """Return the answer of a program."""
+    """Return the output of a program."""
     return subprocess.run(
         [program, question], stdin=subprocess.DEVNULL, capture_output=True, text=True, env=_environment(program)
     ).stdout
 
 
 def compiler_version() -> str:
-    """Name and version of the compiler for this machine, if there is one."""
+    """Return the name and version of the compiler for this machine, or None."""
     return compiler(this_platform()).name if native_available() else "no compiler"
 
 

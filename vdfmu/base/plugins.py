@@ -1,6 +1,6 @@
 """Plugins of other packages: entry points of the groups ``vdfmu.units``, ``.robots``, ``.logs`` and so on.
 
-Reading them takes some 10 ms, so they are read only for a name that is not shipped, and to list all names.
+Reading them takes some 10 ms, so they are read only for names that are not shipped, and to list all names.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class Plugins:
     noun: str
     """Noun of a plugin in messages."""
     expected: str
-    """Expected object of an entry point, in messages."""
+    """Object that an entry point must have, in messages."""
     fits: Callable[[Any], bool]
     """Whether an object is a valid plugin."""
 
     def get(self, name: str) -> Any:
-        """Return the plugin of a name, or None. UsageError if it is invalid, or several packages add it."""
+        """Return the plugin of this name, or None. UsageError if it is invalid or if several packages add it."""
         points = _points(self.group).get(name, [])
         if len(points) > 1:
             raise UsageError(
@@ -45,7 +45,7 @@ class Plugins:
         return self._load(points[0]) if points else None
 
     def all(self, shipped: Container[str]) -> dict[str, Any]:
-        """Return valid plugins by name. Warn of invalid ones and of shipped names, and ignore them.
+        """Return valid plugins by name. Plugins that are invalid or have a shipped name are ignored with a warning.
 
         Empty within `vdfmu.base.trust.reading_only`, because a plugin is only known after its code has run.
         """
@@ -74,7 +74,7 @@ class Plugins:
             got = f"{point.value}: {kind_text(error)}"
         raise UsageError(
             f"{self.noun} {point.name!r} of {_package(point)} cannot be used: expected {self.expected}, got {got}. "
-            "Mend or uninstall that package."
+            "Fix or uninstall that package."
         )
 
 
@@ -84,7 +84,7 @@ def added(group: str, name: str) -> bool:
 
 
 class PluginTable(dict[str, _T]):
-    """Table of shipped rows, to which ``in`` and ``[]`` add plugins. Iteration covers the rows so far, `names` all."""
+    """Table of shipped rows, to which ``in`` and ``[]`` add plugins. Iteration covers rows so far; `names` has all."""
 
     def __init__(self, plugins: Plugins, shipped: Mapping[str, _T], prefix: str = "") -> None:
         super().__init__(shipped)

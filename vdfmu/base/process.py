@@ -1,6 +1,7 @@
-"""Processes for code that may crash, exit or hang: start, limits, output, messages and end.
+"""Processes for code that may crash, exit or hang: their start, limits, output, messages and end.
 
-Each message follows its length. Requests are pickled. Replies are JSON, because untrusted code may have written them.
+Each message is preceded by its length. Requests are pickled. Replies are JSON, because untrusted code may have written
+them.
 """
 
 from __future__ import annotations
@@ -33,27 +34,27 @@ with suppress(ImportError):  # Windows has none
     import_module("resource")  # os.wait4 imports it, which fails when memory is short
 
 KEPT = 4096
-"""Last bytes of the output that are kept."""
+"""Number of bytes kept from the end of the output."""
 SHOWN = 2**16
-"""First bytes of the output that are shown as they come."""
+"""Number of bytes at the start of the output that are shown at once."""
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
-"""Environment of numpy and scipy: with small matrices several threads only wait for each other."""
+"""Environment for numpy and scipy: one thread, because with small matrices several only wait for each other."""
 SIZE = struct.Struct("<I")
 """Length of the message that follows, 0 for an empty message."""
 _BLOCK, _OUTPUT_BLOCK = 2**20, 2**16
-"""Largest number of bytes per read of replies and of output."""
+"""Largest number of bytes in one read of replies or output."""
 _LARGEST = 2**30
 """Largest reply that is read [byte]."""
 _PDEATHSIG = 1
-"""Code of prctl for the signal that is sent when the starting thread ends."""
+"""Option of prctl that sets the signal sent when the starting thread ends."""
 _JOIN = 1.0
-"""Time limit [s] of the output after the process: a fled child may hold the pipe open."""
+"""Time limit [s] for output after the process has ended: an escaped child may hold the pipe open."""
 _TICK = 0.1
-"""Interval of the watching thread [s]."""
+"""Interval [s] at which the watching thread looks."""
 _FAREWELL = 5.0
-"""Time limit [s] of the end of the process after its pipe is closed."""
+"""Time limit [s] for the process to end after its pipe is closed."""
 _OUTSIDE = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
-"""Signals that users and the system send; faults of code cause others."""
+"""Signals that come from users and the system; other signals are caused by faulty code."""
 _contained = False
 
 
@@ -63,10 +64,10 @@ def is_contained() -> bool:
 
 
 def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
-    """Run the task of a process for foreign code, and end it without the destructors of libraries.
+    """Run the task of a process for foreign code, and end the process without the destructors of libraries.
 
-    Those of pythonfmu 0.7.0 write into memory that they have freed, after the task is done. Files are flushed and
-    functions registered with `atexit` are called.
+    After the task, those of pythonfmu 0.7.0 write into memory that they have freed. Files are still flushed, and
+    functions registered with `atexit` are still called.
     """
     global _contained
     _contained, code = True, 0
@@ -87,7 +88,7 @@ def contained(main: Callable[..., None], *arguments: Any) -> NoReturn:
 
 
 def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Popen[bytes]:
-    """Start a module of this package in a new process and session, with pipes; without `talks` only for its errors."""
+    """Start a module of this package in a new process and session, with pipes; without `talks` only the error pipe."""
     way = subprocess.PIPE if talks else subprocess.DEVNULL
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, *arguments],
@@ -100,7 +101,7 @@ def started(module: str, *arguments: str, talks: bool = True) -> subprocess.Pope
 
 
 def limit(kind: str, size: int, lasting: bool = True) -> None:
-    """Limit a resource of this process, if the system supports the kind: ``AS``, ``DATA``, ``FSIZE``, ``CORE``.
+    """Limit a resource of this process if the system supports it: ``AS``, ``DATA``, ``FSIZE``, ``CORE``.
 
     A limit that is not `lasting` can be raised again.
     """
@@ -110,12 +111,12 @@ def limit(kind: str, size: int, lasting: bool = True) -> None:
         number = getattr(resource, f"RLIMIT_{kind}")
         _, most = resource.getrlimit(number)
         size = size if most == resource.RLIM_INFINITY else min(size, most)
-        with suppress(OSError, ValueError):  # macOS does not limit the address space
+        with suppress(OSError, ValueError):  # macOS cannot limit the address space
             resource.setrlimit(number, (size, size if lasting else most))
 
 
 def end_group(process: subprocess.Popen[bytes], patience: float = 0.0) -> None:
-    """Kill a process of `started` and its children. It may first end children in other sessions for `patience` [s]."""
+    """Kill a process of `started` and its children. First it gets `patience` [s] to end children in other sessions."""
     with suppress(OSError, subprocess.TimeoutExpired):
         if patience and process.poll() is None:
             process.terminate()
@@ -136,10 +137,10 @@ def ending(code: int) -> tuple[str, bool]:
 
 
 class Listener:
-    """Thread that reads the output of a process, so that the process never waits, and closes the pipe at its end.
+    """Thread that reads the output of a process, so that the process never blocks, and closes the pipe at its end.
 
-    `show`: copy the first `SHOWN` bytes to the error output, at the end also the last `KEPT` bytes of a longer output.
-    Control characters are escaped.
+    `show`: copy the first `SHOWN` bytes to the error output and, if the output is longer, at the end its last `KEPT`
+    bytes. Control characters are escaped.
     """
 
     def __init__(self, stream: IO[bytes], show: bool = False) -> None:
@@ -177,7 +178,7 @@ class Listener:
 
 
 class Child:
-    """Process of a module that uses :class:`Parent`, seen from the starting process.
+    """A process whose module uses :class:`Parent`, seen from the process that started it.
 
     A thread kills the process if a reply takes longer than `limit` [s], or if `stop`, called every tenth of a second,
     returns True. `show` copies the output.
@@ -225,11 +226,11 @@ class Child:
         return message
 
     def _read(self, size: int) -> bytes | bytearray:
-        """Read bytes, fewer if the process has ended. A child of it may hold the pipe open."""
+        """Read bytes, fewer if the process has ended. Its children may still hold the pipe open."""
         descriptor, content = self._replies.fileno(), bytearray()
         while len(content) < size:
             if hasattr(select, "poll"):
-                gone = self._gone.is_set()  # asked before the poll: output before the end is read
+                gone = self._gone.is_set()  # checked before the poll, so that all output before the end is read
                 if not self._poll.poll(0.0 if gone else 1e3 * _TICK):
                     if gone:
                         break
@@ -241,7 +242,7 @@ class Child:
         return content
 
     def _watch(self) -> None:
-        """Kill the process if it is late or to stop. If it has ended, kill children that hold its pipes."""
+        """Kill the process if it is late or must stop. If it has ended, kill children that hold its pipes."""
         while not self._done.wait(_TICK):
             stopped = self._stop()
             self.late = self.late or monotonic() - self.since > self.limit
@@ -251,7 +252,7 @@ class Child:
                 return
 
     def _has_ended(self) -> bool:
-        """Whether the process has ended, without collecting its exit code. False if this is unknown."""
+        """Return whether the process has ended, without collecting its exit code. False if this is unknown."""
         if not hasattr(os, "waitid"):  # Windows, and macOS before Python 3.13
             return not hasattr(os, "wait4") and self._process.poll() is not None
         with suppress(ChildProcessError):  # its exit code has just been collected
@@ -268,7 +269,7 @@ class Child:
         end_group(self._process)
 
     def end(self) -> tuple[int, float, str]:
-        """Let the process end and kill its children. Return exit code, peak memory [MB] or 0, and end of output."""
+        """Let the process end and kill its children. Return its exit code, peak memory [MB] or 0, and last output."""
         self._done.set()
         process, peak = self._process, 0.0
         for pipe in (self._requests, self._replies):
@@ -289,16 +290,16 @@ class Child:
 
 
 def end_with_parent() -> None:
-    """Let this process end with the thread that started it, which only Linux can do."""
+    """Make this process end with the thread that started it, which only Linux supports."""
     if sys.platform == "linux":
         CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
 
 
 class Parent:
-    """The starting process, seen from the process of a :class:`Child`.
+    """The starting process, seen from the started one, a :class:`Child`.
 
-    Takes over the pipes: prints go to the error output, and input is empty. On Linux this process ends with the thread
-    that started it.
+    It takes over the pipes: what the code prints goes to the error output, and the input is empty. On Linux this
+    process ends with the thread that started it.
     """
 
     def __init__(self) -> None:
@@ -312,7 +313,7 @@ class Parent:
         return self._requests.read(size)
 
     def requests(self) -> Iterator[bytes]:
-        """Yield the pickled messages until the end, an empty text for an empty message."""
+        """Yield the unpickled messages until the end, an empty text for an empty message."""
         while len(head := self.read(SIZE.size)) == SIZE.size:
             yield self.read(SIZE.unpack(head)[0])
 

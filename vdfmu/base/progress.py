@@ -1,4 +1,4 @@
-"""Progress reports from deep calls to the caller that shows them, and the option `progress`: a function, or bars."""
+"""Progress reports from nested calls to the caller that shows them, and the option `progress`: a function, or bars."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _show: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 @cache
 def warn_once(text: str) -> None:
-    """Log a warning, once per process."""
+    """Log a warning once per process."""
     LOG.warning("%s", text)
 
 
 @contextmanager
 def showing(progress: Progress | None) -> Generator[None]:
-    """Pass progress of this thread in the block to a callback."""
+    """Pass the progress of this thread within the block to a callback."""
     before = _show.set(progress)
     try:
         yield
@@ -59,7 +59,7 @@ def counted(stage: str, items: Iterable[_T], total: int) -> Generator[_T]:
 Steps = Callable[[int, int], None]
 """Called with the number of finished steps and their total."""
 Shown = Progress | bool | None
-"""Option `progress`: a callback, True for bars on the terminal or in the notebook, or nothing."""
+"""Option `progress`: a callback, True for bars on the terminal or in the notebook, or None."""
 _P = ParamSpec("_P")
 
 
@@ -76,7 +76,7 @@ def shown_steps(progress: Steps | bool | None, stage: str) -> Generator[Steps | 
 
 
 def with_progress(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Pass progress of a function to its option `progress`. True shows bars."""
+    """Pass the progress of a function to its option `progress`. True shows bars."""
 
     @wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _T:

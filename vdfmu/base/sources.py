@@ -1,4 +1,4 @@
-"""Digests of the sources that decide a result: a module and all its imports, read from the text."""
+"""Digests of the sources that determine a result: a module and all its imports, found in the text."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import NamedTuple
 from vdfmu.base.files import PACKAGE, source_bytes
 
 _IMPORT = re.compile(r"vdfmu(?<=from vdfmu|port vdfmu)\.?([\w.]*)(?: import (\([^)]*\)|.*))?")
-"""The pattern starts with fixed text: then it takes 2 ms for the package, and 12 ms if it starts with the line."""
+"""The pattern starts with fixed text, because it then takes 2 ms for the package instead of 12 ms."""
 _NAME = re.compile(r"\w+")
 _CASADI = re.compile(rb"^import casadi", re.MULTILINE)
 
 
 @cache
 def source_digest(*roots: str) -> str:
-    """Digest of modules, ``arm.kernel``, or packages, ``compiler``, with their imports.
+    """Return the digest of modules, ``arm.kernel``, or packages, ``compiler``, with their imports.
 
     It includes the version of CasADi if one of them imports CasADi.
     """
@@ -35,7 +35,7 @@ def source_digest(*roots: str) -> str:
 
 
 def imported(*roots: str) -> list[str]:
-    """Return the names of modules and of all their imports, late imports too, without the top of the package."""
+    """Return the names of modules and all their imports, including late ones, without ``vdfmu.``."""
     files = _files()
     new: set[str] = set()
     for root in roots:
@@ -52,13 +52,13 @@ def imported(*roots: str) -> list[str]:
 
 @cache
 def _files() -> dict[str, Path]:
-    """Return module, ``arm`` or ``arm.kernel``, to file."""
+    """Return the file by module, ``arm`` or ``arm.kernel``."""
     paths = {str(file)[len(str(PACKAGE)) + 1 : -3]: file for file in PACKAGE.rglob("*.py")}
     return {path.replace(os.sep, ".").removesuffix(".__init__"): file for path, file in paths.items()}
 
 
 class _Source(NamedTuple):
-    """Digest of a module, the modules of the package that it imports, and whether it imports CasADi."""
+    """Return a module's digest, the modules of the package that it imports, and whether it imports CasADi."""
 
     digest: str
     modules: set[str]

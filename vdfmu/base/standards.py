@@ -6,20 +6,20 @@ from typing import NamedTuple
 
 
 class FmiVersion(NamedTuple):
-    """A version of FMI that FMUs are built for. A new one is a row of `FMI_VERSIONS`."""
+    """A version of FMI for which FMUs are built. A new one needs a row in `FMI_VERSIONS`."""
 
     name: str
     """Version in a model description."""
     prefix: str
     """Prefix of functions, headers and the C file of an FMU, ``fmi2``."""
     token: str
-    """Attribute of a model description that names the content of the FMU."""
+    """Attribute of a model description that identifies the FMU's content."""
     arrays: bool
-    """Whether a variable can be an array, else its elements are the variables."""
+    """Whether a variable can be an array; if not, each element is a variable."""
     platform_tuples: bool
-    """Whether folders of ``binaries`` are named by platform tuples."""
+    """Whether the folders in ``binaries`` are named by platform tuples."""
     build_description: bool
-    """Whether ``sources/buildDescription.xml`` lists the C files, else the model description does."""
+    """Whether ``sources/buildDescription.xml`` lists the C files; if not, the model description does."""
     picture: bool
     """Whether an FMU has a picture ``model.png``."""
     time_variable: bool
@@ -29,7 +29,7 @@ class FmiVersion(NamedTuple):
     input_derivatives: bool
     """Whether inputs of co-simulation can have derivatives."""
     enumeration: str
-    """Type in the names of the functions that read and write an enumeration."""
+    """Type in the names of functions that get and set an enumeration."""
 
 
 FMI_1 = FmiVersion("1.0", "fmi1", "guid", False, False, False, False, False, False, True, "Integer")
@@ -38,24 +38,24 @@ FMI_3 = FmiVersion("3.0", "fmi3", "instantiationToken", True, True, True, False,
 FMI_VERSIONS = {version.name: version for version in (FMI_2, FMI_3)}
 """Name to version."""
 MASTER_VERSIONS = {FMI_1.name: FMI_1, **FMI_VERSIONS}
-"""Name to version of FMUs that the master runs; FMI 1.0 for co-simulation only."""
+"""Name to version, for FMUs that the master runs; FMI 1.0 only for co-simulation."""
 PYTHON_FMI = FMI_2
 """Version of FMUs in Python."""
-WITHOUT_NATIVE = "FMUs are in Python: a run takes some 20 times as long, and they run only where vdfmu is installed"
+WITHOUT_NATIVE = "FMUs are in Python: a run takes about 20 times as long, and they run only where vdfmu is installed"
 """Consequence of a missing C compiler, the extra ``native``."""
 
 
 class SspFormat(NamedTuple):
-    """A version of SSP of packages. A new one is a row of `SSP_FORMATS`."""
+    """A version of SSP for packages. A new one needs a row in `SSP_FORMATS`."""
 
     name: str
     """Version in the files of a package."""
     fmi: FmiVersion
-    """FMI version of FMUs in packages written here. Its variables are connectors and parameters."""
+    """FMI version of FMUs in packages written here. It defines the types of connectors and parameters."""
     schemas: tuple[str, str]
     """Python package with the XML schemas, and their folder in it."""
     always_validated: bool
-    """Whether that package is always installed: then written files are validated too."""
+    """Whether that package is always installed; then written files are validated too."""
     binary_parameters: bool
     """Whether parameters can be binary."""
     more_connections: bool

@@ -1,4 +1,4 @@
-"""Linear systems: discretisation, and matrices with names and units."""
+"""Linear systems: discretisation, and matrices whose rows and columns have names and units."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ Signal = tuple[str, str, float]
 _PADE = [float(math.comb(13, k) * math.factorial(26 - k) // math.factorial(13)) for k in range(14)]
 """Coefficients of the numerator, Eq. (10.33) of Higham: (26 - k)! / ((13 - k)! k!)."""
 _PADE_NORM = 5.371920351148152
-"""Largest norm whose backward error is below the rounding of doubles."""
+"""Largest norm with a backward error below the unit roundoff of doubles."""
 
 
 class Linear(NamedTuple):
-    """``x_dot = A x + B u`` of deviations, or ``x[k+1] = A x[k] + B u[k]``: A (n, n), B (n, m)."""
+    """``x_dot = A x + B u`` in deviations, or ``x[k+1] = A x[k] + B u[k]``: A (n, n), B (n, m)."""
 
     A: Floats
     B: Floats
 
 
 def held(continuous: Linear, step: float) -> Linear:
-    """Discretise exactly: the states after a step [s] through which the inputs are held."""
+    """Discretise exactly with a zero-order hold of the inputs over a step [s]."""
     A, B = continuous
     acts = B.any(axis=0)
     whole = np.zeros((len(A) + np.count_nonzero(acts),) * 2)
@@ -40,7 +40,7 @@ def held(continuous: Linear, step: float) -> Linear:
 
 
 def expm(A: Floats) -> Floats:
-    """Return the exponential of a matrix: Pade's approximant of degree 13, scaled and squared.
+    """Return the exponential of a matrix by scaling and squaring with the Pade approximant of degree 13.
 
     Higham, "The Scaling and Squaring Method for the Matrix Exponential Revisited", SIAM J. Matrix Anal. Appl. 26(4),
     2005. scipy's takes 0.2 s to import.
@@ -61,7 +61,7 @@ def expm(A: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class StateSpace:
-    """``x_dot = A x + B u``, ``y = C x + D u`` of deviations. With a step ``x[k+1] = A x[k] + B u[k]``.
+    """``x_dot = A x + B u``, ``y = C x + D u`` in deviations. With a step ``x[k+1] = A x[k] + B u[k]``.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class StateSpace:
         Names, such as ``q[1]``.
     state_units, input_units, output_units : tuple of str
     x, u, y : (n_x,), (n_u,), (n_y,) arrays
-        Where it is linearised.
+        Operating point of the linearisation.
     step : float or None [s]
         None for continuous time.
     notes : tuple of str
@@ -106,7 +106,7 @@ class StateSpace:
         return cls(A, B, C, D, names[0], names[1], names[2], units[0], units[1], units[2], x, u, y)
 
     def response(self, w: Floats) -> Any:
-        """Return the response of the outputs to the inputs at frequencies (m,) [rad/s]: (m, n_y, n_u)."""
+        """Return the frequency response from inputs to outputs at frequencies (m,) [rad/s]: (m, n_y, n_u)."""
         s = 1j * w if self.step is None else np.exp(1j * w * self.step)
         return self.C @ np.linalg.solve(s[:, None, None] * np.eye(len(self.A)) - self.A, self.B) + self.D
 

@@ -1,4 +1,4 @@
-"""Foreign text, such as messages of units and names in files, made safe to show, and portable JSON."""
+"""Makes foreign text, such as messages of units and names in files, safe to show; portable JSON."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, cast
 
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Characters that a terminal obeys: controls except tab and newline, directions of writing, and half characters."""
+"""Characters that act on a terminal: controls except tab and newline, text directions, and surrogates."""
 FORBIDDEN = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
-"""Characters that XML excludes or a terminal obeys."""
+"""Characters that XML excludes or that act on a terminal."""
 LONGEST_NAME = 100
-"""Most characters of a name from which names of files are made."""
+"""Longest name from which file names are made [characters]."""
 FEW = 20
-"""Most messages of a rule that are printed."""
+"""Largest number of messages printed per rule."""
 _LONGEST_NAME, _LONGEST_LINE, _MOST_LINES = 200, 2000, 100
-"""Most characters of a message without a space between them, and of a line, and most lines."""
+"""Longest word and longest line of a message [characters], and its largest number of lines."""
 _LONG_NAME = re.compile(rf"\S{{{_LONGEST_NAME + 1},}}")
 
 
 def shown(text: str, escaped: re.Pattern[str] = _CONTROLS) -> str:
-    r"""Return a text with control characters, or matches of `escaped`, as escapes such as ``\x1b``."""
+    r"""Return a text in which control characters, or matches of `escaped`, are escapes such as ``\x1b``."""
     return escaped.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
@@ -43,12 +43,12 @@ def message_of(error: object) -> str:
 
 
 def kind_text(error: BaseException) -> str:
-    """Return type and message of an error of foreign code."""
+    """Return the type and message of an error in foreign code."""
     return f"{type(error).__name__}: {message_of(error)}"
 
 
 def elided(text: str) -> str:
-    """Return a message of bounded length: long names, lines and texts lose their middle."""
+    """Return a message of bounded length: the middle of long words, lines and texts is left out."""
     if len(text) <= _LONGEST_NAME:
         return text
     text = _LONG_NAME.sub(lambda name: _without_middle(name[0], _LONGEST_NAME), text)
@@ -64,7 +64,7 @@ def _without_middle(text: str, most: int) -> str:
 
 
 def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text: "") -> list[str]:
-    """Return at most `FEW` texts of each rule, then the number of further texts of each rule."""
+    """Return at most `FEW` texts per rule, then the number of further texts per rule."""
     counts: Counter[str] = Counter()
     kept: list[str] = []
     for text in texts:
@@ -76,14 +76,14 @@ def first_few(texts: Sequence[str], rule_of: Callable[[str], str] = lambda text:
 
 
 def amount(number: int, noun: str) -> str:
-    """Return ``1 point``, ``2 points``; the noun is in the singular."""
+    """Return ``1 point`` or ``2 points`` from a noun in the singular."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def name_fault(name: Any, dots: bool = True) -> str:
-    """Return the form that a component's name, or with `dots` a system's, must have; "" if it has it.
+    """Return "" for a valid name of a component or, with `dots`, of a system, else the required form.
 
-    The names are also names of files.
+    The names are also used as file names.
     """
     pattern = r"\w[\w .+-]*" if dots else r"\w[\w +-]*"
     if isinstance(name, str) and re.fullmatch(pattern, name) and len(name) <= LONGEST_NAME:
@@ -98,19 +98,19 @@ def matching(names: Iterable[str], patterns: Iterable[str]) -> list[str]:
 
 
 def close_to(name: str, names: Iterable[str]) -> str:
-    """Return the end of a message on a wrong name: known names that are close to it."""
+    """Return the end of a message about a wrong name: similar known names."""
     close = difflib.get_close_matches(name, list(dict.fromkeys(names)), n=3)
     return f"; did you mean {', '.join(close)}?" if close else ""
 
 
 def printable(text: str) -> str:
-    """Return a text of a file for a message: shortened, with control characters as escapes."""
+    """Return text from a file for a message: shortened, with control characters as escapes."""
     text = text if len(text) <= 70 else text[:66] + " ..."
     return shown(text, FORBIDDEN)
 
 
 def nearest(name: str, names: Sequence[str]) -> str:
-    """Return the fix for a wrong name: the nearest known name, and all known names."""
+    """Return the suggestion for a wrong name: the closest known name, and all known names."""
     lower = [k.lower() for k in names]
     match = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     match = match or [k for k in lower if len(name) > 1 and k.startswith(name.lower())]

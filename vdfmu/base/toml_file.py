@@ -1,4 +1,4 @@
-"""TOML files of robots, scenarios and systems: find, read, write."""
+"""Find, read and write TOML files of robots, scenarios and systems."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vdfmu.base.text import nearest, printable
 from vdfmu.base.version import FORMAT, __version__
 
 _DEEPEST = 50
-"""Levels of lists and tables in a file. A robot has 7."""
+"""Nesting of lists and tables that a file may have. A robot has 7 levels."""
 _TOO_DEEP = "expected TOML, got lists or tables that are nested too deeply. Correct the brackets."
 _LARGEST = 2**20
 """Largest file [byte]. A robot of 100 joints has 80 kB."""
@@ -34,13 +34,13 @@ def shipped_names(kind: str) -> list[str]:
 
 
 def toml_names(kind: str) -> list[str]:
-    """Return the names of the files of a kind: shipped ones, then additions by plugins."""
+    """Return the names of the files of a kind: shipped ones, then those from plugins."""
     shipped = shipped_names(kind)
     return [*shipped, *ROBOTS.all(shipped)] if kind == "robots" else shipped
 
 
 def locate(path_or_name: str | os.PathLike[str], folder: str, start: Path | None = None) -> Path:
-    """Return the path of a file by its name or path. UsageError for an unknown name."""
+    """Return the path of a file from its name or path. UsageError for an unknown name."""
     text = os.fspath(path_or_name)
     path = (start or Path()) / text
     separators = tuple(s for s in (os.sep, os.altsep, "/") if s)
@@ -88,9 +88,9 @@ def kind_of(content: Mapping[str, Any]) -> str:
 
 
 def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
-    """Return the content of a regular file of at most `largest` bytes, else raise ModelError with the `expected` kind.
+    """Return the content of a regular file of at most `largest` bytes. ModelError with the `expected` kind otherwise.
 
-    A device or pipe is refused, because it may never end.
+    Devices and pipes are refused, because reading them may never end.
     """
     try:
         return read_regular(path, largest)
@@ -108,7 +108,7 @@ def read_bytes(path: Path, expected: str, largest: int = _LARGEST) -> bytes:
 
 
 def _too_deep(data: object, levels: int = _DEEPEST) -> bool:
-    """Whether lists and tables nest more than some levels."""
+    """Return whether lists and tables are nested deeper than some levels."""
     children: Any = cast("dict[str, object]", data).values() if isinstance(data, dict) else data
     return not levels or isinstance(data, (dict, list)) and any(_too_deep(each, levels - 1) for each in children)
 
@@ -118,23 +118,23 @@ ROUNDING = 1e-16
 
 
 def toml_text(table: Mapping[str, Any], rounding: float = 0.0) -> str:
-    """Return the content of a file, the values of each table before its tables. `rounding`: see `toml_value`."""
+    """Return the text of a file, in each table the values before the tables. `rounding`: see `toml_value`."""
     return "\n".join(_lines(table, "", rounding)).lstrip("\n") + "\n"
 
 
 def toml_value(value: Any, rounding: float = 0.0) -> str:
-    """Return a value in TOML. Numbers of a list become zero if they are at most `rounding` of its largest."""
+    """Return a value in TOML. Numbers in a list become zero if they are at most `rounding` times its largest."""
     if getattr(value, "ndim", None) == 0:
         value = value.item()  # a scalar of numpy
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON allows it as it is
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON allows it unescaped
     if isinstance(value, bool):
         return str(value).lower()
     if not hasattr(value, "__len__"):
         return repr(int(value)) if isinstance(value, int) else repr(float(value))
     import numpy as np  # not for a number
 
-    # an array of texts drops a NUL at their ends
+    # an array of texts drops a trailing NUL
     whole = np.asarray(value, dtype=object if any(isinstance(each, str) for each in value) else None)
     if whole.dtype.kind in "Oib":
         return f"[{', '.join(map(toml_value, whole.tolist()))}]"
@@ -162,10 +162,10 @@ def _key(key: str) -> str:
 
 
 def format_problem(number: object) -> str:
-    """Return the problem with the key ``format`` of a file, else an empty text."""
+    """Return the problem with a file's key ``format``, or an empty text."""
     if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= FORMAT:
         return ""
     readable = "1" if FORMAT == 1 else f"1 to {FORMAT}"
     later = isinstance(number, int) and number > FORMAT
-    way_out = f"A later vdfmu than this {__version__} wrote it: update vdfmu." if later else "Leave the key out."
+    way_out = f"A version later than {__version__} wrote it: update vdfmu." if later else "Leave the key out."
     return f"format: expected {readable}, got {number!r}. {way_out}"

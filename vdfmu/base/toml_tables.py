@@ -1,7 +1,7 @@
-"""Reader of TOML tables that collects every problem.
+"""Reads TOML tables and collects all problems.
 
-A problem is a line: file, key, expected value, value and fix. Joints count from 1, as in the paper and in FMI
-names.
+Each problem is a line with the file, the key, the expected and the actual value, and a fix. Joints count from 1, as in
+the paper and in FMI names.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vdfmu.base.option import FORMER
 from vdfmu.base.text import FORBIDDEN, LONGEST_NAME, name_fault, nearest, printable
 
 _LONGEST_TEXT = 4000
-"""Characters of any other text."""
+"""Longest text that is not a name [characters]."""
 
 
 class Problems:
@@ -38,7 +38,7 @@ class Problems:
         self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}".rstrip())
 
     def take(self, error: VdfmuError, key: str = "") -> None:
-        """Note an error, with a key if given. Problems of another file have their place already."""
+        """Note an error, with a key if given. Problems of another file already have their place."""
         if isinstance(error, ModelError):
             self.lines += error.problems
         else:
@@ -51,7 +51,7 @@ class Problems:
 
 
 def value_text(value: object) -> str:
-    """Return a value for a message, shortened."""
+    """Return a value, shortened for a message."""
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, str):
@@ -78,7 +78,8 @@ def as_number(value: object) -> float | None:
 class Table:
     """A TOML table. Wrong values are noted in `problems` and read as NaN, so that reading continues.
 
-    `path` is its key in the file, "" for the whole file. Keys that are not `allowed` are problems, unless that is None.
+    `path` is its key in the file, "" for the whole file. Keys that are not `allowed` are problems, unless `allowed` is
+    None.
     """
 
     def __init__(self, problems: Problems, data: object, path: str, allowed: Sequence[str] | None) -> None:
@@ -132,7 +133,7 @@ class Table:
         if choices and value not in choices:
             self.problems.add(self.key(key), expected, value_text(value), nearest(value, choices))
         elif not value.strip() and default != "":
-            self.problems.add(self.key(key), expected, value_text(value), "Write some text.")
+            self.problems.add(self.key(key), expected, value_text(value), "Write a text that is not empty.")
         else:
             self.check_text(self.key(key), value)
         return value
@@ -187,7 +188,7 @@ class Table:
         at_most: float = LARGEST_NUMBER,
         way_out: str = "",
     ) -> float:
-        """Return a number, NaN if it is wrong. `at_most` bounds its absolute value."""
+        """Return a number, NaN if it is wrong. `at_most` limits its absolute value."""
         bounds = _Bounds(unit, above, at_least, at_most)
         value = self.value(key, bounds.expected("a finite number"), default)
         return math.nan if value is None else self._checked(value, self.key(key), bounds, way_out)
@@ -244,7 +245,7 @@ class Table:
 
 
 class _Bounds(NamedTuple):
-    """Range of a finite number. `at_most` bounds its absolute value."""
+    """Range of a finite number. `at_most` limits its absolute value."""
 
     unit: str
     above: float | None
@@ -260,7 +261,7 @@ class _Bounds(NamedTuple):
         return f"{noun}{bound}{' in ' + self.unit if self.unit else ''}"
 
     def broken(self, number: float) -> str | None:
-        """Return the expected value for a number out of bounds, else None."""
+        """Return the expected value for a number out of range, or None if it is in range."""
         noun = "a finite number"
         if self.infinite and number == math.inf:
             return None
@@ -276,7 +277,7 @@ class _Bounds(NamedTuple):
 
 
 def shape_of(value: object) -> tuple[int, ...] | None:
-    """Return the shape of nested lists, () for anything else, None if rows differ in shape."""
+    """Return the shape of nested lists, () for anything else, None if the rows differ in shape."""
     if not isinstance(value, list):
         return ()
     rows = cast("list[object]", value)

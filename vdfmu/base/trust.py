@@ -1,8 +1,8 @@
-"""Code that files and options name: whether it may run, and in which process.
+"""Decides whether code that files and options name may run, and in which process.
 
-Whatever is about to run code of a user, or of an installed plugin, calls `before_code` first. A call from Python runs
-the code, because the caller wants it. A command that only reads a file runs no code, and a command that calculates
-runs it in a separate process, see `vdfmu.cli.own_process`.
+`before_code` must be called before any code of a user or of an installed plugin runs. Calls from Python run the code,
+because the caller chose to. A command that only reads a file runs no code, and a command that calculates runs it in a
+separate process; see `vdfmu.cli.own_process`.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from typing import NoReturn
 
 
 class CodeNotRunError(Exception):
-    """Code was to run within `reading_only`."""
+    """Code would have to run within `reading_only`."""
 
     def __init__(self, code: object) -> None:
         super().__init__(code)
         self.code = code
-        """Its file, or the package of a plugin."""
+        """The code's file, or the plugin's package."""
 
 
 def reading_only(code: object) -> NoReturn:
-    """Refuse code, in ``with announced_to(reading_only)``."""
+    """Refuse to run code, with ``with announced_to(reading_only)``."""
     raise CodeNotRunError(code)
 
 
@@ -32,7 +32,7 @@ _listener: ContextVar[Callable[[object], None] | None] = ContextVar("_listener",
 
 @contextmanager
 def announced_to(tell: Callable[[object], None]) -> Generator[None]:
-    """Call a function with the name of each file, or plugin, whose code is about to run; it may raise."""
+    """Call a function with the name of each file or plugin whose code is about to run. The function may raise."""
     token = _listener.set(tell)
     try:
         yield
@@ -41,11 +41,11 @@ def announced_to(tell: Callable[[object], None]) -> Generator[None]:
 
 
 def is_reading_only() -> bool:
-    """Whether no code may run."""
+    """Return whether running code is forbidden."""
     return _listener.get() is reading_only
 
 
 def before_code(code: object) -> None:
-    """Announce that code of a file, or of a plugin, is about to run. CodeNotRunError if none may run."""
+    """Announce that code of a file or plugin is about to run. CodeNotRunError if running code is forbidden."""
     if (tell := _listener.get()) is not None:
         tell(code)

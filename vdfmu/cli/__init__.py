@@ -23,15 +23,15 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Entry point, which ends Python. From here on signals end the command, also while its modules are imported."""
+    """Entry point, which ends Python. From here on signals end the command, even while its modules are imported."""
     command_begins()
     own_process.begin()
     os.environ.update(ONE_THREAD | os.environ)
-    gc.set_threshold(200_000, 5, 5)  # the objects of a warm run: to search them again and again takes 35 ms
-    atexit.register(gc.freeze)  # Python would search them for circles when it ends, only to free memory
+    gc.set_threshold(200_000, 5, 5)  # above the objects of a warm run: repeated searches take 35 ms
+    atexit.register(gc.freeze)  # Python would search them for cycles when it ends, only to free memory
     short = ""
     try:
-        bytes(2**24)  # the C library then keeps freed memory of this size: 20,000 page faults less, 40 ms
+        bytes(2**24)  # the C library then keeps freed memory of this size, which saves 20,000 page faults, 40 ms
         _require_named_folder()
         from vdfmu.cli.commands import command
 
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def _require_named_folder() -> None:
-    """Exit if the name of the working folder is not text: lxml cannot encode it, so FMPy can read no FMU there."""
+    """Exit if the working folder's name is not text, because lxml cannot encode it and FMPy would read no FMU there."""
     with suppress(OSError):  # it no longer exists: commands that need it report this
         folder = os.getcwd()
         if any("\udc80" <= letter <= "\udcff" for letter in folder):
@@ -72,7 +72,7 @@ def _require_named_folder() -> None:
 
 
 def _say_missing(error: ImportError) -> None:
-    """Exit because a package is missing, unless it is vdfmu itself. ``--version`` needs no package."""
+    """Exit because a package other than vdfmu itself is missing. ``--version`` needs no package."""
     package = (error.name or message_of(error)).partition(".")[0]
     if package == "vdfmu":
         return
@@ -91,7 +91,7 @@ def _say_missing(error: ImportError) -> None:
 
 
 def _lacks_memory(error: BaseException | None) -> str:
-    """Return the text of an error, or of its cause, that is a lack of memory; empty for other errors."""
+    """Return the text of an error, or of its cause, if it is a lack of memory; empty for other errors."""
     while error is not None and not isinstance(error, SystemExit):  # which has reported the reason
         text = message_of(error)
         if isinstance(error, MemoryError):
@@ -103,7 +103,7 @@ def _lacks_memory(error: BaseException | None) -> str:
 
 
 _MEMORY = ("can't start new thread", "Cannot allocate memory", "failed to map segment", "std::bad_alloc")
-"""Texts of Python, the loader and libraries for a lack of memory."""
+"""Texts with which Python, the loader and libraries report a lack of memory."""
 
 
 def _stop_behind(error: BaseException | None) -> KeyboardInterrupt | None:

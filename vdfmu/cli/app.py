@@ -28,7 +28,7 @@ from vdfmu.cli.options import in_columns, in_lines, parameter, parameters_of, ro
 from vdfmu.cli.terminal import console, fail
 
 _words: list[str] = []
-"""Words of the command line."""
+"""The words of the command line."""
 _F = TypeVar("_F", bound=Callable[..., Any])
 COMPLETE = "_VDFMU_COMPLETE"
 """Environment variable with which the shell requests completions."""
@@ -43,13 +43,13 @@ COMPILER = Option(
 """Option of the commands that build FMUs."""
 NO_ISOLATE = Option("Run code of files in this process, to debug it.")
 LOOKS, RUNS = "looks", "runs"
-"""How a command treats files that name code."""
+"""Options for commands that meet files which name code."""
 
 
 def meets_code(kind: str) -> Callable[[_F], _F]:
     """Mark a command that meets files which name code.
 
-    A command that only reads runs none of it, unless ``--trust`` is given. A command that calculates runs it in a
+    A command that only reads does not run the code, unless ``--trust`` is given. A command that calculates runs it in a
     separate process.
     """
 
@@ -61,12 +61,12 @@ def meets_code(kind: str) -> Callable[[_F], _F]:
 
 
 class Described(click.Command):
-    """Help of one line an option, in groups by task; the options of all commands."""
+    """Help with one line per option, in groups by task, and the options of all commands."""
 
     panel = "Commands"
     """Heading of its group in the list of commands."""
     code: str = ""
-    """Whether it runs code of files, or only looks at them."""
+    """Whether it runs code of files, or only reads them."""
 
     def __init__(self, name: str | None, *, example: str = "", declare: Any = tuple, **settings: Any) -> None:
         super().__init__(name, **settings)
@@ -75,7 +75,7 @@ class Described(click.Command):
 
     @cached_property
     def params(self) -> list[click.Parameter]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Its parameters, made at first use."""
+        """Parameters of the command, made when first used."""
         declared: Sequence[click.Parameter] = self._declare()
         names = {each.name for each in declared}
         return [
@@ -107,7 +107,7 @@ class Described(click.Command):
             formatter.write(f"\n{in_lines(f'Example: {self.example}')}\n")
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, below a line that moves."""
+        """Run the command below a moving line."""
         in_place = ctx.params.pop("no_isolate", ctx.params.get("isolate") is False)
         with ExitStack() as rules:
             if isinstance(self, click.Group):
@@ -125,10 +125,10 @@ class Described(click.Command):
                 raise UsageError(f"{error.code} is code, and was not run.{way}") from None
 
     def _run(self, ctx: click.Context, moves: bool = True) -> Any:
-        """Run the command. A line that `moves` would write over the prompt of a debugger in code of the user."""
+        """Run the command. No line `moves` if code of the user runs, as it would overwrite a debugger's prompt."""
         set_verbosity(ctx.params.pop("quiet"), ctx.params.pop("verbose"))
         if (chosen := ctx.params.pop("compiler", None)) is not None:
-            os.environ["VDFMU_COMPILER"] = chosen  # of other processes too
+            os.environ["VDFMU_COMPILER"] = chosen  # including other processes
         if isinstance(self, click.Group):
             return super().invoke(ctx)
         with Bars(ctx.command_path.partition(" ")[2] if moves else "") as bars, showing(bars.update):
@@ -154,7 +154,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
     command_class = FunctionCommand
 
     def add(self, commands: Iterable[tuple[Any, str]], panel: str) -> None:
-        """Add functions as commands, with their examples, and groups, below a heading."""
+        """Add functions as commands, with examples, and groups, below a heading."""
         for added, example in commands:
             made = added if isinstance(added, App) else FunctionCommand(added.__name__, callback=added, example=example)
             made.panel = panel
@@ -191,7 +191,7 @@ class App(Described, click.Group):  # pyright: ignore[reportIncompatibleVariable
 
 def _usage(error: Any, words: Sequence[str]) -> str:
     """Return the message of wrong usage, with a fix."""
-    if isinstance(error, click.NoSuchOption) and error.ctx:  # dashes would make all names close
+    if isinstance(error, click.NoSuchOption) and error.ctx:  # with the dashes all names would be similar
         spelled = {word.lstrip("-"): word for p in error.ctx.command.params for word in (*p.opts, *p.secondary_opts)}
         close = [spelled[word] for word in get_close_matches(error.option_name.lstrip("-"), spelled)]
         error = click.NoSuchOption(error.option_name, possibilities=close, ctx=error.ctx)
@@ -229,7 +229,7 @@ def reset_verbosity() -> None:
 
 
 class _Lines(logging.Handler):
-    """Prints log records above the bars: warnings as notes, details with the time since the command began."""
+    """Prints log records above the bars: warnings as notes, details with the time since the command's start."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The commands, and how their errors end them."""
+"""The commands, and how errors end them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _show_version(context: click.Context, parameter: click.Parameter, wanted: bo
 
 
 def _completion(context: click.Context, parameter: click.Parameter, shell: str | None) -> None:
-    """Print the script that lets a shell complete commands and options."""
+    """Print the script with which a shell completes commands and options."""
     if shell is not None:
         from click.shell_completion import get_completion_class
 
@@ -53,11 +53,11 @@ def _completion(context: click.Context, parameter: click.Parameter, shell: str |
 
 def command() -> None:
     """Run a command and turn errors into a message and an exit code."""
-    # Units in this process say what they say through FMI; their own logger would say it again.
+    # Units in this process log through FMI; their own logger would repeat it.
     for speaks in ("vdfmu.compiler.fmu", "matplotlib"):
         logging.getLogger(speaks).addHandler(logging.NullHandler())
         logging.getLogger(speaks).propagate = False
-    if not sys.warnoptions:  # warnings of libraries are for their programmers
+    if not sys.warnoptions:  # libraries' warnings are for programmers
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"  # in the processes of isolated components too
     for stream in (sys.stdout, sys.stderr):  # of any encoding, such as ASCII
@@ -77,7 +77,7 @@ def command() -> None:
             fail(f"{error.filename}: {error.strerror}", 2)
         if folder_is_gone():
             fail("", 2)
-        # else of the output of a command
+        # otherwise of the command's output
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             fail(f"the output cannot be written: {error.strerror or error}", 1)

@@ -30,7 +30,7 @@ def doctor(
     cache: Annotated[bool, Option("Print only the cache of built FMUs.")] = False,
     clear_cache: Annotated[bool, Option("Empty the cache; the compiler's cache stays.")] = False,
 ) -> None:
-    """Print installed and missing packages, and the cache."""
+    """Print installed and missing packages, and the state of the cache."""
     if clear_cache:
         return _clear_cache()
     if cache:
@@ -55,7 +55,7 @@ def doctor(
     own_only = {"native": "native FMUs for this platform only, no engine batch"} if native_available() else {}
     for extra, without in (WITHOUT | own_only).items():
         there, lacks = installed(extra)
-        if not there + lacks:  # of an installation before this version
+        if not there + lacks:  # from an installation before this version
             lacks = ["it is"]
         if lacks:
             say(f"Extra    {extra}: {', '.join(lacks)} not installed: {without}. pip install 'vdfmu[{extra}]'")

@@ -9,7 +9,7 @@ _REQUIREMENT = re.compile(r"([\w.-]+)(?:\[([\w,.-]+)\])?(.*)")
 
 
 def installed(extra: str) -> tuple[list[str], list[str]]:
-    """Return the installed packages of an extra, or without one the required, ``name version``; and the missing."""
+    """Return the installed packages, ``name version``, of an extra, or the required ones, and the missing ones."""
     there: list[str] = []
     missing: list[str] = []
     for text in requires("vdfmu") or []:

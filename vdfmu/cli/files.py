@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 FoldedOption = Annotated[
     bool,
     Option(
-        "Compile gravity, centroids, tool as constants if 0.",
+        "Fold zero gravity, centroids, tool into the code.",
         more="The FMU is then faster. By default these zeros are parameters that can be set, like those of a payload.",
     ),
 ]
@@ -103,7 +103,7 @@ def build(
         refuse(of_units, "does not go with --container")
         return say_written(_container(scenario, robot, out, step, parameters, folded, overwrite))
     if scenario.lower().endswith(".ssp"):
-        raise UsageError(f"{scenario} is a package, so its FMUs are built. Write one FMU of it with --container.")
+        raise UsageError(f"{scenario} is a package of FMUs that are built. Use --container to make one FMU of it.")
     chosen = None if _is_unit(scenario) else _load(scenario, robot, parameters, folded)
     from vdfmu.arm.fmus import build_fmus
     from vdfmu.arm.robot import load_robot
@@ -142,13 +142,13 @@ def build(
 
 
 def _is_unit(name: str) -> bool:
-    """Whether a name or a file is a unit, which takes precedence over a scenario of that name."""
+    """Return whether a name or a file is a unit, which takes precedence over a scenario of that name."""
     if name.partition(":")[0].endswith(".py"):
         return True
     if Path(name).suffix or Path(name).is_file():
         return False
     folders = (PACKAGE / "arm" / "units", *(PACKAGE / "extras").glob("*/units"))
-    files = [file for folder in folders for file in folder.rglob("[!_]*.py")]  # to import them takes long
+    files = [file for folder in folders for file in folder.rglob("[!_]*.py")]  # importing them takes long
     classes = (re.findall(r"^class (\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE) for path in files)
     if name in {path.stem for path in files}.union(*classes):
         return True
@@ -336,11 +336,11 @@ def _say_schema(kind: str, system: Path | None) -> None:
 
 
 def _report(file: Path, label: str | None, problems: Sequence[str], notes: Sequence[str]) -> None:
-    """Print findings, and how many problems and notes they are."""
+    """Print findings, and the number of problems and notes."""
     for kind, texts in (("note", notes), ("problem", problems)):
         for text in first_few(texts, _rule):
             rule = f" [{_rule(text)}]" if _rule(text) else ""
-            say(f"{kind}: {text}{rule}")  # its rule is in a place where no script searches for the text
+            say(f"{kind}: {text}{rule}")  # the rule is in a fixed place, so that scripts need not search the text
     kinds = (("problem", len(problems)), ("note", len(notes)))
     counts = [f"{n} {kind}{'s' * (n > 1)}" for kind, n in kinds if n]
     count = ", ".join(counts if problems else ["no problems", *counts])
@@ -348,5 +348,5 @@ def _report(file: Path, label: str | None, problems: Sequence[str], notes: Seque
 
 
 def _rule(text: str) -> str:
-    """Return the number of the rule of a finding; empty for another text."""
+    """Return the number of a finding's rule; empty for any other text."""
     return text.rule.number if isinstance(text, Finding) else ""

@@ -1,4 +1,4 @@
-"""Declared options as options of the command line, their place in the help, and those that commands share."""
+"""Turns declared options into command-line options, with their place in the help, and has those that commands share."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ _KINDS: dict[Any, click.ParamType[Any]] = {
 
 
 def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
-    """Return the arguments and options of a command, also of its ``**options``.
+    """Return the arguments and options of a command, including its ``**options``.
 
-    A command may have ``forms``: heading to a TypedDict of options. An option that one form does not have is below a
+    A command may have ``forms``: heading to a TypedDict of options. An option that not every form has is below its
     heading.
     """
     parameters: list[click.Parameter] = []
@@ -81,7 +81,7 @@ def parameters_of(function: Callable[..., Any]) -> list[click.Parameter]:
 
 
 def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.Parameter:
-    """Return a declared option, or argument, of a type on the command line."""
+    """Return a declared option or argument with its type on the command line."""
     kind = next(member for member in get_args(kind) if member is not NoneType) if isinstance(kind, UnionType) else kind
     many = get_origin(kind) is list
     base = get_args(kind)[0] if many else kind
@@ -124,7 +124,7 @@ def parameter(name: str, kind: Any, option: Option, letter: str = "") -> click.P
 
 
 def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[str, str]]]:
-    """Return names and text of each parameter, grouped by task."""
+    """Return the names and the text of each parameter, grouped by task."""
     listed = [(task, name) for task, names in TASKS.items() for name in names.split()]
     places = {f"--{name}": (task, i) for i, (task, name) in enumerate(listed)}
     rows: dict[str, list[tuple[int, str, str]]] = {}
@@ -145,7 +145,7 @@ def rows_by_task(parameters: Iterable[click.Parameter]) -> dict[str, list[tuple[
 
 
 def _words(option: click.Option) -> str:
-    """Return the flags of an option and a word for its value."""
+    """Return an option's flags and a word for its value."""
     flags = ", ".join(option.opts)
     if option.is_flag:
         return "/".join([flags, *option.secondary_opts])
@@ -159,7 +159,7 @@ def in_columns(rows: Iterable[tuple[str, str]], width: int = _FLAGS) -> str:
 
 
 def in_lines(example: str) -> str:
-    """Return a command, broken before options by backslashes that the shell understands."""
+    """Return a command, broken before options with backslashes for the shell."""
     lines = [""]
     for part in re.split(r" (?=--)", example):
         if lines[-1] and len(lines[-1]) + len(part) > WIDTH - 4:
@@ -202,7 +202,7 @@ AnywayOption = Annotated[bool, Option("Run FMUs even if their files have faults.
 
 
 def target_file(out: Path | None, name: str, overwrite: bool) -> Path:
-    """Return the file to write; UsageError if it exists and may not be replaced."""
+    """Return the file to write; UsageError if it exists and must not be replaced."""
     target = out if out is not None else Path(name)
     if target.exists() and not overwrite:
         raise UsageError(
@@ -218,7 +218,7 @@ def refuse(options: Mapping[str, Any], why: str) -> None:
 
 
 def load(scenario: str, robot: str | None, parameters: Mapping[str, str] | None = None) -> Scenario:
-    """Load a scenario for parameters; missing files are named before slow imports."""
+    """Load a scenario for parameters; missing files are reported before slow imports."""
     from vdfmu.base.toml_file import locate
 
     if scenario != "reach" or Path(scenario).exists():

@@ -1,8 +1,8 @@
-"""A separate process for a command that runs code of the user.
+"""Separate process for a command that runs the user's code.
 
-The command starts itself again with the same words, so that a crash of the code, or a call of ``exit``, ends that
-process and not the command without a word. It has the same terminal: print, ``breakpoint()`` and Ctrl-C work as in
-``python file.py``. The first process waits, passes signals on, and turns an end without a result into an error.
+The command starts itself again with the same arguments, so that a crash of the code, or a call of ``exit``, ends only
+that process instead of silently ending the command. It has the same terminal: print, ``breakpoint()`` and Ctrl-C work
+as in ``python file.py``. The first process waits, passes signals on, and turns an end without a result into an error.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from vdfmu.base.interrupt import SIGNALS
 from vdfmu.base.process import end_with_parent
 
 _PIPE = "_VDFMU_PIPE"
-"""Variable of the environment with the pipe, or on Windows its handle, to the first process."""
+"""Environment variable with the pipe to the first process, or on Windows its handle."""
 _END = b"\0"
-"""Byte before the exit code of a command that was not killed."""
+"""Byte that precedes the exit code of a command that was not killed."""
 _MOST = 4096
-"""Most bytes of names that are sent: a pipe holds more, so that nobody has to read it before the end."""
+"""Largest size of the sent names [byte]; a pipe holds more, so it need not be read before the end."""
 _CODE = re.compile(r"(.+\.(?:py|casadi))(?::\w*)?", re.IGNORECASE)
 """A name of a file of code, such as ``my_units.py:Name``."""
 _LARGEST = 2**20
-"""Largest file in which names are searched [byte]."""
+"""Largest file that is searched for names [byte]."""
 _wanted = False
 _pipe: int | None = None
 _sent: list[bytes] = []
 
 
-class OwnProcessNeeded(BaseException):  # noqa: N818 - no error, and no handler of errors may take it
+class OwnProcessNeeded(BaseException):  # noqa: N818 - not an error, and no error handler may catch it
     """Code is about to run, and must not run in this process."""
 
     def __init__(self, code: str) -> None:
@@ -43,7 +43,7 @@ class OwnProcessNeeded(BaseException):  # noqa: N818 - no error, and no handler 
 
 
 def require(code: object) -> None:
-    """Raise OwnProcessNeeded or, in the second process, report to the first which code runs."""
+    """Raise OwnProcessNeeded or, in the second process, report to the first one which code runs."""
     if _pipe is None:
         raise OwnProcessNeeded(str(code))
     message = f"{code}\n".encode(errors="replace").replace(_END, b"")
@@ -53,17 +53,17 @@ def require(code: object) -> None:
 
 
 def wanted() -> bool:
-    """Whether commands of this process run code elsewhere: not in a program that calls them."""
+    """Return whether commands of this process run code in another one; not if a program calls them."""
     return _wanted
 
 
 def is_second() -> bool:
-    """Whether this is the separate process in which the code runs."""
+    """Return whether this is the separate process in which the code runs."""
     return _pipe is not None
 
 
 def begin() -> None:
-    """Find out whether this process is the second; then it ends with the first, where the system can do that."""
+    """Detect whether this process is the second one; then it ends with the first if the system supports that."""
     global _pipe, _wanted
     _wanted = True
     handle = os.environ.pop(_PIPE, None)
@@ -85,10 +85,10 @@ def finished(code: int) -> None:
 
 
 def code_named(words: Iterable[str], folder: Path = Path(), seen: Collection[Path] = ()) -> str:
-    """Return a file of code that arguments name, directly or through TOML files; empty if there is none.
+    """Return a file of code named by arguments, directly or through TOML files; empty if there is none.
 
-    Texts are searched for names, nothing is run. Names that are only known later, such as those of a study, are checked
-    by `require`.
+    Texts are searched for names, and nothing is run. Names that are only known later, such as those of a study, are
+    checked by `require`.
     """
     for name in (word.rpartition("=")[2] for word in words):
         path = folder / name
@@ -103,7 +103,7 @@ def code_named(words: Iterable[str], folder: Path = Path(), seen: Collection[Pat
 
 
 def run_again(words: Sequence[str], code: str) -> int:
-    """Run a command in a separate process, and return its exit code. Print the reason if it did not end by itself."""
+    """Run a command in a separate process and return its exit code; print the reason if it did not end by itself."""
     import subprocess
 
     reader, writer = os.pipe()
@@ -138,7 +138,7 @@ def run_again(words: Sequence[str], code: str) -> int:
     names, end, result = said.partition(_END)
     if end:
         return returned if 0 <= returned < 256 else result[0]
-    if -returned in SIGNALS:  # before it could say so
+    if -returned in SIGNALS:  # before it could report it
         sys.stderr.write("stopped\n")
         return 128 - returned
     from vdfmu.cli.terminal import say_error
@@ -153,7 +153,7 @@ def run_again(words: Sequence[str], code: str) -> int:
 
 
 def foreign_exit(end: SystemExit) -> str:
-    """Return the place in code of the user that called ``sys.exit`` without a message; empty if the command did."""
+    """Return the place in the user's code that called ``sys.exit`` without a message; empty if the command did."""
     trace, place = end.__traceback__, ""
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename

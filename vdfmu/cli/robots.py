@@ -1,8 +1,7 @@
-"""``vdfmu robot list``, ``show``, ``reach`` and ``drives``."""
+"""``vdfmu robot list`` and ``show``."""
 
 from __future__ import annotations
 
-import math
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,19 +12,9 @@ from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import replacing_foreign
 from vdfmu.base.option import Option
 from vdfmu.base.trust import CodeNotRunError
-from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
-from vdfmu.cli.options import (
-    ForeignOption,
-    JsonOption,
-    OpenOption,
-    OverwriteOption,
-    Positional,
-    RobotArgument,
-    TrustOption,
-    refuse,
-    target_file,
-)
-from vdfmu.cli.terminal import console, say_json, say_list, say_notes, say_page, say_written, table
+from vdfmu.cli.app import LOOKS, App, meets_code
+from vdfmu.cli.options import ForeignOption, JsonOption, OpenOption, RobotArgument, TrustOption, refuse
+from vdfmu.cli.terminal import console, say_list, say_notes, say_page, say_written, table
 
 if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
@@ -62,7 +51,7 @@ def show_robot(
 
     Each parameter is shown with its source.
     """
-    robot = looked_at(name, "the page is of the arm without it" if page else "its tables are not shown")
+    robot = looked_at(name, "the page shows the arm without it" if page else "its tables are not shown")
     if page:
         from vdfmu.base.toml_file import locate
         from vdfmu.cli.options import read_numbers
@@ -116,78 +105,8 @@ def _show_parameters(robot: Robot) -> None:
             console.print(f"{', '.join(names)}: {source}", markup=False)
 
 
-@app.command("reach", example="vdfmu robot reach ./panda.toml -o reach.toml")
-@meets_code(RUNS)
-def reach(
-    robot: RobotArgument,
-    out: Annotated[Path | None, Option("Scenario to write (default ROBOT_reach.toml).")] = None,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Write the scenario of a first motion, with gains.
-
-    The gains follow from one rule, and the margins of the loops are printed.
-    """
-    from vdfmu.arm.robot import load_robot
-    from vdfmu.base.toml_file import locate
-    from vdfmu.study.analysis.reach_file import write_reach
-    from vdfmu.system.scenario import load_scenario
-
-    target = target_file(out, f"{locate(robot, 'robots').stem}_reach.toml", overwrite)
-    written = write_reach(robot, target)
-    step = load_scenario(target).step
-    shown = table("joint", "K_p", "K_v", "modulus margin", "gain margin", "phase margin deg", "delay margin samples")
-    labels = load_robot(robot).joint_labels
-    for i, (K_p, K_v) in enumerate(zip(written.gains.K_p, written.gains.K_v, strict=True)):
-        numbers = ()
-        if written.margins is not None:
-            modulus, gain, phase, delay = (float(margin[i]) for margin in written.margins[:4])
-            numbers = f"{modulus:.2f}", f"{gain:.2f}", f"{math.degrees(phase):.0f}", f"{delay / step:.2f}"
-        shown.add_row(labels[i], f"{K_p:.4g}", f"{K_v:.4g}", *numbers)
-    console.print(shown)
-    say_notes(written.notes)
-    say_written(
-        target,
-        more=f", with a step of {1e3 * step:g} ms. Run it with 'vdfmu run {target}'; margins are the smallest along it",
-    )
-
-
-@app.command("drives", example="vdfmu robot drives CSG-25-100")
-def list_drives(
-    name: Annotated[str | None, Positional("Gear or motor to show, with all numbers.")] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """List the gears and motors that a robot file can name."""
-    from vdfmu.arm.robot.catalogue import catalogue, spring_residual
-    from vdfmu.base.errors import UsageError
-    from vdfmu.base.text import nearest
-
-    gears, motors, texts = (catalogue()[key] for key in ("gears", "motors", "sources"))
-    if name is not None:
-        entry = gears.get(name) or motors.get(name)
-        if entry is None:
-            raise UsageError(f"no gear or motor {name!r}. {nearest(name, [*gears, *motors])}")
-        of_gear = entry.get("sources", {entry.get("source"): ["all numbers"]})
-        for key, value in entry.items():
-            if key not in ("sources", "source"):
-                tables = ", ".join(f"{k} {v:g}" for k, v in value.items()) if isinstance(value, dict) else f"{value:g}"
-                console.print(f"{key} {tables}", markup=False, soft_wrap=True)
-        for source, keys in of_gear.items():
-            console.print(f"{', '.join(keys)}: {texts[source]}", markup=False, soft_wrap=True)
-        return
-    if as_json:
-        return say_json({"gears": gears, "motors": motors})
-    shown = table("gear", "rated\nN.m", "repeated\nN.m", "K1\nN.m/rad", "K3\nN.m/rad", "fit off by")
-    for key, gear in gears.items():
-        residual, share = spring_residual(gear)
-        numbers = (f"{gear[number]:g}" for number in ("rated", "repeated", "K1", "K3"))
-        shown.add_row(key, *numbers, f"{math.degrees(residual) * 60.0:.2f} arcmin, {share:.1%}")
-    console.print(shown)
-    rows = ((key, f"{motor['inertia']:g}", "yes" if "winding" in motor else "no") for key, motor in motors.items())
-    console.print(table("motor", "inertia\nkg.m2", "winding", title=" ", rows=rows))
-
-
 def looked_at(name: str, missing: str) -> Robot:
-    """Return a robot; without its own drive if that may not be run, with a note on what is missing."""
+    """Return a robot. Its own drive is omitted if its code may not run, with a note on what is missing."""
     from vdfmu.arm.robot import load_robot
 
     try:

@@ -1,6 +1,6 @@
 """``vdfmu run``, ``report`` and ``judge``."""
 
-# Types are written out, not quoted, because the options of both forms of a run are read from them.
+# Types are not quoted, because the options of both forms of a run are read from them.
 import logging
 import re
 from collections.abc import Generator, Mapping, Sequence
@@ -120,7 +120,7 @@ run.forms = {"Scenarios only": ScenarioForm, "FMUs only": FmusForm}  # type: ign
 
 
 def _refuse_others(form: type[Any], why: str) -> None:
-    """Raise UsageError for options on the command line that belong to the other form of a run."""
+    """Raise UsageError for command-line options that belong to the other form of a run."""
     context = click.get_current_context()
     names = {"system", "compiler", "quiet", "verbose", *form.__annotations__}
     further = [each for each in context.command.params if each.name not in names]
@@ -133,7 +133,7 @@ def _folder(options: Mapping[str, Any], summary: Mapping[str, Any]) -> Path:
 
 
 def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any, Sequence[str]]:
-    """Run a scenario; return its results, and the names of its files, the page last."""
+    """Run a scenario; return its results and the names of its files, the page last."""
     study = options["study"]
     settings: dict[str, Any] = {**pick(ScenarioRunOptions, options), "simulate": options["simulate"] is not False}
     if len(parts) > 1:
@@ -168,7 +168,7 @@ def _run_scenario(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Any
 
 
 def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
-    """Print the verdict on a run that failed or was stopped, the reason of a failure, and the page of its rows."""
+    """Print the verdict on a failed or stopped run, the reason of a failure, and the page of its rows."""
     from vdfmu.engine.results.folder import PAGE, PARTIAL
 
     summary = error.results.summary
@@ -185,7 +185,7 @@ def _say_failed(error: Any, options: Mapping[str, Any]) -> None:
 
 
 def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Sequence[str]]:
-    """Run FMUs; return their results, and the names of the files, the page last."""
+    """Run FMUs; return their results and the names of the files, the page last."""
     wanted, sampled = options["judge"], options["sampled"]
     if wanted is not None or sampled is not None:
         from vdfmu.study.judgement import check_wanted  # takes long to import
@@ -200,14 +200,14 @@ def _run_fmus(parts: Sequence[str], options: dict[str, Any]) -> tuple[Any, Seque
     with reading_fmus(options["unpack_limit"], options["run_anyway"]):
         package, source, kept = package_of(parts, options)
         folder = Path(options["out"] or (Path("results", package.stem) if kept else default_folder(package)))
-        options["out"] = folder  # there a failed run is reported together with its page
+        options["out"] = folder  # reports a failed run together with its page
         settings = pick(SystemOptions, options)
         return run_joined(package, source, folder, wanted, sampled, expected, **settings), RUN_OUTPUTS
 
 
 @contextmanager
 def reading_fmus(unpack_limit: int | None, anyway: bool) -> Generator[None]:
-    """Read FMUs in the block with these options; an error that ``--run-anyway`` avoids names it."""
+    """Read FMUs within the block with these options; an error that ``--run-anyway`` avoids names this option."""
     from vdfmu.engine.package.archive import package_limit
     from vdfmu.engine.rules import can_run, run_anyway
 
@@ -216,12 +216,12 @@ def reading_fmus(unpack_limit: int | None, anyway: bool) -> Generator[None]:
             yield
         except SspError as error:
             if all(map(can_run, error.problems)):
-                error.add_note("The FMUs can run in spite of this: --run-anyway.")
+                error.add_note("The FMUs can run despite this: --run-anyway.")
             raise
 
 
 def package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
-    """Return the package of FMUs. If it was made for the run, also its name in results and the system that keeps it."""
+    """Return the package of FMUs and, if made for the run, its name in results and the system that keeps it."""
     connections, first, unnamed = options["connections"], parts[0], [part for part in parts if "=" not in part]
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
         refuse({"--connect": connections}, f"is for a scenario or FMUs; {first} has its own connections")
@@ -254,12 +254,12 @@ def report(
     out: Annotated[Path | None, Option(
         "Page, folder, or FILE.tex (default report.html).",
         more="The page of several runs is comparison.html. FILE.tex has the tables of the runs.")] = None,
-    simulate: Annotated[bool, Option("Give the page sliders that repeat the run.")] = True,
+    simulate: Annotated[bool, Option("Add sliders that repeat the run in the page.")] = True,
     opened: OpenOption = False, overwrite: ForeignOption = False, trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a run, or compare several runs on one page."""
-    from vdfmu.study.report.latex import LATEX
     from vdfmu.study.report.page import report_of
+    from vdfmu.study.report.sheets import LATEX
 
     with replacing_foreign(overwrite):
         page = report_of(folders or (), out, simulate=simulate)
@@ -275,7 +275,7 @@ def judge(
     ],
     robot: RobotOption = None,
     wanted: Annotated[
-        float | None, option_of(JudgeOptions, "judge", "Largest error in % of a signal's range (default 1).")
+        float | None, option_of(JudgeOptions, "judge", "Allowed error in % of a signal's range (default 1).")
     ] = None,
     step: Annotated[float | None, Option("Communication step in s (default the system's).")] = None,
     stop: Annotated[float | None, Option("Stop time in s (default the system's).")] = None,

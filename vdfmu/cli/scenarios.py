@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import Option
 from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
 from vdfmu.cli.options import JsonOption, OverwriteOption, Positional, RobotOption, known_scenarios, load, target_file
@@ -95,9 +96,6 @@ def motion(
         ends = ", and ends where it starts" if closed else ""
         say(f"{t[-1]:.6g} s {pieces}{ends}. Units: rad or m, s, N.m or N on the link side.")
     if target is not None:
-        from vdfmu.base.style import save
-        from vdfmu.study.report.drawings import draw_motion
-
-        save(draw_motion(arm, t, q), target)
+        module_of_extra("motion_picture", "pictures", "-o").write_motion(arm, t, q, target)
         if not as_json:
             say_written(target)

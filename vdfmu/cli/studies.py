@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Annotated, Any, Unpack
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import replacing_foreign, require_ours
 from vdfmu.base.option import Option
 from vdfmu.base.text import amount
-from vdfmu.cli.app import LOOKS, RUNS, App, meets_code
+from vdfmu.cli.app import RUNS, App, meets_code
 from vdfmu.cli.options import (
     AnywayOption,
     ForeignOption,
-    JsonOption,
     Positional,
     TrustOption,
     UnpackOption,
@@ -21,7 +21,7 @@ from vdfmu.cli.options import (
     refuse,
 )
 from vdfmu.cli.runs import FMUS, package_of, reading_fmus
-from vdfmu.cli.terminal import console, say, say_json, say_notes, say_written, table, tell
+from vdfmu.cli.terminal import console, say, say_notes, say_written, tell
 from vdfmu.study.options import SweepOptions
 
 
@@ -75,7 +75,7 @@ def run(
         if joined is None:
             study = sweep(parts[0], vary or (), **options)
         else:
-            study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in its package
+            study = joined.sweep(vary or (), **{**options, "connections": None})  # they are in the study's package
     say_answer(study)
     say_notes(study.notes)
     tell(sheet_table(study.sheet()))
@@ -89,23 +89,6 @@ def run(
 
 
 StudyArgument = Annotated[Path, Positional("Table of a study, or its folder.")]
-ByOption = Annotated[str | None, Option("Measure or column (default the first).", metavar="NAME",
-    more="If the measure has several elements, the largest is used.")]  # fmt: skip
-
-
-@app.command(example="vdfmu sweep indices results/sweep_tracking --by error")
-@meets_code(LOOKS)
-def indices(study: StudyArgument, by: ByOption = None, as_json: JsonOption = False) -> None:
-    """Print Sobol or Morris indices of a study. The study needs --sample saltelli or morris."""
-    from vdfmu.study.sweeps.sweep import Sweep
-
-    sensitivity = Sweep(study).indices(by)
-    if as_json:
-        say_json({name: row for name, row in sensitivity.rows()})
-        return
-    rows = [(name, *(row.get(index, "") for index in sensitivity.values)) for name, row in sensitivity.rows()]
-    console.print(table("axis", *sensitivity.values, rows=rows))
-    say(f"± the half-width of the {100 * sensitivity.confidence:.0f} % confidence interval, by bootstrap.")
 
 
 @app.command(example="vdfmu sweep report results/sweep_tracking")
@@ -119,7 +102,7 @@ def report(
     trust: TrustOption = False,
 ) -> None:  # fmt: skip
     """Write the page of a study. It has linked figures of the points and measures, and the failures by cause."""
-    from vdfmu.study.report.latex import LATEX, write_tables
+    from vdfmu.study.report.sheets import LATEX
     from vdfmu.study.report.shown_run import NAME
     from vdfmu.study.sweeps.sweep import Sweep
 
@@ -127,6 +110,7 @@ def report(
     with replacing_foreign(overwrite):
         require_ours(out or sweep.folder / NAME)
     if out is not None and out.suffix == LATEX:
+        write_tables = module_of_extra("latex", "compare", "A file of tables").write_tables
         say_written(write_tables([("", sweep.sheet())], out))
         return
     page = sweep.report(out, simulate=simulate, trust=trust)

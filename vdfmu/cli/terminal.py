@@ -1,4 +1,4 @@
-"""Output of commands, and their exit."""
+"""Output and exit of commands."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class _StandardOutput(EscapedTerminal):
-    """The standard output: progress bars are removed from the terminal while it prints."""
+    """The standard output; progress bars are removed from the terminal while it prints."""
 
     bars: Bars | None = None
 
@@ -47,12 +47,12 @@ console = _StandardOutput()
 
 
 def say(text: str) -> None:
-    """Print a line that may hold a path: unbroken, so that it can be copied or read by a program."""
+    """Print a line that may contain a path: unbroken, so that it can be copied or read by a program."""
     console.print(text, markup=False, soft_wrap=True)
 
 
 def say_written(*paths: Path, more: str = "") -> None:
-    """Print the written files: one by its path, several in a folder by the folder and their names."""
+    """Print the written files: a single one as its path, several in a folder as the folder and their names."""
     folder = paths[0].parent
     if len(paths) > 1 and all(path.parent == folder for path in paths):
         say(f"Written to {folder}: {', '.join(path.name for path in paths)}{more}")
@@ -70,7 +70,7 @@ def say_page(page: Path, opened: bool) -> None:
 
 
 def say_json(content: Mapping[str, Any]) -> None:
-    """Print JSON and nothing else; it is an error if it cannot be written."""
+    """Print JSON and nothing else; failing to write it is an error."""
     from vdfmu.base.text import to_json
 
     if sys.stdout is None:
@@ -121,7 +121,7 @@ def folder_is_gone() -> bool:
 
 
 def fail(error: object, code: int) -> NoReturn:
-    """Print an error and end, with the same code if it cannot be printed."""
+    """Print an error and exit, with the same code if it cannot be printed."""
     if folder_is_gone():
         text = "The working directory was deleted: start the command in another one."
         error = ". ".join([*filter(None, [error_text(error).rstrip(".")]), text])
@@ -148,7 +148,7 @@ def unit_messages() -> Generator[Callable[[LogMessage], None]]:
             name, colon, words = message.text.partition(": ")
             notes.setdefault(words if colon else name, {}).update({name: None} if colon else {})
         elif LOG.isEnabledFor(logging.INFO) or message.status not in ("ok", "error", "fatal"):
-            # the error that ends the run quotes these; with --verbose they come in full
+            # the error that ends the run quotes these; --verbose shows them in full
             named = message.unit or message.status == "connections"
             text = str(message) if named else f"{message.status}: {message.text}"
             _aside(elided(text))

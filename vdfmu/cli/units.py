@@ -43,7 +43,7 @@ def show_unit(name: Annotated[str, Positional("Name of a unit, my_unit.py or my_
 
 
 def _kind(unit: Any) -> tuple[str, ...]:
-    """Return the folders of a unit: "" for one of the shipped systems, the package for one of another package."""
+    """Return the folders of units: "" for those of the shipped systems, the package for those of another package."""
     package, *path = unit.__module__.split(".")
     return tuple(path[2:-1] or ("",)) if package == "vdfmu" else (package,)
 

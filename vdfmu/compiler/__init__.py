@@ -1,1 +1,1 @@
-"""A class in numpy becomes functions, C and an FMU. Nothing in this package depends on robots."""
+"""Compiles a class in numpy into functions, C and an FMU. Nothing in this package depends on robots."""

@@ -1,6 +1,6 @@
-"""Modules of WebAssembly, written without a compiler: traced functions, bit-identical to their C.
+"""Writes WebAssembly modules of traced functions without a compiler, bit-identical to their C.
 
-They call functions of a compiled module. Specification: WebAssembly Core 2.0, sections 5.4 (instructions) and 5.5
+They call functions of a compiled module. Source: WebAssembly Core 2.0, sections 5.4 (instructions) and 5.5
 (modules).
 """
 
@@ -34,7 +34,7 @@ _REPEAT_BELOW = b"\x49\x0d\0\x0b"
 """Repeat the loop while an integer is below another, then end it."""
 _PAGE = 65536
 BASE_PAGES, BASE_SLOTS = 2, 1
-"""Pages of memory and slots of the table that the shipped module has without units."""
+"""Pages of memory and slots of the table in the shipped module without units."""
 
 
 @cache
@@ -78,9 +78,9 @@ _WORDS = {
     "+": b"\xa0", "-": b"\xa1", "*": b"\xa2", "/": b"\xa3", "<": b"\x63\xb7", "<=": b"\x65\xb7", "==": b"\x61\xb7",
     "!=": b"\x62\xb7", "sqrt": b"\x9f", "floor": b"\x9c", "ceil": b"\x9b", "fabs": b"\x99", "copysign": b"\xa6",
 }  # fmt: skip
-"""Words of the C with an instruction. Other functions are called, also fmin and fmax: their instructions keep NaN."""
+"""C functions that are one instruction. Others are called, even fmin and fmax, whose instructions propagate NaN."""
 _PATTERN = re.compile(r"(\w+)\(\{0\}(?:, (\{1\}))?\)|\{0\} (\S+) (\{1\})(?: \? 1\.0 : 0\.0)?")
-"""C that calls a function, or has a word between operands. A comparison gives 1 or 0."""
+"""C text that calls a function, or has an operator between operands. A comparison results in 1 or 0."""
 
 
 def _operations() -> Iterator[tuple[int, tuple[int | bytes | str, ...]]]:
@@ -107,11 +107,11 @@ OPERATIONS: dict[int, tuple[int | bytes | str, ...]] = dict(_operations()) | {
 IMPORTED = {
     pieces[-1]: (NUMBER * (len(pieces) - 1), NUMBER) for pieces in OPERATIONS.values() if isinstance(pieces[-1], str)
 } | {"table_row": (2 * INTEGER + NUMBER, INTEGER), "move_unit": (3 * INTEGER + 2 * NUMBER, INTEGER)}
-"""Functions of the shipped module, to types of arguments and results."""
+"""Functions of the shipped module to the types of their arguments and results."""
 
 
 class Assembler:
-    """A module that works in memory and table of the shipped module, ``base``, and calls its functions."""
+    """A module that uses the memory and table of the shipped module, ``base``, and calls its functions."""
 
     def __init__(self) -> None:
         self.functions = {name: k for k, name in enumerate(IMPORTED)}
@@ -134,7 +134,7 @@ class Assembler:
 
     @property
     def growth(self) -> tuple[int, int]:
-        """Pages and slots to add to memory and table of the base before the module is loaded."""
+        """Pages and slots to add to the memory and table of the base before the module is loaded."""
         return -(-self._end // _PAGE) - BASE_PAGES, len(self._indirect)
 
     def _type(self, arguments: bytes, results: bytes) -> bytes:
@@ -166,7 +166,7 @@ class Assembler:
         return address
 
     def traced(self, function: ca.Function) -> int:
-        """Return the index of a traced function with an address for each argument and result. The first call adds it.
+        """Return the index of a traced function, which has an address per argument and result; the first call adds it.
 
         KernelError for an operation without code.
         """
@@ -185,7 +185,7 @@ class Assembler:
         index = function.n_in() + function.n_out()
 
         def address(vector: Vector) -> bytes:
-            if not vector.array.isidentifier():  # of an argument without elements
+            if not vector.array.isidentifier():  # for an argument without elements
                 return constant(0)
             return arrays[vector.array] + (constant(8 * vector.offset) + _ADD if vector.offset else b"")
 
@@ -271,7 +271,7 @@ class Assembler:
                 table = function.instructions_sx()[k].which_function()
                 if MATRIX in table.name():
                     raise KernelError(f"{function.name()}: a product with a large matrix has no code in WebAssembly.")
-                looks = table.name().startswith(LOOKUP)  # any other call is the derivative of a lookup: 0
+                looks = table.name().startswith(LOOKUP)  # any other call is the derivative of a lookup, which is 0
                 if looks:
                     code += self._row(table, get(source[0])) + SET + unsigned(row)
                 for j, place in enumerate(target):

@@ -1,4 +1,4 @@
-"""The master algorithms, one row each: a new algorithm is a file with its stepper, and its row here."""
+"""The master algorithms, one row each. A new algorithm needs a file with its stepper and a row here."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ class Algorithm:
     """
 
     stepper: str
-    """``module:function``, makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling`."""
+    """``module:function`` that makes a `vdfmu.engine.masters.sampled.Stepper` from a `Coupling`."""
     continuous: bool = False
-    """Whether coupled signals are continuous, between the communication points too."""
+    """Whether coupled signals are continuous between the communication points."""
     ordered: bool = False
-    """Whether an output that depends on inputs directly reaches its readers within the step."""
+    """Whether an output with feedthrough reaches its readers within the step."""
     repeats: bool = False
-    """Whether steps are repeated, from saved states, where components depend on each other."""
+    """Whether steps are repeated from saved states if components depend on each other."""
     substeps: int = 0
-    """Number of equal steps in a communication step, if inputs hold over each of these; else 0."""
+    """Number of equal steps in a communication step if inputs are held over each of them, else 0."""
     declared_order: int = 0
-    """Order of the coupling error in the step, for a row that neither holds inputs nor is continuous; 0 if unknown."""
+    """Order of the coupling error in the step, for an algorithm that neither holds inputs nor is continuous; 0 if
+    unknown."""
 
     def __post_init__(self) -> None:
         if self.substeps < 0 or (self.continuous and self.substeps):
@@ -40,12 +41,12 @@ class Algorithm:
 
     @property
     def reference(self) -> str:
-        """The reference of `vdfmu.system.reference` with the same schedule, in `substeps`. A run must match it."""
+        """The reference in `vdfmu.system.reference` with the same schedule, which a run must match, in `substeps`."""
         return ("sampled" if self.ordered else "sampled-delayed") if self.substeps else ""
 
     @property
     def order(self) -> int:
-        """Order of the coupling error in the step: as declared, 1 if inputs hold, 2 if continuous, 0 if unknown."""
+        """Order of the coupling error in the step: declared, else 1 if inputs hold, 2 if continuous, 0 if unknown."""
         return self.declared_order or (1 if self.substeps else 2 if self.continuous else 0)
 
     def load(self) -> Callable[..., Any]:
@@ -62,7 +63,7 @@ _SHIPPED = {
     "iterative": Algorithm(f"{_STEPPERS}:iterative", continuous=True, repeats=True),
 }
 DEFAULT, DELAYED, *_ = _SHIPPED
-"""The algorithm by default, and an algorithm for any system: no component waits for another."""
+"""The default algorithm, and one that suits any system because no component waits for another."""
 PLUGINS = Plugins("algorithms", "master algorithm", "an Algorithm", lambda plugin: isinstance(plugin, Algorithm))
 ALGORITHMS = PluginTable(PLUGINS, _SHIPPED)
 

@@ -1,10 +1,10 @@
-"""The options of a run: each is declared here once, and known then to Python, the command line and the documentation.
+"""The options of a run, each declared once for Python, the command line and the documentation.
 
-`vdfmu.study.options` adds the options of scenarios and studies. An option of `CouplingOptions` belongs to runs of all
-kinds: scenarios, packages, sweeps, tuning and margins have it, and `vdfmu.engine.run.Simulator` receives it.
+`vdfmu.study.options` adds the options of scenarios and studies. Options in `CouplingOptions` apply to runs of all
+kinds: scenarios, packages, sweeps, tuning, margins and `vdfmu.engine.run.Simulator` accept them.
 """
 
-# Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
+# Types that the command line reads are not quoted; quoted ones are imported only for the type checker.
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -39,11 +39,11 @@ def read_stepper(name: str) -> str:
     return name
 
 
-# A table: an option in some lines.
+# A table, with a few lines per option.
 # fmt: off
 algorithm_option = Option(", ".join(ALGORITHMS) + ".", more="The first two sample the coupled signals at the "
     "communication points; the others treat them as continuous and are of second order in the step. The default is "
-    f"the scenario's. For a package it is that of its annotation, which can set `adaptive` too; without an annotation "
+    f"the scenario's. For a package it is in its annotation, which can also set `adaptive`; without an annotation "
     f"it is {DEFAULT}, or, with a note, {DELAYED} if the dependencies allow no order for {DEFAULT}.",
     choices=tuple(ALGORITHMS))
 parameters_option = Option("Set a parameter: controller.K_p=1500. Repeatable.", "mapping of str to value",
@@ -74,7 +74,7 @@ class CouplingOptions(TypedDict, total=False):
 
 
 class InputOptions(TypedDict, total=False):
-    """Signals from outside."""
+    """External signals."""
 
     inputs: Annotated["Inputs", Option(
         "Signals for unconnected inputs. Repeatable.",
@@ -88,30 +88,30 @@ class InputOptions(TypedDict, total=False):
 
 
 class ObserverOptions(TypedDict, total=False):
-    """Who sees a run, and when."""
+    """Who observes a run, and when."""
 
     observer: Annotated["Observer | None", Option(
         "Receives rows during the run; see `vdfmu.engine.masters.observer`.", "Observer", flag=None)]
     pace: Annotated[float | None, Option("Run at this multiple of real time.", "float",
-        "``pace`` in the summary reports how late the rows were. By default a run is as fast as possible. See "
+        "The summary's ``pace`` reports how late the rows were. By default a run is as fast as possible. See "
         "`vdfmu.engine.masters.observer`.", metavar="FACTOR")]
 
 
 class RecordOptions(SpanOptions, ObserverOptions, total=False):
-    """The visible part of a run."""
+    """The range and the signals of a run that are recorded."""
 
     start: Annotated[float | None, Option("Start of the run in s.", "float [s]",
         "Row k is at ``start + k * step``. The defaults of start, stop and step are those of the package's default "
         "experiment; else the start is 0.")]
     record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "``'*'`` records all. By default the outputs and the unconnected inputs are recorded, and "
-        "of an FMU without outputs the local variables. A run of a scenario always records the default signals. "
+        "sequence of str", "``'*'`` records all. By default the outputs and the unconnected inputs are recorded, or "
+        "the local variables of an FMU without outputs. A run of a scenario always records the default signals. "
         "Connected inputs have the values that the components used. Strings are not recorded.", metavar="SIGNAL",
         typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):
-    """Who sees how far it is."""
+    """Who is informed of the progress."""
 
     progress: Annotated["Shown", Option(
         "Called with stage, done, total; True shows bars, on the terminal or in the notebook.", "callable or bool",
@@ -119,7 +119,7 @@ class ProgressOptions(TypedDict, total=False):
 
 
 class LogOptions(TypedDict, total=False):
-    """Who hears of a run."""
+    """Who receives messages of a run."""
 
     log: Annotated["Callable[[LogMessage], None] | None", Option(
         "Receives each `LogMessage` of the units. Default: the logger ``vdfmu.engine.run``.", "callable", flag=None)]
@@ -136,7 +136,7 @@ class StepperOptions(TypedDict, total=False):
 
 
 class IsolationOptions(TypedDict, total=False):
-    """Which process components run in, and its limits."""
+    """In which process components run, and its limits."""
 
     isolate: Annotated[bool | None, Option("Run components in a separate process.", "bool",
         "This is the default if an FMU was not built by vdfmu. Crashes, long calls and excessive memory then "
@@ -157,7 +157,7 @@ class LoadedOptions(CouplingOptions, InputOptions, LogOptions, StepperOptions, I
     tolerance: Annotated[float | None, Option("Relative tolerance of the units' solvers.",
         more="Default: that of the scenario, or of each FMU.")]
     ignore_unmatched: Annotated[bool, Option("Ignore values without a variable of that name.",
-        more="This concerns values in the package's parameter sets.", default=False)]
+        more="It applies to values in the package's parameter sets.", default=False)]
 
 
 class AlgorithmOptions(LoadedOptions, total=False):
@@ -183,7 +183,7 @@ class RowOptions(RecordOptions, total=False):
         "CSV file that receives the rows during the run, in the form of `Results.write`, at least every two seconds.",
         "Path or two of them", "A file with another suffix of ``formats`` is written at the end of the run, also of a "
         "failed run, but not if the process is killed; see `Results.write`. The results are then mapped from disk, "
-        "and take twice the room of the file in use. Only their times take memory.", flag=None)]
+        "where they take twice the space of the file. Only their times take memory.", flag=None)]
     about: Annotated[Mapping[str, Any] | None, Option(
         "First facts of the summary, also in files with a summary.", "mapping", flag=None)]
 
@@ -208,8 +208,7 @@ class PictureOptions(TypedDict, total=False):
         "By default no figures are written.", (), typed=str, choices=SUFFIXES)]
     width: Annotated[str, Option("Width of the figures: 85mm, 17cm or 3.3in.", more="The size of their text is 8 pt.",
         default="160mm", metavar="LENGTH")]
-    serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers that are set in a "
-        "serif font.",
+    serif: Annotated[bool, Option("Write the text of the figures with serifs.", more="For papers with a serif font.",
         default=False)]
 
 

@@ -1,4 +1,4 @@
-"""Run a system package, of vdfmu or any other tool."""
+"""Run a system package from vdfmu or any other tool."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from vdfmu.engine.results.folder import (
     keep,
     known_formats,
     known_pictures,
+    picture_module,
     replacing_results,
     write_summary,
 )
@@ -46,12 +47,12 @@ def run_system(
     package : path
         The ``.ssp`` file.
     source : str, optional
-        Its name in the summary, default the path.
+        Its name in the summary, by default the path.
     outputs : sequence of str, optional
         Names of the files of an earlier run that this run replaces.
     finish : callable, optional
         Called with the folder and the results before the summary is written for the last time, to add further files
-        of `outputs`. If it raises an error, the earlier run stays unchanged, and the rows are in ``partial``.
+        of `outputs`. If it raises an error, the earlier run stays unchanged, and the new rows are in ``partial``.
     failed : callable, optional
         Called with the folder and the error of a run that failed or was stopped, to add further files of `outputs`.
     **options
@@ -62,7 +63,7 @@ def run_system(
     UsageError, SspError
         Before the run, if the package or the options have faults.
     CosimError, vdfmu.engine.run.Interrupted
-        A unit failed, or the user stopped the run. The rows up to then are in ``partial`` of the folder.
+        A unit failed, or the user stopped the run. The rows up to then are in the folder's ``partial``.
     """
     package = Path(package)
     if package.suffix.lower() != ".ssp":
@@ -100,16 +101,15 @@ def run_system(
 
         try:
             if options["pictures"]:
-                from vdfmu.engine.results.picture import write_signals  # takes long to import
-
                 with doing("picture"):
-                    left = write_signals(results.thinned(DRAWN), partial, options["pictures"], width, options["serif"])
+                    draw = picture_module().write_signals
+                    left = draw(results.thinned(DRAWN), partial, options["pictures"], width, options["serif"])
                 if left:
                     say(f"signals: not drawn: {', '.join(left)}; select others with --record")
         except VdfmuError:
             raise
         except Exception as error:
-            # names and values from other tools may break the picture, but not the results
+            # names and values from other tools may break the picture, but must not break the results
             say(f"the picture could not be drawn: {error}")
         if finish is not None:
             finish(partial, results)

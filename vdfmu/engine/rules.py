@@ -1,4 +1,4 @@
-"""The rules for files, and findings of files that break them: one list for reader, master and checker."""
+"""The rules for files, and findings on files that break them: one list for reader, master and checker."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vdfmu.base.errors import SspError
 from vdfmu.base.text import elided
 
 Place = tuple[str, int]
-"""XML file, with the package before it, and line; empty and 0 if unknown."""
+"""XML file, after the name of its package, and line; empty and 0 if unknown."""
 
 
 class Rule(NamedTuple):
@@ -27,13 +27,13 @@ class Rule(NamedTuple):
 
 
 class Finding(str):
-    """The message about a broken rule, with its place. It is a string, so errors can contain it."""
+    """A message about a broken rule, with its place. It is a string so that errors can contain it."""
 
     rule: Rule
     file: str
-    """The XML file, with the package before it; may be empty."""
+    """The XML file, after the name of its package; may be empty."""
     line: int
-    """Line of the file; 0 without a file."""
+    """Line in the file; 0 without a file."""
 
     def __new__(cls, text: str, rule: Rule, file: str = "", line: int = 0) -> Finding:
         """Return a finding with a text."""
@@ -54,7 +54,7 @@ class Finding(str):
 
 
 def place_of(element: Any) -> Place:
-    """Return file and line of an element."""
+    """Return the file and the line of an element."""
     return str(element.getroottree().docinfo.URL or ""), element.sourceline or 0
 
 
@@ -65,7 +65,7 @@ def line_of(element: Any) -> str:
 
 
 def finding(number: str, text: str, at: Any = ("", 0)) -> Finding:
-    """Return the finding that a rule is broken; `at` is its place, or the element of XML."""
+    """Return the finding that a rule is broken; `at` is its place or the XML element."""
     file, line = at if isinstance(at, tuple) else place_of(at)
     return Finding(text, RULES[number], str(file), int(line))
 
@@ -77,7 +77,7 @@ _anyway: ContextVar[bool] = ContextVar("_anyway", default=False)
 
 @contextmanager
 def run_anyway(chosen: bool = True) -> Generator[None]:
-    """In a ``with`` block, treat faults of FMUs that can still run as notes, so that they do not prevent a run."""
+    """Within a ``with`` block, treat faults as notes if the FMU can still run, so that they do not prevent a run."""
     token = _anyway.set(chosen)
     try:
         yield
@@ -86,12 +86,12 @@ def run_anyway(chosen: bool = True) -> Generator[None]:
 
 
 def runs_anyway() -> bool:
-    """Whether faults of FMUs that can run are notes here, see `run_anyway`."""
+    """Return whether faults of FMUs that can run are notes here; see `run_anyway`."""
     return _anyway.get()
 
 
 def can_run(problem: str) -> bool:
-    """Whether an FMU can run in spite of a problem of its description or its files."""
+    """Return whether an FMU can run despite a problem of its description or its files."""
     number = problem.rule.number if isinstance(problem, Finding) else ""
     return number.startswith("FMI") and number not in _UNUSABLE
 
@@ -116,7 +116,7 @@ def breach(number: str, text: str, at: Any = ("", 0)) -> SspError:
 
 
 def fmpy_finding(text: str, reworded: str = "") -> Finding:
-    """Return the finding of a message of fmpy on a model description; `reworded` replaces its text."""
+    """Return the finding for fmpy's message about a model description; `reworded` replaces its text."""
     number = next((number for number, word in _FMPY if word in text), "FMI013")
     line = re.search(r"\(line (\d+)\)", text)
     return finding(number, reworded or text, ("modelDescription.xml", int(line[1]) if line else 0))
@@ -137,7 +137,7 @@ _TABLE = """
 PKG001 | The file is a readable zip file, and all of its entries can be unpacked | export or copy the file again
 PKG002 | All entries are inside the package | use relative paths with `/` between folders
 PKG003 | Entries are files, not symbolic links | pack the file itself
-PKG004 | The sizes and the number of entries are within the limits | pack less, or raise `--unpack-limit`
+PKG004 | The sizes and the number of entries are within the limits | pack fewer files, or raise `--unpack-limit`
 PKG005 | Entries are stored or deflated, without a password | pack them in this way
 PKG006 | Names of entries are unique even if case is ignored, and no file has the name of a folder | rename one
 PKG007 note | Each entry is in the package only once | remove the duplicate
@@ -264,7 +264,7 @@ class Findings:
         self.entries.append(finding(rule, text, at))
 
     def add(self, other: Findings, where: str = "", file: str = "") -> None:
-        """Add the findings of another check, with its place before each sentence, and `file` before each file."""
+        """Add the findings of another check, with `place` before each sentence and `file` before each file."""
         self.ran = self.ran or other.ran
         self.entries += _placed(other.entries, where, file)
         self.compared += [f"{where}: {name}" if where else name for name in other.compared]
@@ -277,5 +277,5 @@ def _placed(findings: Iterable[Finding], where: str, file: str) -> Iterable[Find
 
 
 def one_line(text: Finding) -> Finding:
-    """Return a finding as one line of bounded length, for any text of a parser or unit."""
+    """Return a finding as one line of bounded length, even with text from a parser or a unit."""
     return text.reworded(elided("; ".join(line.strip() for line in text.splitlines() if line.strip())))

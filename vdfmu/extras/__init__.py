@@ -1,4 +1,4 @@
-"""Extensions of the core of vdfmu. If a folder is deleted with its tests, the core still works; see docs/extras.md.
+"""Extensions of vdfmu's core, which still works if a folder is deleted with its tests; see docs/extras.md.
 
-An extra imports public names of the core, and another extra where docs/extras.md says so.
+An extra imports public names of the core, and other extras only where docs/extras.md allows it.
 """

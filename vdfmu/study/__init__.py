@@ -1,1 +1,1 @@
-"""Whole studies: a scenario run, compared and reported, for the command line and the Python API."""
+"""Complete studies, which run, compare and report scenarios, for the command line and the Python API."""

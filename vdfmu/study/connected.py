@@ -30,7 +30,7 @@ from vdfmu.engine.results.results import Results
 from vdfmu.engine.run import Simulator, simulate
 from vdfmu.study.options import JudgingOptions, LoopOptions, ScenarioOptions, SweepOptions
 
-if TYPE_CHECKING:  # FMUs are connected and run without what builds, judges and checks them
+if TYPE_CHECKING:  # connecting and running FMUs must not import what builds, judges and checks them
     from vdfmu.arm.robot import Robot
     from vdfmu.engine.inspect.inspection import Report
     from vdfmu.study.analysis.loops import SystemMargins
@@ -51,7 +51,7 @@ _KIND = {False: "co-simulation", True: "model exchange"}
 class System:
     """FMUs and the connections between them.
 
-    `connect` and `load` make one. All FMUs were read and all connections checked.
+    `connect` and `load` return a system, for which all FMUs are read and all connections checked.
 
     Attributes
     ----------
@@ -59,9 +59,9 @@ class System:
         The package (SSP) that is run.
     name : str
     components : mapping of str to str
-        Component to version and kind of its FMU, and its file.
+        Component to the version, kind and file of its FMU.
     connections : list of str
-        ``a.y -> b.u``; ``a.q -> b.q (6)`` of vectors.
+        ``a.y -> b.u``, and ``a.q -> b.q (6)`` for vectors.
     inputs, outputs, parameters : list of str
         ``component.variable``: unconnected inputs, outputs, and parameters.
     notes : list of str
@@ -71,13 +71,13 @@ class System:
     def __init__(
         self, path: Path, options: Mapping[str, Any] | None = None, keep: Any = None, scenario: Scenario | None = None
     ) -> None:
-        self.path, self._keep = path, keep  # keep: a temporary folder that lives as long as the system
+        self.path, self._keep = path, keep  # keep: a temporary folder that exists as long as the system
         self._scenario = scenario
         self._loaded, self._simulator, self._loaded_as = ExitStack(), None, None
         self._read_as: tuple[Any, FlatSystem] | None = None
         """Package as it was read last, with its stamp."""
         self._lock, self._process = threading.Lock(), os.getpid()
-        util.Finalize(self, self._loaded.close, exitpriority=0)  # at the end of children of multiprocessing too
+        util.Finalize(self, self._loaded.close, exitpriority=0)  # even at the end of multiprocessing's child processes
         self._options = {key: value for key, value in (options or {}).items() if value}
         checked = self._checked
         self.name = checked.system.name
@@ -126,7 +126,7 @@ class System:
         return f"{self._diagram()}<pre>{escape(repr(self))}</pre>"
 
     def _diagram(self, results: Results | None = None) -> str:
-        """Return the diagram, for a notebook; empty where CasADi is missing."""
+        """Return the diagram for a notebook; empty without CasADi."""
         try:
             from vdfmu.system.package.drawing import system_diagram  # takes long to import
         except ImportError:
@@ -138,13 +138,13 @@ class System:
     def run(self, *, reference: bool = False, **options: Unpack[SimulateOptions]) -> Results:
         """Run the system. FMUs that were built on this machine stay loaded for the next run.
 
-        A run of a scenario has the verdict of :func:`vdfmu.run` in its summary. It is made when the summary is first
-        asked for, so that a loop over thousands of runs does not wait for it.
+        The summary of a scenario's run contains the verdict of :func:`vdfmu.run`. It is made when the summary is first
+        read, so that a loop over thousands of runs does not wait for it.
 
         Parameters
         ----------
         reference : bool
-            Whether the verdict solves the scipy references of a scenario too.
+            Whether the verdict also solves the scipy references of a scenario.
         **options
             :class:`vdfmu.engine.options.SimulateOptions`.
 
@@ -165,7 +165,7 @@ class System:
         rows: Any = {name: options.get(name) for name in RowOptions.__annotations__}
         loading: Any = {name: value for name, value in options.items() if name not in rows and name != "parameters"}
         plain = all(isinstance(value, _PLAIN) for name, value in loading.items() if name != "log")
-        # a pool kills its workers at its end, and then they cannot remove their folders
+        # a pool finally kills its workers, which then cannot remove their folders
         here = os.getpid() == self._process and not process.current_process().daemon
         if "inputs" in loading or not plain or not here or not self._lock.acquire(False):
             return simulate(self.path, **options)
@@ -207,7 +207,7 @@ class System:
 
     @checks_types
     def check(self, run: bool = True) -> Report:
-        """Check FMUs and system by the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
+        """Check FMUs and system against the rules of FMI and SSP; see `vdfmu check`. With `run`, ten steps are made."""
         from vdfmu.engine.inspect.inspection import inspect_file  # takes long to import
 
         return inspect_file(self.path, run)
@@ -223,7 +223,7 @@ class System:
 
     @with_options
     def judge(self, wanted: float = 0.01, **options: Unpack[JudgingOptions]) -> Judgement:
-        """Judge whether the co-simulation is right to `wanted`, see :func:`vdfmu.study.judgement.judge`."""
+        """Judge whether the coupling error is at most `wanted`, see :func:`vdfmu.study.judgement.judge`."""
         from vdfmu.study.judgement import judge  # takes long to import
 
         return judge(self.path, wanted, **self._with(options))
@@ -282,15 +282,15 @@ def connect(
     Parameters
     ----------
     components : mapping of name to FMU
-        FMUs of any tool, for co-simulation or model exchange. Units are built first: classes, files, shipped names.
+        FMUs of any tool, for co-simulation or model exchange. Units (classes, files, shipped names) are built first.
     connections : mapping of output to input or inputs, or sequence of such pairs
-        ``"a.y": "b.u"``. Vectors connect by name. ``"arm.tau[1]"`` is one element.
+        ``"a.y": "b.u"``. A name without an index means the whole vector, ``"arm.tau[1]"`` one element.
     robot : Robot, str, optional
-        Robot of units that need one.
+        Robot for units that need one.
     fmi : "2.0" or "3.0", optional
-        Version of FMI of units that are built.
+        FMI version of units that are built.
     stop, step : float, optional [s]
-        Default stop time and communication step of runs, else those of the FMUs.
+        Default stop time and communication step of runs; without them those of the FMUs.
     algorithm : str, optional
         Default master algorithm.
     parameters : mapping of ``component.variable`` to value, optional
@@ -305,7 +305,7 @@ def connect(
     Raises
     ------
     UsageError
-        For names that do not exist, with all faults.
+        For names that do not exist; it lists all faults.
     SspError
         For FMUs that cannot be read, and connections that do not fit in type or unit of measurement. A signal of
         unit 1 connects to any unit, with a note.
@@ -339,7 +339,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
     ----------
     source : Scenario, str or path
     connections : mapping of output to input or inputs, or sequence of such pairs
-        For a scenario: further connections, ``"plant.q": "controller.q"``, which replace those to the same inputs.
+        For a scenario: additional connections, ``"plant.q": "controller.q"``, which replace those to the same inputs.
 
     Returns
     -------
@@ -370,7 +370,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
 
 
 def load_fmu(fmu: str | os.PathLike[str], connections: Connections = (), algorithm: str | None = None) -> System:
-    """Load one FMU as a system of its name; see `load` and `connect`."""
+    """Load one FMU as a system of the same name; see `load` and `connect`."""
     word = "".join(c if c.isalnum() and c.isascii() else "_" for c in Path(fmu).stem).lstrip("0123456789")
     name = word or "fmu"
     return connect({name: fmu}, connections, name=name, algorithm=algorithm)

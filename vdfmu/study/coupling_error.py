@@ -1,8 +1,8 @@
-"""The coupling error of runs with the steps h, h/2 and h/4: its estimate, the verdict, or why there is none.
+"""The coupling error, estimated from runs with the steps h, h/2 and h/4; the verdict, or why there is none.
 
-``d1`` is the largest difference of the first two runs at common times, ``d2`` of the last two, both as shares of each
-signal's range, and ``q = d2 / d1``. A master of order p has an error of ``e = d1 / (1 - 2**-p)``, if q is near
-``2**-p``. Errors inside FMUs are the same in all runs and stay unseen.
+``d1`` is the largest difference of the first two runs at common times, ``d2`` that of the last two, both relative to
+each signal's range, and ``q = d2 / d1``. A master of order p has an error of ``e = d1 / (1 - 2**-p)`` if q is near
+``2**-p``. Errors inside FMUs are the same in all runs and cannot be seen.
 
 The bands of q and the margin of 1.5 come from random systems, see ``benchmarks/judge.py``.
 """
@@ -17,44 +17,45 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 
 MARGIN = 1.5
-"""Safety factor on the estimate: without it, 6 of 638 systems whose error was above the limit were judged right."""
+"""Safety factor on the estimate; without it, 6 of 638 systems with an error above the limit were judged right."""
 BANDS = {1: (0.35, 0.65), 2: (0.0, 0.40)}
-"""Values of q at which a master of an order shows its order, or a higher one.
+"""Range of q in which a master shows its order, or a higher one.
 
-The first step of `extrapolated` holds its inputs. With feedthrough this error is at the first point of the longest step
-only, so d2 does not have it: q falls to 0.002, and the error is d1. With 0.15 as limit 8 % of the right runs were not
-called right."""
+The first step of `extrapolated` holds its inputs. With feedthrough this causes an error only at the first point of the
+longest step, which d2 does not contain, so q falls to 0.002, and the error is d1. With a limit of 0.15, 8 % of the
+right runs were not called right."""
 _SMALL = 20
-"""Differences below the wanted error divided by this need no order: rounding and solvers decide them."""
+"""Differences below the requested error divided by this need not show the order, because they come from rounding and
+solvers."""
 _FLOOR = 1e-6
-"""Solvers have this relative error. A signal with a smaller range, as a share of its value, is constant; an element of
-a vector with a smaller range, as a share of the largest in it, is compared with that."""
+"""Relative error of solvers. A signal whose range is smaller relative to its value is constant; an element of a vector
+whose range is smaller relative to the vector's largest is compared with the largest."""
 _ROUNDING = 1e-9
-"""A range below this share of the largest value with the same unit of measurement is rounding."""
+"""A range below this fraction of the largest value with the same unit of measurement is rounding."""
 _BEND = 1e-4
-"""Smallest change of slope that is an event, as a change in a step."""
+"""Smallest change of slope that is an event, as a change per step."""
 _JUMP, _JUMPS = 3.0, (1e-3, 0.5)
-"""A jump is a change in a step of more than this times the changes before and after it. As a fraction of the signal's
+"""A jump is a change in a step of more than this factor times the changes before and after it. Relative to the signal's
 range, changes below the first limit are ignored, and changes above the second always count."""
 RIGHT, WRONG, OPEN = "right", "not right", "not decided"
 OTHER_STEPS = 8, 13
-"""Eight steps h are thirteen steps of the run that looks for aliases. A tone or PWM with whole periods in h, h/2 and
-h/4 also has whole periods in 8 h / 13 only at frequencies from 52 / h on; with 5 h / 8, from 8 / h on."""
+"""Eight steps h equal thirteen steps of the run that looks for aliases. A tone or PWM with whole periods in h, h/2 and
+h/4 has whole periods in 8 h / 13 only at frequencies of 52 / h and more; with 5 h / 8 it would be 8 / h."""
 
 
 class Differences(NamedTuple):
     """The differences of three runs, signal by signal."""
 
     d1: Floats
-    """Of the first two, as a share of the signal's range."""
+    """Difference of the first two, relative to the signal's range."""
     d2: Floats
-    """Of the last two."""
+    """Difference of the last two."""
     row: Any
     """Row of the largest difference of the first two."""
     jumps: Any
     """Number of jumps."""
     late: float
-    """Share that runs may miss in common, because all see an event late: by up to a step of the last run."""
+    """Error that all runs may share because they see an event late, by up to a step of the last run."""
     scale: Floats
     """The signal's range, or its value if it is constant; infinite if it is 0."""
     constant: Any
@@ -75,12 +76,12 @@ def differences(
 ) -> Differences:
     """Return the differences of runs with the steps h, h/2 and h/4: arrays (rows, signals).
 
-    `units` are units of measurement; `read` says which signals other components read, by default all.
+    `units` are units of measurement; `read` tells which signals other components read, by default all.
 
     Events are jumps of signals that are read, and bends of those without jumps. Events at samples of the components in
-    `sampled` have declared times. Others may be between rows: then the last run sees them late by up to its step, and
-    the others at least as late. If all are equally late, no difference shows it, although a signal may change in this
-    time by as much as its largest change in a step.
+    `sampled` have declared times. Others may be between rows; then the last run sees them late by up to its step, and
+    the other runs at least as late. If all are equally late, no difference shows it, although a signal may change in
+    this time by as much as its largest change in a step.
     """
     first, half, quarter = at_common_times(runs)
     scale, constant = scales(runs[2], names, units)
@@ -109,15 +110,15 @@ def differences(
 
 
 def at_common_times(runs: Sequence[Floats]) -> list[Floats]:
-    """Return the rows of runs with the steps h, h/2, h/4 at times that all have; a component may end a run."""
+    """Return the rows of runs with the steps h, h/2, h/4 at common times; a component may have ended a run."""
     least = min(len(run[:: 2**k]) for k, run in enumerate(runs))
     return [run[:: 2**k][:least] for k, run in enumerate(runs)]
 
 
 def scales(run: Floats, names: Sequence[str], units: Sequence[str]) -> tuple[Floats, Any]:
-    """Return the range of each signal, or the value of a constant one, and whether it is constant.
+    """Return the range of each signal, or the value of a constant signal, and whether it is constant.
 
-    `run` is (rows, signals); the scale of a signal without any size is 0.
+    `run` is (rows, signals); the scale of a signal that is always 0 is 0.
     """
     size, swing = np.abs(run).max(axis=0), np.ptp(run, axis=0)
     vectors = np.array([name.partition("[")[0] for name in names])
@@ -136,7 +137,7 @@ def error_of(d1: Any, order: int) -> Any:
 
 
 def verdict_of(seen: Differences, order: int, wanted: float) -> str:
-    """Return the verdict by the largest differences of all signals."""
+    """Return the verdict on the largest differences of all signals."""
     largest, second, (low, high) = float(seen.d1.max()), float(seen.d2.max()), BANDS[order]
     worst, regular = error_of(largest, order), largest > 0.0 and low < second / largest < high
     small = max(largest, second) < wanted / _SMALL
@@ -146,10 +147,10 @@ def verdict_of(seen: Differences, order: int, wanted: float) -> str:
 
 
 def verdict_on_all(seen: Differences, read: Any, order: int, wanted: float, exact: bool) -> tuple[str, Any]:
-    """Return the verdict, and the signals that decide it: those that components read, or, if they are right, the rest.
+    """Return the verdict, and the signals behind it: those that components read or, if these are right, the rest.
 
-    `exact`: all signals are exchanged at declared samples, which are the same in all runs, so that all differences come
-    from solvers. Then only signals that are read decide.
+    If `exact`, all signals are exchanged at declared samples, which are the same in all runs, so that all differences
+    come from solvers. Then only signals that are read count.
     """
     if exact:
         largest = float(np.maximum(seen.d1, seen.d2)[read].max())
@@ -162,10 +163,10 @@ def verdict_on_all(seen: Differences, read: Any, order: int, wanted: float, exac
 
 
 def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> Floats:
-    """Return the difference of a run with the step 8 h / 13 from the prediction by the other runs, relative to `scale`.
+    """Return the deviation of a run with the step 8 h / 13 from the other runs' prediction, relative to `scale`.
 
-    Errors of an order p are ``C h**p``, so this run lies between those with h and h/2. Signals above the rate of the
-    steps are not: they alias to another frequency.
+    Errors of order p are ``C h**p``, so this run lies between those with h and h/2. Signals faster than the steps do
+    not, because they alias to another frequency.
     """
     every, steps = OTHER_STEPS
     share = ((every / steps) ** order - 0.5**order) / (1.0 - 0.5**order)
@@ -176,7 +177,7 @@ def alias(runs: Sequence[Floats], other: Floats, scale: Floats, order: int) -> F
 
 
 class Kind(NamedTuple):
-    """Why a verdict is impossible: the cause, with a place for the signal, then the consequence and the fix."""
+    """Reason for no verdict: the cause, with a placeholder for the signal, then the consequence and the fix."""
 
     met: str
     way: str
@@ -204,8 +205,7 @@ KINDS: Mapping[str, Kind] = {
     "jumps": Kind(
         "{signal} jumps at communication points",
         "A jump that is one step late is wrong by its full height, however short the step is. Declare the period at "
-        "which "
-        "it jumps, or replace the switch by a smooth one",
+        "which it jumps, or replace the switch by a smooth one",
     ),
     "bends": Kind(
         "{signal} bends at an event", "An event is only passed on at the next communication point. Use a shorter step"
@@ -217,14 +217,12 @@ KINDS: Mapping[str, Kind] = {
     "fast": Kind(
         "{signal} changes as fast as the steps",
         "It is noise that is drawn in each step, or a signal that is faster than the steps. Declare the period at "
-        "which it is drawn, "
-        "or choose a step that resolves it",
+        "which it is drawn, or choose a step that resolves it",
     ),
     "alias": Kind(
         "{signal} contains an alias of a faster signal",
         "A run with 8/13 of the step differs from the value that the other runs predict. Choose a step that resolves "
-        "the "
-        "faster signal, or filter it inside its component",
+        "the faster signal, or filter it inside its component",
     ),
     "solver": Kind(
         "solvers inside the FMUs determine the error of {signal}",
@@ -237,15 +235,16 @@ KINDS: Mapping[str, Kind] = {
 }
 """Kinds of systems without a verdict, in addition to errors near the limit, failed runs and an undeclared period."""
 _LEVELS = 0.25
-"""A signal with fewer values than this share of its rows is quantised; with up to three of them it switches."""
+"""A signal with fewer distinct values than this fraction of its rows is quantised; with up to three values it
+switches."""
 _APART = 0.3
-"""Fraction of the range by which runs differ that have diverged."""
+"""Difference of diverged runs as a fraction of the range."""
 _BLOWN = 4.0
-"""Growth from each of the last three quarters of a run to the next: a line grows by at most 2, then 1.5."""
+"""Growth between successive quarters of a run, in its last three: a line grows by at most 2, then 1.5."""
 
 
 def kind_of(runs: Sequence[Floats], seen: Differences, deciding: Any, sampled: Any) -> tuple[str, int]:
-    """Return which of `KINDS` applies, and the index of the signal, which is one of those that are `deciding`.
+    """Return which of `KINDS` applies, and the index of the signal, one of the `deciding` ones.
 
     `sampled` are signals with declared samples, which may have few values and jump.
     """
@@ -285,13 +284,13 @@ def _levels(values: Floats) -> str:
 
 
 def _rough(values: Floats) -> bool:
-    """Whether a signal changes its direction at more than half of its rows; white noise does at two thirds."""
+    """Return whether a signal changes direction at more than half of its rows; white noise does at two thirds."""
     slopes = np.diff(values)
     return len(slopes) > 8 and bool((slopes[1:] * slopes[:-1] < 0.0).mean() > 0.5)
 
 
 def _shifted(values: Floats, later: Floats) -> bool:
-    """Whether two runs of a signal differ by a shift in time, for nine tenths of the difference's square."""
+    """Return whether a shift in time explains nine tenths of the squared difference between two runs of a signal."""
     slope, off = np.gradient(later), values - later
     if not slope.any() or not off.any():
         return False

@@ -1,4 +1,4 @@
-"""Recorded results that a run must equal, ``--expect reference.csv --within 1e-6``, and the check of it."""
+"""Recorded results that a run must match, ``--expect reference.csv --within 1e-6``, and the check against them."""
 
 from __future__ import annotations
 
@@ -22,27 +22,28 @@ from vdfmu.engine.results.verdict import FAILED, GOOD, Check
 from vdfmu.study.coupling_error import scales
 
 WITHIN = 1e-6
-"""Allowed difference by default, as a share of a signal's range."""
+"""Default of the allowed difference, as a fraction of a signal's range."""
 _CLOSE = 1e-9
-"""Difference of times, relative to the longest, at which they are the same."""
+"""Difference of times, relative to the longest, up to which they are equal."""
 _LISTED = 10
 """Most differences in the summary."""
 
 
 class Expected(NamedTuple):
-    """Recorded results of a file, and the allowed difference from them as a share of each signal's range."""
+    """Recorded results from a file, and the allowed difference from them as a fraction of each signal's range."""
 
     path: Path
     within: float
     results: Recorded
 
     def compare(self, run: Recorded) -> dict[str, Any]:
-        """Return the entry ``expected`` of the summary of a run: problems, and the largest differences.
+        """Return the entry ``expected`` of a run's summary: problems, and the largest differences.
 
-        Its ``until_s`` is the end of recorded results that are shorter than the run, which is not compared further.
+        Its ``until_s`` is the end of recorded results that are shorter than the run; the rest of the run is not
+        compared.
 
-        Values of the run at the times of the recorded rows: reals between its rows are interpolated, other kinds hold.
-        Of several recorded rows at one time, such as before and after an event, the last counts.
+        The run's values are taken at the times of the recorded rows: reals are interpolated between rows, other kinds
+        are held. Of several recorded rows at the same time, such as before and after an event, the last counts.
         """
         pairs, problems = self._pairs(run)
         recorded, file, t = self.results, self.path.name, self.results.time
@@ -73,9 +74,9 @@ class Expected(NamedTuple):
         } | shorter
 
     def _pairs(self, run: Recorded) -> tuple[dict[str, str], list[str]]:
-        """Return recorded names and names of the run, and the problems of names and units.
+        """Return recorded names and the corresponding names in the run, and the problems of names and units.
 
-        A name without a component is that of the only component that has it.
+        A name without a component refers to the only component that has it.
         """
         pairs: dict[str, str] = {}
         problems: list[str] = []
@@ -102,15 +103,15 @@ class Expected(NamedTuple):
 
 
 def read_expected(path: str | os.PathLike[str] | None, within: float | None) -> Expected | None:
-    """Return the recorded results that a run must equal; None without a path.
+    """Return the recorded results that a run must match; None without a path.
 
-    UsageError for a file that cannot be read or has no numbers to compare, and for values that do not go together.
+    UsageError for a file that cannot be read or has no numbers to compare, and for inconsistent values.
     """
     if within is not None and not 0.0 <= within < math.inf:
-        raise UsageError(f"within: must be 0 or a positive share of a signal's range, got {within:g}.")
+        raise UsageError(f"within: must be 0 or a positive fraction of a signal's range, got {within:g}.")
     if path is None:
         if within is not None:
-            raise UsageError("within: goes with expect, the file of the recorded results. Give both.")
+            raise UsageError("within: needs expect, the file of the recorded results. Give both.")
         return None
     results = Results.read(Path(path))
     if not results.names or not len(results):
@@ -126,7 +127,7 @@ def read_expected(path: str | os.PathLike[str] | None, within: float | None) -> 
 def _largest(
     name: str, run: Recorded, t: Floats, expected: Floats, size: float, close: float, constant: bool
 ) -> dict[str, Any]:
-    """Return the largest difference of a signal from its `expected` values at times `t`, and its share of `size`."""
+    """Return the largest difference of a signal from its `expected` values at times `t`, and its fraction of `size`."""
     values: NDArray[Any] = run[name].astype(float)
     before = np.searchsorted(run.time, t + close, "right") - 1
     if run.kinds[name] == "real":

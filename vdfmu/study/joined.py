@@ -1,4 +1,4 @@
-"""The run of FMUs on the command line: results, verdict and page."""
+"""Runs FMUs for the command line: results, verdict and page."""
 
 from __future__ import annotations
 
@@ -35,15 +35,16 @@ def run_joined(
 ) -> Results:
     """Run a package of any tool, judge the run and write its page, all in a folder.
 
-    It is judged by the largest error `wanted`, a share of each range, and by `expected` results, unless these are None.
+    It is judged by the largest allowed error `wanted`, a fraction of each range, and by `expected` results, unless
+    these are None.
 
     The run and its page need neither CasADi nor the equations of arms. `source` is the name of a package that was made
-    for the run, which is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
+    for the run and is kept as ``system.ssp``. Errors: see :func:`vdfmu.engine.package_run.run_system` and
     :func:`vdfmu.study.judgement.judge`.
     """
 
     def finish(partial: Path, results: Results) -> None:
-        """Judge the run and write its page, so that all files replace those of an earlier run at once."""
+        """Judge the run and write its page, so that all files together replace those of an earlier run."""
         if source is not None:
             shutil.copyfile(package, partial / "system.ssp")
         if judged is not None:
@@ -73,7 +74,7 @@ def run_joined(
 
 
 def _judge(summary: dict[str, Any]) -> None:
-    """Add the verdict to the summary of a run that was judged."""
+    """Add the verdict to the summary of a judged run."""
     if summary.keys().isdisjoint(("judgement", "expected")):
         return
     from vdfmu.study.verdict import calculated_checks  # takes long to import

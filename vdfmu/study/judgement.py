@@ -1,7 +1,7 @@
 """`judge`: the error that the communication step causes in a co-simulation, estimated from runs with shorter steps.
 
 Three runs are made, with the steps h, h/2 and h/4, see :mod:`vdfmu.study.coupling_error`; one with 8 h / 13 looks for
-aliases. No run is longer than the system's, so all together take at most nine times its steps.
+aliases. No run is longer than the system's, so all runs together take at most nine times its steps.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ from vdfmu.study.sampling import (
 )
 
 _LINEARISED = ("growth", "coarse")
-"""Kinds without a verdict that the spectral radius of the loop explains."""
+"""Kinds without a verdict that are explained by the loop's spectral radius."""
 
 
 class SignalError(NamedTuple):
-    """A signal: error as a share of its range, d2 / d1, time [s] of its largest difference, and whether it is read."""
+    """A signal: error relative to its range, d2 / d1, time [s] of its largest difference, and whether it is read."""
 
     name: str
     error: float
@@ -78,8 +78,8 @@ class Judgement:
     text : str
         The verdict in a sentence.
     wanted, error : float
-        Largest error that is wanted, and the estimated one, as shares of each signal's range, its largest less its
-        smallest value, or of the value of a constant signal; NaN without an estimate.
+        Largest allowed error, and the estimated one, relative to each signal's range, its largest minus its smallest
+        value, or to the value of a constant signal; NaN without an estimate.
     signal : str
         The signal with the largest error.
     step : float [s]
@@ -87,11 +87,11 @@ class Judgement:
     signals : tuple of SignalError
         All real outputs, the largest error first; `read` says whether another component reads it.
     order : int
-        Order of the coupling error in the step, by the algorithm; 0 if unknown.
+        Order of the algorithm's coupling error in the step; 0 if unknown.
     kind : str
-        Why a verdict is impossible: "near" the wanted error, "period" of a component not declared, "failed" run,
-        "still" signals, algorithm without "order", or one of "growth", "chaos", "bistable", "quantised",
-        "jumps", "bends", "delay", "fast", "alias", "solver" errors or a step that is too "coarse".
+        Why a verdict is impossible: "near" the allowed error, undeclared "period" of a component, "failed" run, "still"
+        signals, algorithm without "order", or one of "growth", "chaos", "bistable", "quantised", "jumps", "bends",
+        "delay", "fast", "alias", "solver" errors or a step that is too "coarse".
     """
 
     verdict: str
@@ -107,7 +107,7 @@ class Judgement:
 
     @property
     def right(self) -> bool | None:
-        """Whether the system is right; None if this is not decided."""
+        """Whether the system is right; None if undecided."""
         return None if self.verdict == OPEN else self.verdict == RIGHT
 
     def __str__(self) -> str:
@@ -119,7 +119,7 @@ class Judgement:
 
 
 def check_wanted(wanted: float | None, sampled: bool | None, adaptive: float | None = None) -> None:
-    """Raise UsageError for options of :func:`judge` that do not fit together; `wanted` is None without a judgement."""
+    """Raise UsageError for inconsistent options of :func:`judge`; `wanted` is None without a judgement."""
     if wanted is None:
         if sampled is not None:
             raise UsageError("sampled and continuous need judge. Add --judge with the largest error in %.")
@@ -146,12 +146,12 @@ def judge(
     system : path or FlatSystem
         A package (SSP).
     wanted : float
-        Largest error, as a fraction of each real output's range.
+        Largest allowed error, as a fraction of each real output's range.
     **options
-        :class:`vdfmu.study.options.JudgingOptions`. `sampled` says how components that may sample and declare no
-        period are read: those with discrete outputs, or with held inputs and no states. Sampled components keep `step`
-        as their period while the communication step is halved. By default the FMU says it, see ``sampled`` of
-        :class:`vdfmu.unit.Unit`. For components that do not, both readings are judged, and two equal verdicts are the
+        :class:`vdfmu.study.options.JudgingOptions`. `sampled` tells how components are read that may sample but declare
+        no period: those with discrete outputs, or with held inputs and no states. Sampled components keep `step` as
+        their period while the communication step is halved. By default the FMU declares this, see ``sampled`` of
+        :class:`vdfmu.unit.Unit`. If it does not, both readings are judged, and if their verdicts agree, that is the
         verdict.
 
     Returns
@@ -177,7 +177,7 @@ def judge_connected(
     grid = Simulator(flat, **how).grid(rows["start"], rows["stop"], rows["step"])
     try:
         return _judged(_Case(checked, wanted, grid, how), flat, sampled)
-    except Interrupted as error:  # its time and rows belong to a run of which the caller is not aware
+    except Interrupted as error:  # its time and rows belong to a run that the caller does not know of
         raise Stopped(error.number) from None
 
 
@@ -198,7 +198,7 @@ def check_connected(flat: FlatSystem, options: Mapping[str, Any]) -> Checked:
 
 
 def _judged(case: _Case, flat: FlatSystem, sampled: bool | None) -> Judgement:
-    """Return the judgement of a system by the reading `sampled`, or of both where its FMUs do not decide."""
+    """Return the judgement of a system with the reading `sampled`, or with both if its FMUs do not declare it."""
     checked, grid = case.checked, case.grid
     unclear = ambiguous(checked)
     declared = [name for name in unclear if checked.descriptions[name].samples]
@@ -211,7 +211,7 @@ def _judged(case: _Case, flat: FlatSystem, sampled: bool | None) -> Judgement:
 
 
 def _of_two(undeclared: Sequence[str], held: Judgement, continuous: Judgement) -> Judgement:
-    """Return the judgement of two readings of the components without a declared period."""
+    """Return the judgement from two readings of the components without a declared period."""
     names, period = ", ".join(undeclared), _time(held.step)
     worse, other = sorted((held, continuous), key=lambda each: -math.inf if math.isnan(each.error) else -each.error)
     if held.verdict == continuous.verdict != OPEN:
@@ -241,7 +241,7 @@ class _Case(NamedTuple):
         return self.grid.step
 
     def judged(self, flat: FlatSystem) -> Judgement:
-        """Judge a system by three runs, and by a fourth if they show nothing."""
+        """Judge a system from three runs, and from a fourth if they show no error."""
         (names, n_read), order = judged_signals(self.checked), self.checked.how.order
         if not order:
             why = f"the algorithm {self.checked.algorithm} declares no order. Declare declared_order in its Algorithm."
@@ -309,7 +309,7 @@ class _Case(NamedTuple):
         constant: bool,
         late: float,
     ) -> str:
-        """Return the verdict in a sentence, from the `worst` signal, or the signal `met` that prevents a verdict."""
+        """Return the verdict in a sentence, on the `worst` signal, or on the signal `met` that prevents a verdict."""
         share = per_cent(max(worst.error, late) if verdict == RIGHT else worst.error)
         about = f"{share} of the {'value' if constant else 'range'} of {worst.name}"
         if verdict == RIGHT:
@@ -318,7 +318,7 @@ class _Case(NamedTuple):
             unread = "" if worst.read else ", an output that no component reads"
             return f"Not right: about {about}{unread} ({self._asked}). {self._way(worst)}"
         if kind == "near":
-            return f"Not decided: about {about} is too near the wanted error ({self._asked}). {self._way(worst)}"
+            return f"Not decided: about {about} is too near the allowed error ({self._asked}). {self._way(worst)}"
         cause = self._cause(flat, met.time) if kind in _LINEARISED else ""
         return f"Not decided: {KINDS[kind].met.format(signal=met.name)} ({self._asked}). {KINDS[kind].way}.{cause}"
 
@@ -332,10 +332,10 @@ class _Case(NamedTuple):
 
     @property
     def _asked(self) -> str:
-        return f"step {_time(self.step)}; wanted {per_cent(self.wanted)}"
+        return f"step {_time(self.step)}; allowed {per_cent(self.wanted)}"
 
     def _way(self, worst: SignalError) -> str:
-        """Return what makes the error of a signal right."""
+        """Return how to make the error of a signal small enough."""
         order = self.checked.how.order
         share = self.wanted / (MARGIN * worst.error) if worst.error else 1.0
         way = f"a step of {_time(_rounded(self.step * share ** (1.0 / order)))}"
@@ -348,7 +348,7 @@ class _Case(NamedTuple):
     def _aliases(
         self, simulator: Simulator, names: Sequence[str], runs: Sequence[Floats], seen: Differences, order: int
     ) -> Floats | str:
-        """Return what a run with 8 h / 13 adds, as shares of the ranges; a reason if no such run is possible."""
+        """Return the error that a run with 8 h / 13 reveals, relative to the ranges, or why no such run is possible."""
         every, steps = OTHER_STEPS
         whole = self.grid.n // every * every
         if not whole:
@@ -363,7 +363,7 @@ class _Case(NamedTuple):
         return alias(runs, _columns(results, names), seen.scale, order)
 
     def _repeats(self) -> bool:
-        """Whether an algorithm that repeats steps can run the system."""
+        """Return whether an algorithm that repeats steps can run the system."""
         try:
             check_system(self.checked.system, self.options.get("parameters"), algorithm=named(repeats=True)[0])
         except SspError:
@@ -371,7 +371,7 @@ class _Case(NamedTuple):
         return True
 
     def _cause(self, flat: FlatSystem, at: float | None) -> str:
-        """Return the radius of the coupled loop, if the FMUs have derivatives and the loop grows or decays slowly."""
+        """Return a sentence on the loop's spectral radius, if FMUs have derivatives and it grows or decays slowly."""
         options: dict[str, Any] = {**self.options, "algorithm": self.checked.algorithm, "log": None}
         try:
             at = None if at is None else round(at / self.step) * self.step
@@ -395,7 +395,7 @@ def _time(seconds: float) -> str:
 
 
 def _rounded(step: float) -> float:
-    """Return the next shorter step of 1, 2 or 5 times a power of ten; 0 for steps of no size."""
+    """Return the next shorter step of 1, 2 or 5 times a power of ten; 0 for a step of 0."""
     if not 0.0 < step < math.inf:
         return 0.0
     power = 10.0 ** math.floor(math.log10(step) + 1e-9)

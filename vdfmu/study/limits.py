@@ -1,7 +1,7 @@
-"""The limits of all verdicts: for each the measured value, its limit, the source of the limit, and the sentence.
+"""The limits of all verdicts, each with the measured value, the limit, its source, and the sentence.
 
-Runs, studies, logs and the page of a run are judged by this one table. A scenario sets its own limits in
-``[limits]``, ``--limit margin=0.3`` sets one for a run.
+Runs, studies, logs and the page of a run are all judged by this table. A scenario sets its own limits in ``[limits]``,
+and ``--limit margin=0.3`` sets one for a run.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from vdfmu.base.text import nearest
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, Check
 
 _DIGITS = 9
-"""Most further digits of a number that rounds to its limit."""
+"""Most additional digits of a number that rounds to its limit."""
 
 
 class Limit(NamedTuple):
-    """A row of the table."""
+    """A row of the table of limits."""
 
     key: str
     """Name in ``[limits]`` and ``--limit``."""
@@ -28,26 +28,26 @@ class Limit(NamedTuple):
     """Name of the check."""
     value: float
     beyond: str
-    """State of a run beyond the limit."""
+    """State of a run that exceeds the limit."""
     unit: str
-    """Unit of the number and the limit: ``1``, ``%`` for a share, or a unit of measurement."""
+    """Unit of the number and the limit: ``1``, ``%`` for a fraction, or a unit of measurement."""
     sentence: str
-    """What is measured, with places for ``value``, ``place``, ``time`` and others."""
+    """Sentence on the measured value, with placeholders for ``value``, ``place``, ``time`` and others."""
     by: str
-    """Why the limit is where it is."""
+    """Reason for the value of the limit."""
     at_least: bool = False
-    """Whether numbers below the limit are beyond it; by default those above it are."""
+    """Whether numbers below the limit, instead of those above it, exceed it."""
     failed: float = math.inf
     """A second limit, beyond which a run has failed; infinite without one."""
 
     def shown(self, value: float, more: int = 0) -> str:
-        """Return a number of the row as text, with some `more` digits."""
+        """Return a number of the row as text, with `more` additional digits."""
         if self.unit == "1":
             return number(value, 2 + more)
         return f"{number(100.0 * value if self.unit == '%' else value, 3 + more)} {self.unit}"
 
     def state(self, value: float) -> str:
-        """Return the state of a number; NaN is beyond every limit."""
+        """Return the state of a number; NaN exceeds every limit."""
         if self.at_least:
             return GOOD if value >= self.value else self.beyond
         if value <= self.value:
@@ -55,16 +55,16 @@ class Limit(NamedTuple):
         return self.beyond if value <= max(self.failed, self.value) or math.isinf(self.failed) else FAILED
 
     def excuses(self, value: float) -> bool:
-        """Whether a number is good only by the limit that a user set."""
+        """Return whether a number is good only because of the limit that a user set."""
         usual = LIMITS[self.key]
         return self.by != usual.by and self.state(value) == GOOD != usual.state(value)
 
     def check(self, value: float, more: str = "", **places: Any) -> Check:
-        """Judge a number; `places` are the other places of the sentence. The limit is named if it matters."""
+        """Judge a number; `places` fill the sentence's other placeholders. The limit is named if it matters."""
         state, digits = self.state(value), 0
         limit = self.failed if state == FAILED and self.beyond != FAILED else self.value
         while state != GOOD and digits < _DIGITS and self.shown(value, digits) == self.shown(limit, digits):
-            digits += 1  # a number beyond its limit does not look like it
+            digits += 1  # a number that exceeds its limit must not look equal to it
         text = self.shown(value, digits)
         sentence = self.sentence.format(value=text, samples="sample" if text == "1" else "samples", **places)
         if state != GOOD or self.excuses(value):
@@ -125,7 +125,7 @@ ROWS = (
     ),
     Limit(
         "ratio", "Gear ratio", 0.05, DOUBTFUL, "%",
-        "gear ratio of {place} is {ratio}, not {ell}: link motion {factor} times the expected",
+        "gear ratio of {place} is {ratio}, not {ell}: the link moves {factor} times as far",
         "springs and encoders cause a difference of a few per mille", failed=0.1,
     ),
     Limit(
@@ -145,7 +145,7 @@ ROWS = (
     ),
 )  # fmt: skip
 LIMITS: Mapping[str, Limit] = {row.key: row for row in ROWS}
-"""Limits by name."""
+"""The limits by name."""
 
 
 OF_SCENARIO = "[limits] of the scenario"
@@ -153,12 +153,12 @@ OF_SCENARIO = "[limits] of the scenario"
 
 
 def own_limits(limits: Mapping[str, Limit]) -> dict[str, dict[str, Any]]:
-    """Return the limits that were changed, by name: their ``value``, and ``by`` whom it was set."""
+    """Return the changed limits by name: their ``value``, and ``by`` whom it was set."""
     return {key: {"value": row.value, "by": row.by} for key, row in limits.items() if row.by != LIMITS[key].by}
 
 
 def read_limits(values: Mapping[str, Any], by: str, limits: Mapping[str, Limit] = LIMITS) -> dict[str, Limit]:
-    """Return limits, some with values of a user; `by` says whose they are, such as ``--limit``.
+    """Return limits, some with a user's values; `by` names their origin, such as ``--limit``.
 
     UsageError for unknown names, and for values that are not positive numbers.
     """

@@ -1,6 +1,6 @@
-"""The options of runs of scenarios and of studies of them, in addition to `vdfmu.engine.options`; each once."""
+"""The options of scenario runs and of studies, in addition to `vdfmu.engine.options`, each declared once."""
 
-# Types are written out, not quoted: the command line reads them; quoted ones are imported for the checker only.
+# Types that the command line reads are not quoted; quoted ones are imported only for the type checker.
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
@@ -51,18 +51,18 @@ def read_percent(text: str) -> float:
 
 
 def read_connections(texts: Iterable[str] | None) -> list[tuple[str, str]]:
-    """Return output and input of each text ``a.y=b.u``."""
+    """Return the output and the input of each text ``a.y=b.u``."""
     form = "OUTPUT=INPUT, such as a.y=b.u"
     return [pair for text in texts or () for pair in read_settings([text], "--connect", form).items()]
 
 
 SAMPLES = ("grid", "lhs", "sobol", "random", "saltelli", "morris")
-"""Ways to draw the points of a study; the last two for indices of sensitivity."""
+"""Ways to choose the points of a study; the last two are for sensitivity indices."""
 ENGINES = ("fmu", "batch")
-"""What runs the points of a study: FMUs, or one program of all units."""
+"""Engines that run the points of a study: FMUs, or one program of all units."""
 
 
-# Kept as a table: each option in a few lines, not one argument per line.
+# Kept as a table with a few lines per option, not one argument per line.
 # fmt: off
 class ValueOptions(TypedDict, total=False):
     """Values of a system, and its FMUs."""
@@ -81,7 +81,7 @@ class RobotOptions(ValueOptions, total=False):
 
 
 class LoopOptions(ValueOptions, CouplingOptions, total=False):
-    """Options of margins."""
+    """Options for margins."""
 
     algorithm: Annotated[str | None, algorithm_option]
     step: Annotated[float | None, option_of(SpanOptions, "step")]
@@ -95,16 +95,16 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
     units: Annotated[Mapping[str, Any] | None, Option(
         "Replace COMPONENT by a unit or FMU. Repeatable.",
         "mapping of str to unit", "By my_unit.py, my_units.py:Name, an FMU of any tool, the name of a unit of the "
-        "package, or a class. Values of the scenario for parameters that the replacement does not have are dropped, "
-        "and so are connections to signals that it does not have. An additional input is connected to the only "
-        "output that fits by name, shape and unit of measurement. If an input then has no source, the run is "
-        "refused. The log notes these changes, and the summary has them as ``left_out`` and ``joined``.",
+        "package, or a class. Values and connections of the scenario are dropped if the replacement lacks the "
+        "parameter or signal. An additional input is connected to the only output that fits by name, shape and unit "
+        "of measurement. If an input then has no source, the run is refused. The log notes these changes, and the "
+        "summary has them as ``left_out`` and ``joined``.",
         flag="--unit", metavar="COMPONENT=UNIT", typed=TEXTS,
         read=partial( read_settings, option="--unit", form="COMPONENT=UNIT, such as controller=my_unit.py" ))]
     connections: Annotated["Connections | None", Option(
         "Connect output a.y to input b.u. Repeatable.", "mapping of output to input or inputs, or pairs of them",
-        "Names are as in the diagram, ``component.signal``; vectors are connected as a whole or by elements, "
-        "``plant.tau[1]``. The new connection replaces the one that the input has in the scenario.", flag="--connect",
+        "Names are as in the diagram, ``component.signal``; vectors are connected as a whole or by element, "
+        "``plant.tau[1]``. The new connection replaces the input's connection in the scenario.", flag="--connect",
         metavar="a.y=b.u", typed=TEXTS, read=read_connections)]
     unfed: Annotated[str | None, Option(
         "ok: unconnected inputs keep their start values.",
@@ -113,7 +113,7 @@ class ScenarioOptions(RobotOptions, SpanOptions, CouplingOptions, InputOptions, 
 
 
 class JudgeOptions(TypedDict, total=False):
-    """How the coupling error is judged."""
+    """Judgement of the coupling error."""
 
     judge: Annotated[float | None, Option(
         "Estimate the coupling error; fail above PERCENT.", "float",
@@ -128,7 +128,7 @@ class JudgeOptions(TypedDict, total=False):
 
 
 class ExpectOptions(TypedDict, total=False):
-    """Recorded results that a run must equal."""
+    """Recorded results that a run must match."""
 
     expect: Annotated["str | os.PathLike[str] | None", Option(
         "Recorded results that the run must match.", "path",
@@ -153,9 +153,9 @@ class ScenarioRunOptions(
     """Options of `vdfmu.run`."""
 
     out: Annotated["str | os.PathLike[str] | Literal[False] | None", Option(
-        "Folder of the results (default results/NAME).", "path or False", "NAME is that of the scenario; of the "
-        "scenario reach it is ROBOT_reach. Files of an earlier run in it are replaced at the end of this run. False "
-        "writes nothing: the returned object has results and summary.",
+        "Folder of the results (default results/NAME).", "path or False", "NAME is the scenario's name, or "
+        "ROBOT_reach for the scenario reach. Files of an earlier run in the folder are replaced at the end of this "
+        "run. With False nothing is written, and the returned object has results and summary.",
         typed=Path | None)]
     reference: Annotated[bool, Option("Solve the references and compare.",
         more="This takes longer than the run itself.", default=True, flag="--reference/--no-reference")]
@@ -169,7 +169,7 @@ class ScenarioRunOptions(
     record: Annotated[Sequence[str] | None, option_of(RecordOptions, "record")]
     fmi_version: Annotated[str, Option("Version of FMI; 3.0 needs native FMUs.",
         default=PYTHON_FMI.name, flag="--fmi", choices=tuple(FMI_VERSIONS))]
-    simulate: Annotated[bool | None, Option("Give the page sliders that repeat the run.",
+    simulate: Annotated[bool | None, Option("Add sliders that repeat the run in the page.",
         more="The page then contains the system as WebAssembly. This is the default on the command line, but not in "
             "Python.",
         flag="--simulate/--no-simulate")]
@@ -182,7 +182,7 @@ class SeedOptions(TypedDict, total=False):
 
 
 class WorkerOptions(ProgressOptions, total=False):
-    """How the runs of a study are done."""
+    """How the runs of a study are executed."""
 
     workers: Annotated[int | None, Option("Processes (default: one for each processor).")]
     time_limit: Annotated[float | None, Option("Time limit of a run in s (default 600).", "float [s]")]
@@ -192,7 +192,7 @@ class WorkerOptions(ProgressOptions, total=False):
 
 
 class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
-    """Options of the plan of a sweep."""
+    """Options for the plan of a sweep."""
 
     start: Annotated[float | None, Option("Start of the runs of a package in s.", "float [s]",
         "Default: the package's default experiment; else 0.")]
@@ -223,7 +223,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
 class SweepOptions(PlanOptions, WorkerOptions, total=False):
     """Options of `vdfmu.sweep`."""
 
-    chunk: Annotated[int | None, Option("Points that a worker takes at a time.",
+    chunk: Annotated[int | None, Option("Points that a worker runs at a time.",
         more="A result file has the rows of one chunk. By default a chunk takes a few seconds and at most 50 points, "
         "or 56 with the engine `batch`.")]
     out: Annotated[str | os.PathLike[str] | None, Option("Folder (default results/sweep_SCENARIO).", "path",

@@ -1,4 +1,4 @@
-"""Jobs on scenarios: a run with its pictures and page, and a folder for users of other tools."""
+"""Jobs with scenarios: a run with its pictures and page, and a folder for users of other tools."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, or the name of a shipped one, or a file; or "reach", a first motion of any robot.
+        A loaded scenario, the name of a shipped one, a file, or "reach", a first motion of any robot.
     **options
         :class:`vdfmu.study.options.ScenarioRunOptions`.
 
@@ -58,7 +58,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
     UsageError, ModelError, SspError
         Before the run, for faults of scenario, robot, options or system.
     CosimError, vdfmu.engine.run.Interrupted
-        A unit failed, or the user stopped the run. The rows up to then are in ``partial`` of the folder.
+        A unit failed, or the user stopped the run. The rows up to then are in the folder's ``partial``.
     """
     case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
     known_formats(options["formats"])
@@ -89,7 +89,7 @@ def run(scenario: Scenario | str | os.PathLike[str], **options: Unpack[ScenarioR
 
 @contextmanager
 def _folder_of(case: RunCase) -> Generator[Path]:
-    """Yield the folder that a run writes; its files replace those of an earlier run at the end."""
+    """Yield the folder that a run writes; at the end its files replace those of an earlier run."""
     out = case.options["out"]
     if not case.written:
         with temporary_folder("vdfmu_run_") as place:
@@ -105,7 +105,7 @@ ROWS = 1001
 
 
 def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mapping[str, Any]]) -> list[Path]:
-    """Write both packages of a scenario, the results of SSP 1.0 by two masters, README and script; return their paths.
+    """Write both packages of a scenario, results of SSP 1.0 from two masters, README and script; return their paths.
 
     The folder is made if it is missing. For `values` of units see :func:`vdfmu.system.scenario.values.system_values`.
     """
@@ -118,7 +118,7 @@ def write_reference(scenario: Scenario, folder: Path, values: Mapping[str, Mappi
     texts = {folder / name: (source / name).read_text(encoding="utf-8") for name in ("README.md", "compare.py")}
     for path in (*packages.values(), *tables.values(), *texts):
         regular_target(path)
-    readme = folder / "README.md"  # its mark is for tables and script too
+    readme = folder / "README.md"  # its mark also covers tables and script
     require_ours(*packages.values(), readme, *(() if readme.exists() else (*tables.values(), *texts)))
     for version, package in packages.items():
         with temporary_folder("vdfmu_") as built:

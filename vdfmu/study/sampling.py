@@ -1,4 +1,4 @@
-"""Determine which components of a system are sampled, and whether their sample times are declared."""
+"""Determines which components of a system are sampled, and whether their sample times are declared."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from vdfmu.engine.plan.check import Checked
 
 
 def declared_samples(checked: Checked, system: FlatSystem) -> set[str]:
-    """Return the components with declared sample times: by a step, a period, or a clock."""
+    """Return the components that declare sample times by a step, a period, or a clock."""
     stepped = {component.name for component in system.components if component.step is not None}
     described = checked.descriptions.items()
     return stepped | {name for name, each in described if each.period or any(v.clock for v in each.variables.values())}
 
 
 def timed_samples(checked: Checked, system: FlatSystem) -> set[str]:
-    """Return the components whose samples take effect at declared times: with a step, or passed on within the step."""
+    """Return components whose samples take effect at declared times: with their own step, or passed on in the step."""
     stepped = {component.name for component in system.components if component.step is not None}
     late = {link.start[0] for link in checked.links if link.stepped and link.end not in checked.schedule.fresh}
     return stepped | declared_samples(checked, system) - late
@@ -27,7 +27,7 @@ def timed_samples(checked: Checked, system: FlatSystem) -> set[str]:
 def ambiguous(checked: Checked) -> list[str]:
     """Return the components that may be sampled: those with discrete outputs, or with held inputs and without states.
 
-    Components for model exchange have no steps that could be samples.
+    Components for model exchange have no steps at which they could sample.
     """
     declared, names = declared_samples(checked, checked.system), dict[str, None]()
     fed = {link.end[0] for link in checked.links if link.stepped and checked.how.substeps}
@@ -46,7 +46,7 @@ def keeping_steps(system: FlatSystem, names: Sequence[str], step: float) -> Flat
 
 
 def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
-    """Whether all signals between components are exchanged at declared samples, whatever the communication step."""
+    """Return whether all signals between components are exchanged at declared samples, whatever the step."""
     kept = {component.name for component in system.components if component.step is not None}
     timed = timed_samples(checked, system) if checked.how.substeps else kept
     links = [link for link in checked.links if link.stepped and link.start[0] in checked.descriptions]
@@ -58,9 +58,9 @@ def exchanged_at_samples(checked: Checked, system: FlatSystem) -> bool:
 
 
 def judged_signals(checked: Checked) -> tuple[list[str], int]:
-    """Return all real outputs, first those that are regarded as read, and the number of these.
+    """Return all real outputs, first those that count as read, and the number of these.
 
-    These are read by other components, or are outputs of components at the end of a chain.
+    An output counts as read if another component reads it or if its component is at the end of a chain.
     """
     descriptions = checked.descriptions
     links = [link for link in checked.links if link.stepped and link.start[0] in descriptions]

@@ -1,4 +1,4 @@
-"""The verdict on a run: the measured values against the table of limits, the most important checks first.
+"""The verdict on a run, which compares measured values with the table of limits, the most important checks first.
 
 A verdict is made only from the summary of a run, so that a page or a later command comes to the same result.
 """
@@ -21,7 +21,7 @@ from vdfmu.study.run.summary_keys import Summary
 
 Limits = Mapping[str, Limit]
 ENERGY_FLOOR = 1e-3
-"""Residual [J] below which its share is meaningless, as for an arm at rest."""
+"""Residual [J] below which its relative value is meaningless, as for an arm at rest."""
 
 
 def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def verdict(summary: Summary, limits: Limits = LIMITS) -> dict[str, Any]:
 
 
 def loop_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
-    """Yield the checks of the loops of a run, or why they were not judged."""
+    """Yield the checks of a run's loops, or why they were not judged."""
     figures: Summary = summary.get("key_figures") or {}
     name = "Stability"
     if (lacking := summary.get("stability")) is not None:
@@ -91,7 +91,7 @@ def _growth(figures: Summary, limits: Limits) -> Iterator[Check]:
 
 
 def explain(error: CosimError | Interrupted, poses: Poses | None) -> dict[str, Any]:
-    """Return the numbers of the loops of a failed run, if they are unstable, and note it in the error; else nothing."""
+    """Return the loops' numbers of a failed run if they are unstable, noting that in the error; else nothing."""
     if poses is None or isinstance(error, Interrupted) or poses.lacking or not poses.seconds:
         return {}
     from vdfmu.study.analysis.loops import judged  # needs CasADi, which runs of FMUs do without
@@ -113,20 +113,20 @@ def loop_sentences(figures: Summary, limits: Limits = LIMITS) -> tuple[str, list
 
 
 def _at_half_step(figures: Summary) -> str:
-    """Return a phrase with the modulus margin at half the step, if only the longer step makes the loops unstable."""
+    """Return a phrase with the modulus margin at half the step if only the longer step makes the loops unstable."""
     half: Summary | None = figures.get("half_step")
     return "" if half is None else f"with a step of {half['step']:g} s the modulus margin is {half['value']:.2g}"
 
 
 def _saturated(figures: Summary, limits: Limits) -> Iterator[Check]:
-    """Yield the check of the joint that spent most time at a limit of its motor, or at its end stop."""
+    """Yield the check of the joint that spent most time at a motor limit or end stop."""
     if (figure := figures.get("saturated")) is not None:
         places = {"place": figure["place"], "time": since(figure["at_s"])}
         yield limits["saturated"].check(figure["value"], "without feedback there", **places)
 
 
 def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
-    """Yield whether the arm followed its motion or, in contact, whether it moved at all."""
+    """Yield the check of whether the arm followed its motion or, in contact, moved at all."""
     figure: Summary | None = figures.get("path")
     if figure is None:
         return
@@ -144,7 +144,7 @@ def _path(figures: Summary, limits: Limits) -> Iterator[Check]:
 
 
 def remark_checks(summary: Summary) -> Iterator[Check]:
-    """Yield the notes on the system that often explain the rest: an implausible robot, unconnected inputs."""
+    """Yield notes on the system that often explain the rest: an implausible robot, unconnected inputs."""
     for name in ("implausible", "unfed"):
         notes: Sequence[str] = summary.get(name) or ()
         if notes:
@@ -160,7 +160,7 @@ def _cut(summary: Summary) -> Iterator[Check]:
 
 
 def calculated_checks(summary: Summary, limits: Limits = LIMITS) -> Iterator[Check]:
-    """Yield the checks of the numbers of a complete run against recorded or calculated ones, and of its energy."""
+    """Yield the checks of a complete run's numbers against recorded or calculated ones, and of its energy."""
     if "expected" in summary:
         yield expected_check(summary["expected"])
     yield from _coupling(summary)
@@ -188,7 +188,7 @@ def _coupling(summary: Summary) -> Iterator[Check]:
 
 
 def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
-    """Yield whether the run equals the sampled reference, with the schedule of the master."""
+    """Yield the check against the sampled reference, which has the master's schedule."""
     name = "scipy reference"
     if "reference" not in summary or "no_reference" in summary:
         why = summary.get("no_reference") or "not requested"
@@ -241,7 +241,7 @@ def _reference(summary: Summary, limits: Limits) -> Iterator[Check]:
 
 
 def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
-    """Yield phrases for the results of a run, except those that a doubtful or failed check reports."""
+    """Yield phrases on the results of a run, except those that a doubtful or failed check reports."""
     figures: Summary = summary.get("key_figures") or {}
     states = {check.key: check.state for check in checks}
     resting = (figures.get("path") or {}).get("rest")
@@ -266,7 +266,7 @@ def _results(summary: Summary, checks: Sequence[Check]) -> Iterator[str]:
 
 
 def _excused(check: Check) -> bool:
-    """Return whether a check is good only by the limit that a user set."""
+    """Return whether a check is good only because of a limit that the user set."""
     row = LIMITS.get(check.key)
     return row is not None and row._replace(value=check.limit, by=check.by).excuses(check.value)
 

@@ -1,1 +1,1 @@
-"""A scenario becomes a system: its files, its package for other tools, and its reference by scipy."""
+"""Turns a scenario into a system: its files, its package for other tools, and its reference solution by scipy."""

@@ -1,4 +1,4 @@
-"""Check of users' robot, scenario and system files, and of their units."""
+"""Checks users' robot, scenario and system files, and their units."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from vdfmu.system.scenario.values import system_values
 
 
 def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str], None] = lambda text: None) -> Report:
-    """Check a TOML file or units with a `robot`. Python runs in another process, if `run`, after `say` got its path."""
+    """Check a TOML file or units with a `robot`. If `run`, code runs in another process, after `say` gets its path."""
     kind = "unit" if path.suffix.lower() == ".py" else "TOML"
     findings = Findings()
     try:
@@ -54,7 +54,7 @@ def inspect_source(path: Path, robot: str, run: bool = True, say: Callable[[str]
 
 
 def _findings(rule: str, lines: Iterable[str], path: Path) -> list[Finding]:
-    """Return texts as findings, with the line of the file if they name it."""
+    """Return texts as findings, with the line of the file if they state it."""
     pattern = re.compile(rf"^{re.escape(str(path))}, line (\d+)")
     places = ((text, pattern.match(text)) for text in lines)
     return [finding(rule, text, (str(path), int(place[1]) if place else 0)) for text, place in places]

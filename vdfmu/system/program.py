@@ -1,4 +1,4 @@
-"""The program of a system: the calculations of a communication step in their order, for C and WebAssembly."""
+"""The program of a system: the ordered calculations of a communication step, for C and WebAssembly."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from vdfmu.system.reference.wired import Action, Carry, Evaluate, TimeSetter, Wi
 
 
 class MovingUnit(NamedTuple):
-    """A unit with states. Places are in the memory of the system."""
+    """A unit with states. Places refer to the memory of the system."""
 
     name: str
     unit: Traced
     begin: int
-    """Place of its first number."""
+    """Place of the unit's first number."""
     step: ca.Function | None
-    """Step of its solver, if it has continuous states."""
+    """Step of the unit's solver, if it has continuous states."""
     left: ca.Function | None
-    """Function that returns the time until its next switching by time, if it has any."""
+    """Function that returns the time until the unit's next switching by time, if any."""
     update: tuple[Call, ...]
-    """Calls that set its sampled states."""
+    """Calls that set the unit's sampled states."""
 
     def numbers(self) -> dict[str, int]:
         """Return the numbers of ``LaneUnit`` in ``fmu_src/batch/advance.h``."""
@@ -53,7 +53,7 @@ class MovingUnit(NamedTuple):
         }
 
     def place(self, argument: str) -> int | None:
-        """Return the place of an argument of `step` or `left`. None for rates of inputs and the internal step."""
+        """Return the place of an argument of `step` or `left`; None for rates of inputs and the internal step."""
         table = self.unit.interface
         if argument.startswith("rate_") or argument == "h":
             return None
@@ -62,11 +62,11 @@ class MovingUnit(NamedTuple):
 
 
 class ParameterCondition(NamedTuple):
-    """Conditions on several parameters of a unit. Each holds if its margin is at least 0."""
+    """Conditions on several parameters of a unit, each of which holds if its margin is at least 0."""
 
     function: ca.Function
     places: tuple[int, ...]
-    """Places of its arguments."""
+    """Places of the arguments."""
     words: tuple[str, ...]
 
 
@@ -74,8 +74,8 @@ class SystemProgram:
     """The communication steps of a system of traced units. UsageError with all reasons if impossible.
 
     `varied` are the parameters, ``component.variable``, that differ from run to run. The memory of `system` has the
-    values before the start. `lists` are the actions of ``begin``, ``part_0``, and after the i-th of `moving`
-    ``part_<i+1>``. `moving` has the order of a step.
+    values before the start. `lists` are the actions of ``begin``, of ``part_0``, and of ``part_<i+1>`` after the i-th
+    of `moving`, which is in the order of a step.
     """
 
     def __init__(self, description: SystemDescription, varied: Iterable[str] = ()) -> None:
@@ -105,7 +105,7 @@ class SystemProgram:
         return unit
 
     def _unit_problems(self, name: str, varied: set[str]) -> Iterator[str]:
-        """Yield reasons against a program of a unit, and its choices among `varied`."""
+        """Yield reasons why a unit cannot be in a program, and reasons against its choices in `varied`."""
         unit = self.system.units[name]
         if not isinstance(unit, Traced):
             yield f"{name}: a unit in plain Python"
@@ -113,12 +113,12 @@ class SystemProgram:
         if unit.interface.unit.exchange:
             yield f"{name}: is integrated together with others"
         if unit.at_events:
-            yield f"{name}: has events, which end internal steps at other times"
+            yield f"{name}: has events, at which internal steps end"
         program = unit.interface.program
         groups = {choice for call in (*program.calls, *program.step) for choice, _ in call.when} | {"solver"}
         for v in unit.interface.variables:
             if v.group in groups and f"{name}.{v.name}" in varied:
-                yield f"{name}.{v.name}: decides what is compiled, and can have one value in a study only"
+                yield f"{name}.{v.name}: determines what is compiled, so it can have only one value in a study"
 
     def _moving(self, name: str) -> MovingUnit:
         unit = self.unit(name)
@@ -148,7 +148,7 @@ class SystemProgram:
                 yield ParameterCondition(_whole_multiple(step), (begin + table.groups["period"].start,), words)
 
     def limits(self) -> dict[str, tuple[int, float, float]]:
-        """Return the variables that a run may set, ``component.variable``, to place, minimum and maximum."""
+        """Return the variables that a run may set: ``component.variable`` to place, minimum and maximum."""
         return {
             f"{name}.{v.name}": (
                 self.system.begin(name) + i,
@@ -161,7 +161,7 @@ class SystemProgram:
         }
 
     def signals(self) -> dict[str, tuple[int, str]]:
-        """Return signal to place and unit. Outputs of a unit precede its inputs, as in records of a master."""
+        """Return signal to place and unit. A unit's outputs precede its inputs, as in a master's records."""
         system, fed = self.system, self.system.linked | {place for place, _ in self.system.outside}
         return {
             f"{name}.{v.name}": (system.begin(name) + i, v.unit or "")
@@ -172,7 +172,7 @@ class SystemProgram:
         }
 
     def courses(self) -> Floats:
-        """Return the inputs from external signals in the steps, (n, k)."""
+        """Return the inputs from external signals at the steps, (n, k)."""
         courses = [course for _, course in self.system.outside]
         points = self.grid.times(0, self.grid.n).tolist()
         values = [[course.at(t)[0] for course in courses] for t in points] if courses else []
@@ -180,7 +180,7 @@ class SystemProgram:
 
 
 def _whole_multiple(step: float) -> ca.Function:
-    """Return a function of a period: at least 0 if it is a whole multiple of a step, as the masters require."""
+    """Return a function of a period that is at least 0 for a whole multiple of the step, as the masters require."""
     period = ca.SX.sym("period")
     ratio = period / step
     margin = 1e-9 * ratio - ca.fabs(ratio - ca.fmax(1.0, ca.floor(ratio + 0.5)))
@@ -188,12 +188,12 @@ def _whole_multiple(step: float) -> ca.Function:
 
 
 def _problems(description: SystemDescription) -> Iterator[str]:
-    """Yield the reasons against a program that the description shows."""
+    """Yield the reasons against a program that are known from the description."""
     scenario = description.scenario
     if ALGORITHMS[scenario.algorithm].substeps != 1:
         yield f"algorithm: expected {choice(substeps=1)}, got {scenario.algorithm}"
     if scenario.adaptive is not None:
-        yield "adaptive: its steps are as long as given"
+        yield "adaptive: a program makes steps of the given length"
     foreign = [name for name, table in description.tables.items() if not isinstance(table, Interface)]
     if foreign:
         yield f"{', '.join(foreign)}: an FMU of another tool"
@@ -202,8 +202,8 @@ def _problems(description: SystemDescription) -> Iterator[str]:
 def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
     """Return a module of WebAssembly, the address of the system's memory, and :attr:`Assembler.growth`.
 
-    It exports ``begin()`` and ``step(t, size)``. They return 0, or the number from 1 on of a violated condition, or of
-    a unit in `SystemProgram.moving` whose solver fails. KernelError for an operation without code.
+    It exports ``begin()`` and ``step(t, size)``. They return 0, or the number (from 1) of a violated condition, or of a
+    unit in `SystemProgram.moving` whose solver fails. KernelError for an operation without code.
     """
     writer = _ModuleWriter(program)
     exported = {"begin": writer.begin(), "step": writer.step()}
@@ -211,7 +211,7 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
 
 
 def page_program(program: SystemProgram, read: Collection[str] = ()) -> dict[str, Any]:
-    """Return the data of a program for ``web/master.js`` for JSON, which gives all outputs and the inputs `read`.
+    """Return the data of a program for ``web/master.js``, for JSON; the outputs and the inputs in `read` are recorded.
 
     UsageError for inputs from external signals.
     """
@@ -246,7 +246,7 @@ def page_program(program: SystemProgram, read: Collection[str] = ()) -> dict[str
 
 
 class _ModuleWriter:
-    """Writer of the functions of a system, with its memory at the address `at`."""
+    """Writes the functions of a system whose memory is at the address `at`."""
 
     def __init__(self, program: SystemProgram) -> None:
         self.program, self.assembler = program, wasm.Assembler()
@@ -262,7 +262,7 @@ class _ModuleWriter:
         return self.at + 8 * place
 
     def _actions(self, actions: Sequence[Action]) -> bytes:
-        """Return the code of actions, with the time as first local."""
+        """Return the code of actions; the time is the first local."""
         code = bytearray()
         for action in actions:
             if isinstance(action, Carry):
@@ -281,7 +281,7 @@ class _ModuleWriter:
         return bytes(code)
 
     def _call(self, name: str, called: Call) -> bytes:
-        """Return the code of a call, with copies of results that are also arguments."""
+        """Return the code of a call, which copies results that are also arguments."""
         table, begin = self.program.unit(name).interface, self.program.system.begin(name)
         function = table.functions.casadi_function(called.function)
         where = {

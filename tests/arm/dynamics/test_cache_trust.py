@@ -36,7 +36,7 @@ def test_a_cache_that_others_may_write_to_is_not_used(tmp_path, monkeypatch, cap
         assert cache.cache_folder() == tmp_path / "own"
         assert cache.cache_folder() == tmp_path / "own"
     (message,) = caplog.messages
-    assert f"the cache '{shared}' is not used: others may write to it (mode {mode:o})" in message
+    assert f"the cache '{shared}' is not used: other users may write to it (mode {mode:o})" in message
     assert "choose another with VDFMU_CACHE_DIR" in message
     shared.chmod(0o755)
     assert cache.cache_folder() == shared

@@ -185,7 +185,7 @@ def symbol(name="s"):
 def test_symbol_refuses_to_become_a_float():
     with pytest.raises(KernelError, match=r"Symbol\(s\) has no value while equations are traced"):
         float(symbol())
-    with pytest.raises(KernelError, match=r"zeros\(shape, \*like\) for an array that it is put into"):
+    with pytest.raises(KernelError, match=r"zeros\(shape, \*like\) for an array that receives it"):
         np.zeros(2)[0] = symbol()
     assert float(Symbol(2.5)) == 2.5
 

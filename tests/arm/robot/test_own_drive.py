@@ -89,7 +89,7 @@ def test_the_plant_is_the_arm_on_cubic_springs_with_hysteresis_and_warm_friction
 
 
 def test_the_inverse_uses_the_spring_and_the_energy_is_the_work_on_it(robot):
-    """Along a planned motion there is no hysteresis, and the joint is as warm as the surroundings."""
+    """Along a planned motion there is no hysteresis, and the joint has the temperature of the surroundings."""
     desired = desired_motion(0.4, np.array([-0.2, 0.1]), np.array([1.0, 1.4]), 2.0)
     torques = feedforward_inverse(robot, desired)
     x = np.concatenate([desired.q_d, desired.q_d_dot, torques.kappa_dot_d, torques.tau_s, np.zeros(2), robot.T_0])

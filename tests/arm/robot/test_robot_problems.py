@@ -33,7 +33,7 @@ FAULTS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("joints", 1, "rotation"), [[0.71, -0.71, 0], [0.71, 0.71, 0], [0, 0, 1]],
      r"joints\[2\]\.rotation: expected an orthogonal matrix .* got .* R\^T - E\| up to 0\.0082"),
     (("joints", 1, "rotation"), [[1, 0, 0], [0, 1, 0], [0, 0, -1]],
-     r"rotation: expected a rotation of determinant \+1, got determinant -1\. It mirrors"),
+     r"rotation: expected a rotation of determinant \+1, got determinant -1\. It is a reflection"),
     (("joints", 1, "link", "mass"), 0, r"joints\[2\]\.link\.mass: expected a finite number > 0 in kg, got 0\."),
     (("joints", 1, "link", "mass"), True, r"mass: expected a finite number > 0 in kg, got true\. Write a number"),
     (("tool_rotation",), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.1, 1.0]],

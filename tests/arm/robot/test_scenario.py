@@ -183,10 +183,7 @@ def test_a_factor_multiplies_what_the_scenario_has_element_by_element():
     assert after["plant"]["mass[2]"] == 1.5 * before["plant"]["mass[2]"]
     assert after["feedforward"]["mass[2]"] == before["feedforward"]["mass[2]"]
     assert {name: after[name]["gravity[3]"] for name in ("plant", "feedforward")} == {"plant": 0.0, "feedforward": 0.0}
-    for value, words in (
-        ("*x", r"a number behind the star, such as \*0\.8, got \*x"),
-        ("*", "a number behind the star"),
-    ):
+    for value, words in (("*x", r"a number after the star, such as \*0\.8, got \*x"), ("*", "a number after the star")):
         with pytest.raises(UsageError, match=words):
             system_values(scenario, {"controller.K_v": value})
     with pytest.raises(UsageError, match="expected a number to multiply, got 0"):

@@ -42,7 +42,7 @@ def test_a_unit_has_the_author_and_the_licence_of_its_class_or_none(tmp_path, ba
         licence, page = texts
         assert licence.startswith("The unit Gain (sources/unit.c and sources/kernel_*.c): (c) 2026 Ada, BSD-3-Clause")
         assert "MIT License" in licence  # of the C that all units have
-        assert "BSD-3-Clause. The C files that all units have are of vdfmu, MIT." in page
+        assert "BSD-3-Clause. The C files common to all units belong to vdfmu (MIT)." in page
     (tmp_path / "gain.py").write_text(UNIT.replace("# here", "author = 3"))
     with pytest.raises(UnitError, match=r"gain\.py, line 6: Gain: author: expected a text, got 3"):
         built(tmp_path)

@@ -28,10 +28,10 @@ CASES = {
     "output without a method": ('    y = Output("N")\n', r"line 5: outputs\(\) of Bad never sets y"),
     "unit of measurement": (GOOD + '    g = Parameter("Nm")\n',
                             r"line 9: Bad: g: expected a unit of measurement such as N\.m.*, got 'Nm'"),
-    "name twice": (GOOD + '    u = Parameter("1")\n', r"line 9: Bad: u is there twice, first in line 5"),
+    "name twice": (GOOD + '    u = Parameter("1")\n', r"line 9: Bad: u is declared twice, first in line 5"),
     "method twice": (GOOD + "    def outputs(self):\n        self.y = 0.0\n",
-                     r"line 9: Bad: outputs is there twice, first in line 7"),
-    "class twice": (GOOD + "class Bad(Unit):\n" + GOOD, r"line 9: class Bad is there twice, first in line 4"),
+                     r"line 9: Bad: outputs is declared twice, first in line 7"),
+    "class twice": (GOOD + "class Bad(Unit):\n" + GOOD, r"line 9: class Bad is declared twice, first in line 4"),
     "name of the robot's parameter": ('    robot = RobotParameters("mass")\n    mass = Parameter("kg")\n',
                                       r"line 6: Bad: mass is there twice: as a variable and in RobotParameters"),
     "NaN at the start": (GOOD.replace("self.u[0] +", "np.log(self.u[0]) *"),
@@ -77,7 +77,7 @@ def test_the_message_says_where_and_what(planar, file, case):
 
 def test_a_file_without_a_unit_says_what_is_missing_and_a_base_with_an_underscore_is_none(file):
     file.write_text("x = 1\n")
-    with pytest.raises(UnitError, match=re.escape(f"{file} declares no unit: a class that is derived from")):
+    with pytest.raises(UnitError, match=re.escape(f"{file} declares no unit. Derive a class from")):
         build_fmus(None, file.parent, units=[file])
     file.write_text("from vdfmu.unit import Unit\n\nclass _Common(Unit):\n    pass\n\nclass Gain(_Common):\n    pass\n")
     assert list(load_units(file)) == ["gain"]

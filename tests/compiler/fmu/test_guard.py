@@ -30,7 +30,7 @@ def test_an_fmu_of_another_version_or_of_other_sources_is_refused_before_its_con
     folder = change(folder, robot={"arms": 2}, start_values=None, tool=None)
     assert "was built with vdfmu 9.9.9" in words_of_refusal(folder)
     words = words_of_refusal(change(copy_of("controller"), digest="0123456789abcdef"))
-    assert f"PDController.fmu was built with vdfmu {__version__} of other sources" in words
+    assert f"PDController.fmu was built with vdfmu {__version__} from other sources" in words
     assert "digest 01234567, here " in words
     assert words.endswith("Build the FMU again with `vdfmu build`.")
 
@@ -51,7 +51,7 @@ def test_a_lost_content_file_is_said(copy_of, words_of_refusal):
     """Without it, an FMU is that of the file in ``fmu_src``, if its description says so."""
     folder = copy_of("plant")
     (folder / "resources" / "vdfmu.json").unlink()
-    assert words_of_refusal(folder).endswith("or has lost its content file. Build the FMU again.")
+    assert words_of_refusal(folder).endswith("or its content file is missing. Build the FMU again.")
 
 
 @pytest.mark.parametrize(("values", "words"), [

@@ -181,8 +181,8 @@ def test_a_file_that_the_compiler_refuses_is_named(cold):
     ({"backend": "native", "platforms": []}, "No platform is chosen"),
     ({"backend": "rust"}, "no backend 'rust'. There are: python, native"),
     ({"backend": "native", "fmi_version": "1.0"}, r"no FMI '1.0' here. There are: '2.0', '3.0'"),
-    ({"backend": "python", "fmi_version": "3.0"}, r"Python FMUs are of FMI 2.0, got 3.0"),
-    ({"backend": "python", "platforms": "all"}, "Platforms can be chosen for native FMUs only"),
+    ({"backend": "python", "fmi_version": "3.0"}, r"Python FMUs have FMI 2.0, got 3.0"),
+    ({"backend": "python", "platforms": "all"}, "Platforms can only be chosen for native FMUs"),
 ])  # fmt: skip
 def test_unknown_names_are_refused_with_the_known_ones(planar, tmp_path, options, words):
     with pytest.raises(UsageError, match=words):

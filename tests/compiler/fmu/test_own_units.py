@@ -17,10 +17,10 @@ from tests.compiler.unit.pair import functions, further, unit_of
 from tests.engine.files import check_file
 from vdfmu.arm.fmus import build_fmus
 from vdfmu.arm.units import find_unit
+from vdfmu.base.extras import extra_modules
 from vdfmu.compiler.unit.evaluate import Plain
 from vdfmu.compiler.unit.interface import Interface
 from vdfmu.compiler.unit.solver import ScipySolver
-from vdfmu.unit import casadi_unit, linear_unit, table_unit
 
 FILE = Path(__file__).parent / "own_units.py"
 NATIVE = ("native 2.0", "native 3.0")
@@ -28,21 +28,25 @@ FORMS = (*NATIVE, "python 2.0")
 TRACED = ("LowPass", "Encoder", "Mixer", "Clock", "Weights", "Words", "OnlyParameter", "Tensor", "Rate", "Solves")
 a, b = ca.MX.sym("a", 2, 3), ca.MX.sym("b")
 MAPS = ca.Function("maps", [a, b], [b * (a[:, ::-1].T @ ca.DM([1, 2])), a @ a.T], ["a", "b"], ["s", "w"])
-MADE = {
-    "functions": unit_of(functions), "further": unit_of(further), "maps": casadi_unit(MAPS),
-    "held": linear_unit([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01),
-    "moving": linear_unit([[-0.2, -4.0], [1.0, 0.0]], [[1.0], [0.0]], [[0.0, 1.0]], [[0.0]]),
-    "table": table_unit({"T [s]": [0.0, 1.0, 2.5], "a b [N.m]": [1.0, 3.0, 4.0], "c": [2.0, -1.0, 0.0]}),
-}  # fmt: skip
+MADE = {"functions": unit_of(functions), "further": unit_of(further)}
 """Units that no file declares: a Python FMU needs one."""
 RUNS = {
     "Words": {"x_0": 0.3, "h_0": -0.1, "w1": 0.2, "y_new": 0.1, "d_x": -0.5},
     "Solves": {"u": [1.0, -2.0, 0.5], "T": 2.0, "x_0": [1.0, 0.0, 0.0]}, "Tensor": {"u": [0.1, 0.2, -0.3, 4.0]},
     "Rate": {"x_0": [0.5, 0.1]}, "functions": {"u": [0.7, -1.3, 2.1]}, "further": {"u": [0.7, -1.3, 2.1]},
-    "maps": {"a": np.arange(6.0), "b": 3.0}, "held": {"u": 0.7}, "moving": {"u": 1.0, "x_0": [0.3, -0.1]},
-    "table": {"T": 1.7},
 }  # fmt: skip
 """Unit to its inputs and parameters; any name will do for a variable, as those of Words show."""
+for models in extra_modules("factories"):
+    MADE |= {
+        "maps": models.casadi_unit(MAPS),
+        "held": models.linear_unit([[0.9, 0.1], [0.0, 0.8]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.5]], 0.01),
+        "moving": models.linear_unit([[-0.2, -4.0], [1.0, 0.0]], [[1.0], [0.0]], [[0.0, 1.0]], [[0.0]]),
+        "table": models.table_unit({"T [s]": [0.0, 1.0, 2.5], "a b [N.m]": [1.0, 3.0, 4.0], "c": [2.0, -1.0, 0.0]}),
+    }
+    RUNS |= {
+        "maps": {"a": np.arange(6.0), "b": 3.0}, "held": {"u": 0.7}, "moving": {"u": 1.0, "x_0": [0.3, -0.1]},
+        "table": {"T": 1.7},
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")

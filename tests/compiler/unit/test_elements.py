@@ -74,7 +74,7 @@ def test_a_group_takes_the_place_of_the_elements_that_another_file_feeds(folder)
 
 @pytest.mark.parametrize(("wrong", "message"), [
     ('"plant.q[3]" = ["spring.q"]', r"plant\.q\[3\]: expected an output of plant, got 'q\[3\]'"),
-    ('"plant.q" = ["spring.q"]', r"plant\.q -> spring\.q: expected signals of one shape"),
+    ('"plant.q" = ["spring.q"]', r"plant\.q -> spring\.q: expected signals of the same shape"),
     ('"plant.q[1]" = ["spring.q"]\n"plant.q[2]" = ["spring.q"]', r"spring\.q: expected one connected output"),
 ])  # fmt: skip
 def test_elements_that_do_not_fit_are_named(folder, wrong, message):

@@ -123,7 +123,7 @@ def test_interpolation_is_that_of_numpy_and_a_table_to_look_up_may_have_one_dime
 
 @pytest.mark.parametrize(("value", "words"), [
     (lambda a: lookup(a, [0.0, 1.0, 2.0], [0.0, 1.0, 4.0]),
-     r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. Values at points are for interpolate"),
+     r"lookup: .*\(m,\), got the shapes \(\), \(3,\) and \(3,\)\. For values at points use interpolate"),
     (lambda a: lookup(np.ones(2) * a, [0.0, 1.0, 2.0], [0.0, 1.0])[0],
      r"lookup: expected a scalar x, .*got the shapes \(2,\), \(3,\) and \(2,\)"),
     (lambda a: interpolate(a, [0.0, 1.0, 2.0], [0.0, 1.0]),

@@ -96,7 +96,7 @@ EVENTS = {"e": Event("1"), "events": sets("e")}
     (MOVING | EVENTS | {"at_e": sets("x_dot")}, r"at_e\(\) must not set x_dot, a derivative"),
     (MOVING | EVENTS | {"at_e": sets("z")}, r"at_e\(\) sets z, which Wrong does not declare"),
     (MOVING | {"e": Event("1"), "at_e": sets("x")}, r"events\(\) of Wrong never sets e"),
-    (MOVING | EVENTS | {"at_e": sets("x"), "outputs": sets("e")}, r"outputs\(\) must not set e, the number of an e"),
+    (MOVING | EVENTS | {"at_e": sets("x"), "outputs": sets("e")}, r"outputs\(\) must not set e, an event indicator"),
     (MOVING | EVENTS | {"at_e": sets("x"), "events": lambda s: (setattr(s, "e", 0.0), setattr(s, "x", 0.0))},
      r"events\(\) must not set x, a continuous state"),
     (EVENTS | {"s": Sampled("1"), "period": Parameter("s", start=1e-3, minimum=1e-6), "update": sets("s"),

@@ -11,7 +11,7 @@ from vdfmu.base.errors import KernelError, UnitError
 from vdfmu.compiler import wasm
 from vdfmu.compiler.unit.evaluate import Plain, Traced
 from vdfmu.compiler.unit.interface import Interface
-from vdfmu.unit import Derivative, Input, Output, State, Unit, linear_unit
+from vdfmu.unit import Derivative, Input, Output, State, Unit
 
 RNG = np.random.default_rng(3)
 FIRST = (RNG.normal(size=(64, 48)) / 7.0).astype(np.float32)
@@ -120,11 +120,3 @@ def test_what_has_no_such_products_says_so():
         wasm.Assembler().traced(function)
     with pytest.raises(UnitError, match="may switch by time: it multiplies by a large matrix, and the time"):
         _ = Interface(Timed, None).program
-
-
-def test_linear_systems_keep_a_jacobian_of_numbers():
-    """A large matrix of states is no call, because each step would calculate its Jacobian again."""
-    unit = linear_unit(-np.eye(48), np.ones((48, 1)), np.ones((1, 48)), [[0.0]])
-    functions = Interface(unit, None).functions
-    assert not functions.casadi_function(f"{functions.name}_derivatives").find_functions(0)
-    assert functions.casadi_function(f"{functions.name}_jacobian").n_instructions() < 48 * 48 * 3

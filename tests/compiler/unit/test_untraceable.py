@@ -90,10 +90,10 @@ UNTRACEABLE = {  # the words of the refusal, and what Python gives, if that is k
     of_math: ("has no value while equations are traced", None),
     largest: ("a condition on a value is not known", 0.5),
     equal: ("a condition on a value is not known", 0.0),
-    eigenvalues: ("eigvalsh of numpy takes no symbols: ", None),
-    spacing: ("np.spacing takes no symbols: ufunc 'spacing' not supported", None),
+    eigenvalues: ("eigvalsh of numpy does not accept symbols: ", None),
+    spacing: ("np.spacing does not accept symbols: ufunc 'spacing' not supported", None),
     interpolated: ("of vdfmu.unit, interpolate for tables", None),
-    cast: (r"zeros\(shape, \*like\) for an array that it is put into", 0.5),
+    cast: (r"zeros\(shape, \*like\) for an array that receives it", 0.5),
 }
 
 

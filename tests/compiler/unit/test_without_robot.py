@@ -62,7 +62,7 @@ def command(*words):
 
 @pytest.fixture(scope="module")
 def ran(folder):
-    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate", "--pictures", "png")
+    done = command("run", folder / "motor.toml", "--out", folder / "run", "--simulate")
     assert done.exit_code == 0, done.output
     return Results.read(folder / "run" / "results.csv"), json.loads((folder / "run" / "summary.json").read_text())
 
@@ -87,7 +87,7 @@ def test_the_linearization_is_that_of_the_matrices_and_a_margin_needs_no_torque(
     assert vdfmu.load("motor.toml").margins(at=[0.0]).names == ("controller.w",)  # the loop opened where it is cut
 
 
-TAKES_ONE = "takes a robot"
+TAKES_ONE = "uses a robot"
 
 
 @pytest.mark.parametrize(("words", "message"), [

@@ -169,8 +169,8 @@ def test_some_points_are_compared_with_the_fmus_and_the_page_says_so(tmp_path):
 
 
 @pytest.mark.parametrize(("over", "options", "words"), [
-    ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: decides what is compiled"),
-    ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: decides what is compiled"),
+    ({"feedforward.mode": "vdc, inverse"}, {}, r"feedforward.mode: determines what is compiled"),
+    ({"plant.solver": "adaptive, fixed_1"}, {}, r"plant.solver: determines what is compiled"),
     ({"plant.mass[1]": "1, 2"}, {"algorithm": "iterative"}, "algorithm: expected gauss-seidel or jacobi"),
 ])  # fmt: skip
 def test_what_cannot_go_side_by_side_is_said_and_left_to_the_fmus(over, options, words):

@@ -6,13 +6,30 @@ import pytest
 from fmpy.validation import validate_fmu
 
 import vdfmu
+from tests.compiler.unit.motor import write_motor
 from tests.conftest import ran, refused
+from tests.engine.conftest import component
 from tests.engine.reference import models
+from tests.engine.reference_fmus import Reference
+from tests.engine.texts import OWN_STEP
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.inspect.inspection import inspect_file
 from vdfmu.extras.container import write_container
+from vdfmu.unit import Input, Parameter, Sampled, Unit
 
 STOP = 0.2
+
+
+class Sampling(Unit):
+    """Input at samples."""
+
+    u = Input("1")
+    period = Parameter("s", start=0.01, minimum=1e-6)
+    y = Sampled("1")
+
+    def update(self) -> None:
+        """Sample."""
+        self.y = self.u
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +119,32 @@ def test_a_container_refuses_connections_that_convert_a_type(system, tmp_path):
     path = system(units, ["a.Int32_output -> b.Float64_input"])
     with pytest.raises(UsageError, match="b.Float64_input: a container FMU converts no types, got Integer to Real"):
         write_container(path, tmp_path / "c.fmu", step=0.1)
+
+
+def test_a_container_does_not_step_units_with_a_step_of_their_own(pack, tmp_path):
+    slow = component("s", "Gain", "u:input y:output", OWN_STEP.format(0.5))
+    path = pack(["r Ramp y:output", slow], ["r.y -> s.u"])
+    with pytest.raises(UsageError, match="s: has its own step, but a container FMU steps all together"):
+        write_container(path, tmp_path / "c.fmu", step=0.125)
+
+
+def test_a_container_does_not_integrate(system, tmp_path):
+    with pytest.raises(UsageError, match="a container FMU steps co-simulation"):
+        write_container(system({"a": (Reference("Dahlquist", exchange=True), "2.0")}), tmp_path / "c.fmu", step=0.5)
+
+
+@pytest.mark.heavy
+def test_steps_of_a_container_are_multiples_of_a_units_period(tmp_path):
+    system = vdfmu.connect({"free": Sampling, "control": Sampling}, {"free.y": "control.u"})
+    with pytest.raises(UsageError, match="control: samples every 0.01 s, expected a whole multiple"):
+        system.container(tmp_path / "c.fmu", step=0.004)
+    assert system.container(tmp_path / "c.fmu", step=0.005).exists()
+
+
+@pytest.mark.heavy
+def test_a_system_without_a_robot_is_one_fmu_but_takes_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_motor(tmp_path)
+    assert "obot" not in ran("build", "motor.toml", "--container").output
+    assert list(tmp_path.glob("*.fmu"))
+    assert "takes a robot" in refused("build", "motor.toml", "--container", "--robot", "planar_2dof")

@@ -147,7 +147,7 @@ def test_words_of_refusal(planar, tmp_path):
         ({"target": "efmi", "precision": "float32", "units": [Small]}, "small: a number of its equations: .* 1e-60"),
         ({"target": "efmi", "step": 0.0}, "step: expected a finite number above 0 s, got 0.0."),
         ({"target": "efmi", "precision": "float32", "units": ["torque_sensor"]}, "torque_sensor: .* number 2147483647"),
-        ({"precision": "float32"}, "precision: must be double for FMUs, got 'float32'. Give --target efmi"),
+        ({"precision": "float32"}, "precision: must be double for FMUs, got 'float32'. Add --target efmi"),
     ]
     for options, words in cases:
         with pytest.raises(UsageError, match=words):
@@ -168,7 +168,7 @@ class Matrix(Unit):
 @pytest.mark.parametrize(
     ("unit", "words"),
     [(Relay, "has events; an eFMU is a sampled or memoryless unit"),
-     (Matrix, "matrix_outputs: a product with a large matrix has no text for this use")],
+     (Matrix, "matrix_outputs: no code can be generated for a product with a large matrix here")],
 )  # fmt: skip
 def test_units_of_other_kinds_are_refused(unit, words, tmp_path):
     with pytest.raises((UsageError, KernelError), match=words):

@@ -141,7 +141,9 @@ def test_wrapped_angles_are_joined_and_said(robot, data, tmp_path):
     log = read_log(write(tmp_path / "log.csv", columns), robot)
     for mine, other in ((log.kappa, kappa), (log.q, q)):
         np.testing.assert_allclose(mine - mine[0], other - other[0], atol=1e-12)
-    assert re.match(r"theta\[1\]: wrapped \d+ times, first in row \d+: joined at jumps of 6.28319 rad", log.notes[0])
+    assert re.match(
+        r"theta\[1\]: wrapped \d+ times, first in row \d+: unwrapped with a period of 6.28319 rad", log.notes[0]
+    )
     assert any(note.startswith("q[1]: wrapped") for note in log.notes)
 
 
@@ -197,7 +199,7 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
     same(read_log(write(path, table(data), 1e3 * T), robot, time="time [ms]"), data)
     (check, *_) = read_log(write(path, table(data, q=0.9 * q)), robot).checks
     assert check.key == "ratio"
-    assert "gear ratio of joint 1 is 111, not 100: link motion 0.901 times the expected" in check.sentence
+    assert "gear ratio of joint 1 is 111, not 100: the link moves 0.901 times as far" in check.sentence
 
 
 def test_the_way_out_is_one(robot, data, tmp_path):
@@ -264,7 +266,7 @@ def test_positions_in_degrees_are_named_with_and_without_links_and_torques_of_ro
 
 def test_torques_that_fit_otherwise_are_failed_checks(robot, data, tmp_path):
     _, _, tau = data
-    sign = "tau[1] has another sign: its friction would drive the joint"
+    sign = "tau[1] has the opposite sign: its friction would drive the joint"
     for other, sentences in (
         (tau[:, ::-1], ["tau[1] fits joint 2 better than its own", "tau[2] fits joint 1 better than its own"]),
         (tau * [-1, 1], [sign]),

@@ -13,11 +13,11 @@ from vdfmu.extras.identify.verdict import gain, verdict
 
 FAULTS = {
     "none": ({}, GOOD, "residual torque"),
-    "ratio": ({"q": 100.0 / 120.0}, FAILED, "joint 1: ratio 120, not 100: the link moves 0.833 times as far"),
+    "ratio": ({"q": 100.0 / 120.0}, FAILED, "gear ratio of joint 1 is 120, not 100: the link moves 0.833 times as far"),
     "mN.m": ({"tau": 1e3}, FAILED, "torques are 1000 times the robot file's: mN.m were read as N.m"),
     "kN.m": ({"tau": 1e-3}, FAILED, "torques are 0.001 times the robot file's: kN.m were read as N.m"),
     "side": ({"tau": 100.0}, FAILED, "torques are 100 times the robot file's: they are link-side"),
-    "sign": ({"tau": -1.0}, FAILED, "tau[1] has another sign: its friction would drive the joint"),
+    "sign": ({"tau": -1.0}, FAILED, "tau[1] has the opposite sign: its friction would drive the joint"),
     "degrees": ({"kappa": np.rad2deg(1.0), "q": np.rad2deg(1.0)}, FAILED, "positions look like degrees that were read"),
     "time": ({"t": 1e-3}, FAILED, "joint 1 moves at"),
     "model": ({"friction": 0.6}, DOUBTFUL, "has a residual of 38"),

@@ -97,7 +97,7 @@ def test_the_wrench_is_found_where_the_arm_feels_it(arm):
 
 SYSTEM = """extends = "wall"
 name = "wall_observed"
-description = "An arm at a wall, under a momentum observer"
+description = "An arm at a wall, with a momentum observer"
 [components]
 observer = "momentum_observer"
 [connections]

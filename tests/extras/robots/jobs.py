@@ -18,4 +18,7 @@ def _urdf(folder: Path) -> None:
     (folder / "arm.toml").write_text("# before\n")
 
 
-JOBS = {"robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,))}
+JOBS = {
+    "robot import": Job(("robot", "import", "arm.urdf", "--overwrite", "-o", "arm.toml"), (_urdf,)),
+    "robot reach": Job(("robot", "reach", "planar_2dof", "--overwrite", "-o", "out/reach.toml")),
+}

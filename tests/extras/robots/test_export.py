@@ -121,7 +121,7 @@ def test_a_slender_link_has_the_rotor_too(tmp_path):
     # a rod, whose moments meet the triangle inequality with equality
     inertia[0] = np.diag([1e-9, 0.1, 0.1])
     notes = export_robot(robot.with_parameters(inertia=inertia), tmp_path / "arm.xml")
-    assert notes == ["link 1 is too slender to give rotor 2 its inertia across the axis: it has both."]
+    assert notes == ["link 1 is too slender to give rotor 2 its transverse inertia, and keeps it."]
     mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
 
 

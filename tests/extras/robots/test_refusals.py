@@ -47,7 +47,7 @@ def refused(path: Path, **options: str) -> list[str]:
      "the file: expected a link that no joint carries, got none. The joints go in a circle."),
     (ARM + link("p") + link("q") + joint("x", "p", "q") + joint("y", "q", "p"), {"tip": "p"},
      "the file: expected links that hang on ground, got p, q. Their joints go in a circle."),
-    ("", {}, "the file: expected links, got none. Is it whole? xacro writes a URDF from a .xacro file."),
+    ("", {}, "the file: expected links, got none. Is it complete? xacro writes a URDF from a .xacro file."),
     (ARM.replace(link("one"), link("one", "")), {},
      "joint a: expected a link with mass, which it moves, got no <inertial> with a mass in one. Give them by "
      "--drives: [a] link = { mass, centroid, inertia }; for a body of boxes, cylinders and spheres the mass alone, "

@@ -74,7 +74,7 @@ def test_joints_that_are_coupled_and_links_without_mass_are_named(urdf):
         "e", "three", "case", "fixed"
     )
     notes = import_robot(urdf(ARM + shown), tip="tool").notes
-    assert "joint c: the file gives no mass to case." in notes  # and not to the frame tool, which is none
+    assert "joint c: the file has no mass for case." in notes  # and not to the frame tool, which is none
 
 
 def test_limits_damping_and_friction_are_taken_over(urdf):

@@ -6,9 +6,9 @@ import tomllib
 import numpy as np
 import pytest
 
+from vdfmu.extras.robots.reach_file import write_reach
 from vdfmu.extras.tune import tune
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.run.prepare import prepare
 
 

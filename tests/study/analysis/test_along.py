@@ -1,19 +1,15 @@
 """The smallest margin over a run, and what grows along it: against 1,000 times and against the run; one for all."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
 import vdfmu
-from tests.conftest import ran
 from vdfmu.base.errors import CosimError
-from vdfmu.engine.results.verdict import checks_of
 from vdfmu.engine.run import Simulator
 from vdfmu.study.analysis.arm_space import packaged
 from vdfmu.study.analysis.loops import grown, judged, margins_along, run_along
-from vdfmu.study.analysis.reach_file import write_reach
 from vdfmu.study.run.prepare import prepare
 from vdfmu.study.verdict import loop_checks, loop_sentences
 from vdfmu.system.scenario import load_scenario
@@ -101,25 +97,6 @@ def test_a_growth_that_the_run_survives_is_told_with_its_times_and_its_factor():
     before, after = (apart[a : a + 95].max() for a in (640, 950))  # a period, of the start and the end of the growth
     # the first window has what grows until 0.73 s, 1.2, and links that swing
     assert 0.5 * factor < after / before <= factor
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("algorithm", ["gauss-seidel", "jacobi"])
-def test_all_commands_have_one_margin(algorithm, tmp_path):
-    """Of an arm along its first motion."""
-    path = tmp_path / "reach.toml"
-    written = write_reach("scara_4dof", path)
-    reach = margins_along(path).judged
-    np.testing.assert_array_equal(written.margins.modulus, reach.loops.margins().modulus)
-    options = ["--algorithm", algorithm, "--no-reference", "--out", str(tmp_path / "run")]
-    ran("run", path, *options)
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    said = [check.sentence for check in checks_of(summary) if check.key in ("growth", "margin", "delay")]
-    margins = margins_along(path, algorithm=algorithm).judged
-    loops = [check.sentence for check in loop_checks({"key_figures": margins.figures})][1:]
-    assert loops == said and (algorithm == "jacobi" or reach.figures == margins.figures)
-    least, shown = margins.loops.modulus, summary["key_figures"]["margin"]["value"]
-    assert shown == least.min() > 0.3
 
 
 @pytest.mark.heavy

@@ -77,14 +77,14 @@ def test_what_cannot_be_linearised_is_said():
         (lambda: vdfmu.linearize("planar_tracking", 0.0, backend="python"), "plant: expected FMUs with directional"),
         (
             lambda: vdfmu.linearize("planar_tracking", [0.1, 0.2]),
-            "expected a Robot, got str .* A scenario or a package takes a time in s instead of positions",
+            "expected a Robot, got str .* For a scenario or a package give a time in s instead of positions",
         ),
         (lambda: vdfmu.linearize("planar_tracking", -1.0), "at: expected a time of the run from 0 s"),
         (lambda: margins_along("planar_tracking", at=[np.nan]), "at: expected .* got nan s"),
         (lambda: margins_along("planar_tracking", at=[1e308]), r"at: expected .* got 1e\+308 s"),
         (lambda: margins_along("planar_tracking", at=[2.5, 1.0]), "at: expected 0 s to 2 s, got 2.5 s"),
         (lambda: vdfmu.linearize("planar_tracking", "x"), "at: expected a number, or a list"),
-        (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: applies to an arm only"),
+        (lambda: vdfmu.linearize("planar_tracking", 0.1, dry=True), "dry: applies only to an arm"),
     ):
         with pytest.raises(UsageError, match=message):
             call()

@@ -175,7 +175,7 @@ def test_an_fmu_with_a_fault_of_its_file_is_refused_and_runs_anyway(place):
     content = with_a_fault(place)
     words = ("run", "odd.fmu", "--stop", "1", "--step", "0.1", "--out", "odd")
     refused = command(*words, cwd=place[0])
-    assert refused.returncode == 2 and "The FMUs can run in spite of this: --run-anyway." in refused.stderr
+    assert refused.returncode == 2 and "The FMUs can run despite this: --run-anyway." in refused.stderr
     done = command(*words, "--run-anyway", cwd=place[0])
     assert done.returncode == 0 and "odd: resources/odd.fmu: faulty model description" in done.stderr
     plain = command("run", place[1].name, *words[2:-1], "plain", cwd=place[0])

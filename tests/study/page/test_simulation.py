@@ -137,7 +137,7 @@ def test_sliders_of_two_arms_say_of_which_and_each_feedforward_knows_its_own():
 
 def test_a_run_without_references_says_why_its_loop_may_differ(planar):
     recorded = found_in(planar)[0]["recorded"]
-    assert recorded["note"] == "" and "Without a reference, the run does not show" in recorded["doubt"]
+    assert recorded["note"] == "" and "Without a reference it is unknown" in recorded["doubt"]
     assert found_in(planar, reference={"sampled": {}})[0]["recorded"]["doubt"] == ""
 
 
@@ -230,7 +230,7 @@ def test_the_page_finds_what_the_fmus_found(pages, browser):
 
 @pytest.mark.heavy
 def test_the_page_of_fmus_of_fmi_3_under_jacobi_finds_what_they_found(pages, browser):
-    folder = pages("reach", robot="planar_2dof", fmi_version="3.0", algorithm="jacobi", stop=1.0)
+    folder = pages("planar_tracking", fmi_version="3.0", algorithm="jacobi", stop=1.0)
     assert_same(simulated(browser, folder / "report.html", []), Results.read(folder / "results.csv"))
 
 

@@ -16,7 +16,6 @@ from vdfmu.base.errors import CosimError, UsageError
 from vdfmu.base.measure import quantity
 from vdfmu.base.toml_file import locate
 from vdfmu.engine.results.verdict import LONGEST, Check, checks_line, headline_of, results_of, state_of, verdict_of
-from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.limits import LIMITS, read_limits
 from vdfmu.study.report.page import report_page, run_command
 from vdfmu.study.report.parts import MOST_TILES, page_title, tiles_of
@@ -354,10 +353,6 @@ def test_the_command_has_each_option_that_differs(planar, tmp_path):
     assert run_command(facts) == f"vdfmu run {path} --stop 0.3 --algorithm jacobi --tolerance 1e-05"
     assert run_command(run_facts(prepare(path))) == f"vdfmu run {path}"
     assert run_command(run_facts(prepare(path, robot=robot))) == f"vdfmu run {path} --robot {robot.file}"
-    reach = run_facts(prepare(reach_scenario(robot.file)))
-    assert run_command(reach).startswith(f"vdfmu run reach --robot {robot.file} --stop ")
-    reach = run_facts(prepare(reach_scenario("planar_2dof"), step=0.002))
-    assert "vdfmu run reach --robot planar_2dof --stop" in run_command(reach) and "--step 0.002" in run_command(reach)
 
 
 def test_a_command_ends_with_the_verdict_and_what_opens_the_page(planar, monkeypatch):

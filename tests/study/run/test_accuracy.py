@@ -42,7 +42,7 @@ def lacking(T: float, h: float) -> float:
 @pytest.mark.heavy
 def test_a_run_says_what_the_inverse_leaves_out_and_that_stiff_springs_depend_on_the_tolerance():
     _, (note,) = run({"trajectory.T": 0.25}, 0.3)
-    assert "motor 1 in a step, for its rotors are coupled and the motion is fast" in note
+    assert "motor 1 in a step, because its rotors are coupled and the motion is fast" in note
     said = float(note.partition("omits ")[2].partition(" of ")[0])
     # the note takes the slope of D once, at the middle of three steps in which the springs go through 10 % of it
     np.testing.assert_allclose(said, lacking(0.25, 1e-3), rtol=0.25)

@@ -10,10 +10,10 @@ import vdfmu
 from tests.conftest import heavy, ran
 from vdfmu.arm.robot import load_robot
 from vdfmu.engine.results.results import Results, Signal
-from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.report.sheets import limits_sheet, sheets
 from vdfmu.study.run.summary import ArmLimits, limits_of, time_at_limits, tracking_errors
 from vdfmu.system.package.description import SystemDescription
+from vdfmu.system.scenario import load_scenario
 from vdfmu.system.scenario.values import system_values
 
 TAU_STALL, NO_LOAD, FULL_SPEED = 10.0, 4.0, 0.5
@@ -109,11 +109,11 @@ def test_a_run_away_from_its_limits_has_no_table_and_its_values_are_those_of_the
     assert "limits" not in planar_run[1].summary
     rests = {"plant": dict.fromkeys(("torque", "speed", "stop"), [0.0, 0.0])}
     assert sheets({"limits": rests}) == [] != sheets({"limits": {"plant": rests["plant"] | {"speed": [0.0, 0.1]}}})
-    scenario = reach_scenario("kr_6dof")
+    scenario = load_scenario("tracking", load_robot("ur5e_6dof"))
     (plain,) = limits_of(SystemDescription(scenario))
     changed = system_values(scenario, {"plant.tau_stall[2]": 0.1, "controller.tau_max[3]": 0.2})
     (weaker,) = limits_of(SystemDescription(scenario, changed))
-    assert plain.robot.tau_stall[1] == load_robot("kr_6dof").tau_stall[1] != weaker.robot.tau_stall[1] == 0.1
+    assert plain.robot.tau_stall[1] == load_robot("ur5e_6dof").tau_stall[1] != weaker.robot.tau_stall[1] == 0.1
     assert weaker.tau_max[2] == 0.2 and weaker.tau_max[1] == plain.tau_max[1]
 
 

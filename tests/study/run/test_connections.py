@@ -141,7 +141,7 @@ def test_a_new_input_is_connected_to_the_only_output_that_fits_by_name_shape_and
     ("plant.q", "controller.q_dd", "connections: controller.q_dd: expected an input of controller, got 'q_dd'."),
     ("plnt.q", "controller.q", "connections: plnt.q: expected component.signal, got 'plnt'. Did you mean \"plant\"?"),
     ("plant.q", "controller.q_dot", "expected one unit of measurement, got rad and rad/s."),
-    ("plant.q[1]", "controller.q", "expected signals of one shape"),
+    ("plant.q[1]", "controller.q", "expected signals of the same shape"),
 ])  # fmt: skip
 def test_what_cannot_be_connected_is_named(source, target, said):
     with pytest.raises(UsageError) as error:

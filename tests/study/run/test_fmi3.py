@@ -31,7 +31,7 @@ def test_inputs_run_on_lines_by_intermediate_updates_as_by_their_derivatives(iso
 
 
 def test_what_has_no_fmi_3(tmp_path):
-    with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2\.0, got 3\.0"):
+    with pytest.raises(UsageError, match=r"Python FMUs have FMI 2\.0, got 3\.0"):
         vdfmu.run("planar_tracking", stop=0.01, backend="python", fmi_version="3.0", out=tmp_path / "a")
     with pytest.raises(UsageError, match=r"There is no FMI '4\.0' here"):
         vdfmu.run("planar_tracking", stop=0.01, fmi_version="4.0", out=tmp_path / "c")

@@ -58,5 +58,5 @@ def test_factors_of_joints_and_old_names_are_read_and_a_later_version_is_refused
     file.write_text(json.dumps({"master": "jacobi", "settings": {"plant.mass": "2"}}))  # of an earlier version
     assert read_summary(file) == {"algorithm": "jacobi", "parameters": {"plant.mass": "2"}}
     file.write_text(json.dumps(planar_run[1].summary | {"format": 2}))
-    with pytest.raises(UsageError, match=r"summary.json: format: expected 1, got 2. A later vdfmu"):
+    with pytest.raises(UsageError, match=r"summary.json: format: expected 1, got 2. A version later than"):
         read_summary(file)

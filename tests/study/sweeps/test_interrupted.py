@@ -208,4 +208,4 @@ ROW = {"point": 0, "failed": None, "failed_at": None, "wall_s": 0.1}
     [[], [1], [{}], *([ROW | change] for change in ({"point": 1}, {"failed": 7}, {"m": "text"}, {"m": [{}]}))],
 )
 def test_what_a_component_writes_for_the_worker_is_refused(message):
-    assert worker._rows(message, [0]) == "a component wrote into the pipe of the worker"
+    assert worker._rows(message, [0]) == "a component wrote to the worker's pipe"

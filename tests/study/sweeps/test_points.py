@@ -80,7 +80,7 @@ def test_a_grid_has_all_combinations_and_a_latin_hypercube_a_point_in_each_stret
         assert sorted((50 * column).astype(int)) == list(range(50))
 
 
-@pytest.mark.parametrize("sample", ["lhs", "sobol", "random", "saltelli", "morris"])
+@pytest.mark.parametrize("sample", ["lhs", "sobol", "random"])
 def test_the_same_seed_draws_the_same_points_and_another_one_others(sample):
     axes = read_axes(["a=lin(0, 1)", "b=normal(0, 1)", "c=x, y, z"])
     first, again, other = (draw(axes, sample, 16, seed)[1] for seed in (1, 1, 2))
@@ -89,7 +89,7 @@ def test_the_same_seed_draws_the_same_points_and_another_one_others(sample):
     assert set(first["c"]) <= {"x", "y", "z"}
 
 
-def test_sobol_points_fill_the_square_evenly_and_those_for_indices_are_as_many_as_needed():
+def test_sobol_points_fill_the_square_evenly():
     from scipy.stats import qmc
 
     axes = read_axes(["a=lin(0, 1)", "b=lin(0, 1)"])
@@ -97,9 +97,6 @@ def test_sobol_points_fill_the_square_evenly_and_those_for_indices_are_as_many_a
         qmc.discrepancy(np.column_stack(list(draw(axes, sample, 256)[1].values()))) for sample in ("sobol", "random")
     )
     assert even < random / 5
-    axes = read_axes(["a=lin(0, 1)", "b=lin(0, 1)", "c=lin(0, 1)"])
-    assert len(draw(axes, "saltelli", 8)[1]["a"]) == 8 * (2 * 3 + 2)
-    assert len(draw(axes, "morris", 8)[1]["a"]) == 8 * (3 + 1)
 
 
 def test_a_file_has_targets_and_points(tmp_path):

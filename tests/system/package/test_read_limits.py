@@ -40,7 +40,7 @@ def test_the_depth_of_systems_has_a_limit(tmp_path):
         path.write_bytes(pack({"SystemStructure.ssd": ssd(text)}))
         if depth == 31:
             load_ssp(path)
-    assert "more than 32 systems inside each other" in problems(path)[0]
+    assert "systems are nested deeper than 32" in problems(path)[0]
 
 
 ZEROS = bytes(600_000)

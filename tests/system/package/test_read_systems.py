@@ -67,7 +67,7 @@ def test_components_that_are_nothing_to_run_are_refused_at_once(pack):
         component("f", "#e", ""),
         component("g", "g.fmu", ""),
     ]
-    why = "is not an FMU (application/x-fmu-sharedlibrary); a system of another file, or by its id, is not read. "
+    why = "is not an FMU (application/x-fmu-sharedlibrary); a system in another file, or by its id, is not read. "
     why += "Write it into this SSD, as ssd:System"
     path = pack({"SystemStructure.ssd": ssd(elements(inner, *parts)), "b.ssp": b"", "f.fmu": b""})
     assert problems(path) == [

@@ -88,7 +88,7 @@ def test_impossible_formats_say_what_to_do(monkeypatch):
     assert [fmi_of_format(form, None) for form in ("1.0", "2.0")] == ["2.0", "3.0"]
     with pytest.raises(UsageError, match=r"There is no SSP '3.0' here. There are: '1.0', '2.0'"):
         fmi_of_format("3.0", None)
-    with pytest.raises(UsageError, match=r"Python FMUs are of FMI 2.0. Omit --backend python"):
+    with pytest.raises(UsageError, match=r"Python FMUs have FMI 2.0. Omit --backend python"):
         fmi_of_format("2.0", "python")
     monkeypatch.setattr("vdfmu.system.package.write.native_available", lambda: False)
     with pytest.raises(UsageError, match=r"compiler is not installed. Install it \(pip install vdfmu\[native\]\)"):

@@ -1,1 +1,1 @@
-"""Parts of a drive that a robot may have beyond the paper, one a file."""
+"""Optional parts of a drive that go beyond the paper, one per file."""

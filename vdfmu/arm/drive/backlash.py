@@ -1,7 +1,7 @@
-"""Backlash as a smooth dead zone: deformation that a small torque takes up. Not in the paper; off by default.
+"""Backlash as a smooth dead zone that a small torque takes up. Not in the paper; off by default.
 
-It is elastic, an odd, increasing function of the torque, so that the spring with its torque as state stays explicit and
-its energy exact.
+The deformation is elastic, an odd, increasing function of the torque, so that the spring with its torque as state stays
+explicit and its energy exact.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vdfmu.base.measure import POSITIVE
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BacklashRows:
-    """Its parameters."""
+    """Parameters of the backlash."""
 
     backlash: bool = False
     # fmt: off
@@ -29,7 +29,7 @@ class BacklashRows:
 def gap_deformation(robot: Any, tau_s: Any) -> Any:
     """Deformation ``w / 2 x / sqrt(1 + x^2)``, ``x = tau_s / tau_gap``: (n,) [rad or m], link-side.
 
-    Between tau_gap and -tau_gap it goes through 71 % of the width w, between their tenfold through 99.5 %. `tau_s` is
+    Between -tau_gap and tau_gap it covers 71 % of the width w, between ten times these torques 99.5 %. `tau_s` is
     the spring torque, (n,) [N m or N], link-side.
     """
     x = tau_s / robot.tau_gap

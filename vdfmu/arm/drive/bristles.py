@@ -1,7 +1,7 @@
-"""Bristles instead of tanh (v / eps): friction that holds at rest, LuGre (Canudas de Wit et al. 1995). Off by default.
+"""LuGre bristles (Canudas de Wit et al. 1995) instead of tanh (v / eps): friction that holds at rest. Off by default.
 
-The bristles are Dahl's element, with the level of (54) as its limit. Their damping fades with speed as
-``sigma_1 / (1 + sigma_1 |v| / (4 g))``: constant damping above ``4 g / |v|`` makes energy (Barabanov and Ortega 2000).
+The bristles are Dahl's element, with the level of (54) as its limit. Their damping fades with speed as ``sigma_1 / (1 +
+sigma_1 |v| / (4 g))``, because constant damping above ``4 g / |v|`` generates energy (Barabanov and Ortega 2000).
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from vdfmu.arm.drive.option import Array, DriveOption, Friction, OptionState, Sl
 from vdfmu.base.measure import POSITIVE
 
 _LEAST = 1e-9
-"""Least friction [N m or N] of a bristle: the rates divide by it."""
+"""Smallest friction [N m or N] of a bristle, because the rates divide by it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BristlesRows:
-    """Its parameters."""
+    """Parameters of the bristles."""
 
     bristles: bool = False
     # fmt: off

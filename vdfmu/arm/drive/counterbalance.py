@@ -1,7 +1,7 @@
 """Counterbalance: a gas spring between two links that helps the motor to hold the arm. Not in the paper.
 
-A cylinder hangs on a pivot of the link before the joint and pulls at a crank of the link after it, as on axis 2 of
-heavy robots. Its torque is on the links alone, so that the drive carries the rest.
+A cylinder is mounted on a pivot of the link before the joint and pulls at a crank of the link after it, as on axis 2 of
+heavy robots. Its torque acts only on the links, so that the drive carries the rest.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vdfmu.compiler.scalar import is_zero
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CounterbalanceRows:
-    """Its parameters."""
+    """Parameters of the counterbalance."""
 
     counterbalance: bool = False
     # fmt: off

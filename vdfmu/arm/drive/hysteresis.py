@@ -1,4 +1,4 @@
-"""Hysteresis of a drive: Dahl's element parallel to the spring. Not in the paper; off by default."""
+"""Hysteresis of a drive: Dahl's element in parallel with the spring. Not in the paper; off by default."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vdfmu.base.measure import POSITIVE
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HysteresisRows:
-    """Its parameters."""
+    """Parameters of the hysteresis."""
 
     hysteresis: bool = False
     # fmt: off

@@ -12,7 +12,7 @@ from vdfmu.compiler.scalar import clip
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LimitsRows:
-    """Its parameters."""
+    """Parameters of the end stops and the motor's limits."""
 
     limits: bool = False
     # fmt: off
@@ -42,9 +42,9 @@ def _positive(x: Any) -> Any:
 def stop_torque(robot: Any, q: Any, q_dot: Any) -> Any:
     """Torque of the end stops on the links: (n,) [N m or N], link-side. They push and never pull.
 
-    ``k delta max(0, 1 + c delta_dot)`` for a depth delta beyond q_min or q_max (Hunt and Crossley 1975): a spring whose
-    damping grows with the depth, so that the torque does not jump at contact. A link that arrives with a speed v of
-    less than about 1 / c leaves with ``v (1 - 2/3 c v)``, to first order. `q`, `q_dot`: (n,) [rad or m, per s].
+    ``k delta max(0, 1 + c delta_dot)`` for a depth delta beyond q_min or q_max (Hunt and Crossley 1975): a spring with
+    damping proportional to the depth, so that the torque does not jump at contact. A link that arrives with a speed v
+    of less than about 1 / c leaves with ``v (1 - 2/3 c v)``, to first order. `q`, `q_dot`: (n,) [rad or m, per s].
     """
     below, above = _positive(robot.q_min - q), _positive(q - robot.q_max)
     damping = robot.stop_damping * q_dot
@@ -58,11 +58,11 @@ def stop_energy(robot: Any, q: Any) -> Any:
 
 
 def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
-    """Torque that the motor gives for a command `tau`: (n,) [N m], motor-side; `kappa_dot` in rad/s or m/s.
+    """Torque of the motor for a command `tau`: (n,) [N m], motor-side; `kappa_dot` in rad/s or m/s.
 
-    A driving torque is limited to tau_stall up to the share `full_speed` of the no-load speed. From there the limit
-    falls along a line to 0 at the no-load speed. A braking torque is limited to tau_stall. A share near 1 makes the
-    limits of torque and speed a rectangle.
+    A driving torque is limited to tau_stall up to the share `full_speed` of the no-load speed. Above it the limit falls
+    linearly to 0 at the no-load speed. A braking torque is limited to tau_stall. With a share near 1 the limits of
+    torque and speed form a rectangle.
     """
     speed = kappa_dot / robot.kappa_dot_max
     forward, backward = (clip((1.0 - s) / (1.0 - robot.full_speed), 0.0, 1.0) for s in (speed, -speed))
@@ -70,7 +70,7 @@ def motor_torque(robot: Any, tau: Any, kappa_dot: Any) -> Any:
 
 
 def at_limits(robot: Any, tau: Any, kappa_dot: Any, q: Any) -> tuple[Any, Any, Any]:
-    """Whether motors are at their largest torque, are limited by their speed, and stops push; `tau` is the command."""
+    """Whether motors are at their largest torque, are limited by speed, and end stops push; `tau` is the command."""
     size = abs(motor_torque(robot, tau, kappa_dot))
     less, full = size < abs(tau), size >= robot.tau_stall
     return less & full, less & ~full, (q < robot.q_min) | (q > robot.q_max)
@@ -79,7 +79,7 @@ def at_limits(robot: Any, tau: Any, kappa_dot: Any, q: Any) -> tuple[Any, Any, A
 def motor_rectangle(robot: Any, most: Any) -> tuple[Any, Any]:
     """Largest rectangle under each torque-speed line: speed up to `most` [rad/s or m/s] and motor torque [N m], (n,).
 
-    A line from standstill to the no-load speed has its rectangle at half of both.
+    For a line from standstill to the no-load speed, the rectangle has half of both.
     """
     speed = clip(clip(robot.full_speed, 0.5, 1.0) * robot.kappa_dot_max, 0.0, most)
     return speed, motor_torque(robot, robot.tau_stall, speed)

@@ -1,4 +1,4 @@
-"""Friction of the mesh that grows with the torque that it carries: efficiency against load. Off by default."""
+"""Friction of the gear mesh that grows with the transmitted torque: load-dependent efficiency. Off by default."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vdfmu.arm.drive.option import Array, DriveOption, Friction, Sliding, row
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadLossRows:
-    """Its parameters."""
+    """Parameters of the loss."""
 
     load_loss: bool = False
     # fmt: off
@@ -24,9 +24,9 @@ class LoadLossRows:
 def mesh_friction(robot: Any, kappa_dot: Any, load: Any) -> Any:
     """Friction ``mu |load| tanh(kappa_dot / eps) / ell`` on the rotor: (n,) [N m], motor-side.
 
-    It acts against the rotor whichever way power flows: the drive takes ``(1 + mu) |load|`` to lift a load that gives
-    ``(1 - mu) |load|`` back. With the friction f without load at that speed the efficiency is
-    ``|load| / ((1 + mu) |load| + f)``. `load` is the torque of the drive (n,) [N m or N], link-side.
+    It acts against the rotor whichever way power flows: the drive needs ``(1 + mu) |load|`` to lift a load that returns
+    ``(1 - mu) |load|``. With the friction f without load at that speed the efficiency is ``|load| / ((1 + mu) |load| +
+    f)``. `load` is the torque of the drive (n,) [N m or N], link-side.
     """
     return robot.mu_l * abs(load) * np.tanh(kappa_dot / robot.eps) / robot.ell
 

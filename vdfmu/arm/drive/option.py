@@ -1,4 +1,4 @@
-"""Options of a drive beyond the paper, each a record: rows of the table of parameters, a state, and seven laws."""
+"""Options of a drive beyond the paper. Each is a record of rows in the table of parameters, a state, and seven laws."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def row(*values: Any, **rest: Any) -> Any:
 
 
 class OptionState(NamedTuple):
-    """State of the joints that an option adds to the plant: name, unit and text of the unit's variables."""
+    """State of the joints that an option adds to the plant, with the name, unit and text of the unit's variables."""
 
     name: str
     unit: str
@@ -28,28 +28,28 @@ class OptionState(NamedTuple):
     start_text: str
     """Text of the parameter ``<name>_0``."""
     start: Any = 0.0
-    """Its value, or a function of the robot."""
+    """The parameter's value, or a function of the robot."""
     minimum: float | None = None
     slow: bool = False
-    """Whether it changes over minutes, so that the analysis of vibrations omits it."""
+    """Whether the state changes over minutes, so that the analysis of vibrations omits it."""
 
 
 class Condition(NamedTuple):
-    """Condition on parameters of a joint; skipped if the parameter that `name` is a part of is 0."""
+    """Condition on parameters of a joint, skipped if the parameter `name` is part of an option with the value 0."""
 
     name: str
-    """Parameter that a message is about."""
+    """Parameter named in the message."""
     text: str
     """The condition with the names of its parameters, such as ``L_cb > 2*r_cb``."""
     margin: Law
-    """(robot): (n,), above 0 if it holds."""
+    """Function of the robot that returns (n,), above 0 if the condition holds."""
     way_out: str
     strict: bool = True
     """Whether the margin must be above 0 rather than at least 0."""
 
     @property
     def names(self) -> list[str]:
-        """Its parameters."""
+        """Parameters of the condition."""
         return re.findall(r"[A-Za-z]\w*", self.text)
 
 
@@ -62,7 +62,7 @@ class Spring(NamedTuple):
 
 
 class Parallel(NamedTuple):
-    """Beside the springs, each (n,): torque [N m or N], link-side, power turned into heat [W], energy [J]."""
+    """In parallel with the springs, each (n,): torque [N m or N], link-side, dissipated power [W], energy [J]."""
 
     torque: Any = 0.0
     loss: Any = 0.0
@@ -73,7 +73,7 @@ class Friction(NamedTuple):
     """Friction of the joints, each (n,): `dry` and `f_v` link-side, `mesh` motor-side.
 
     `dry` is the friction of (54) with its sign [N m or N], `f_v` the viscous coefficient [N m s/rad or N s/m], `mesh`
-    acts on the rotor in addition [N m]. Of the power, `stored` [W] is not heat. Its integral is `energy` [J].
+    [N m] acts additionally on the rotor. The part `stored` [W] of the power is not heat; its integral is `energy` [J].
     """
 
     dry: Any
@@ -84,7 +84,7 @@ class Friction(NamedTuple):
 
 
 class LinkTorque(NamedTuple):
-    """On the links only, each (n,): torque [N m or N], link-side, and energy [J]."""
+    """Acting only on the links, each (n,): torque [N m or N], link-side, and energy [J]."""
 
     torque: Any = 0.0
     energy: Any = 0.0
@@ -104,10 +104,10 @@ class Sliding(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """Arguments of the rates of states, each (n,): :class:`Sliding`, and three more.
+    """Arguments of the states' rates, each (n,): those of :class:`Sliding` and three more.
 
     `stretch` is the rate of the deformation [rad/s or m/s], `tau` the torque requested of the motor [N m], motor-side,
-    `loss` the power that friction and the laws other than the spring's turn into heat [W].
+    `loss` the power [W] that friction and all laws except the spring's dissipate.
     """
 
     velocity: Any
@@ -125,15 +125,15 @@ def _same(value: Any, *_: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOption:
-    """Laws of an option in addition to the paper's, in terms of (n,) for all joints.
+    """Laws of an option in addition to the paper's, as terms (n,) for all joints.
 
-    ``robot`` has its parameters. ``state`` is the value of its state, or None along a desired motion. A law whose
-    first argument is the value by the paper and earlier options returns the new value.
+    ``robot`` has the option's parameters. ``state`` is the value of the option's state, or None along a desired motion.
+    A law whose first argument is the value from the paper and earlier options returns the new value.
     """
 
     state: OptionState | None = None
     dry_parameters: tuple[str, ...] = ()
-    """Parameters of dry friction: at their smallest value in an arm without it."""
+    """Parameters of dry friction, which have their smallest value in an arm without it."""
     replaces_dry_friction: bool = False
     """Whether its law replaces Coulomb and Stribeck friction."""
     conditions: tuple[Condition, ...] = ()
@@ -145,12 +145,12 @@ class DriveOption:
     parallel: Law | None = None
     """(robot, stretch, state): :class:`Parallel`, added to the spring's torque."""
     friction: Law = _same
-    """(friction, robot, sliding, state): :class:`Friction` by a :class:`Sliding`."""
+    """(friction, robot, sliding, state): :class:`Friction` as a function of a :class:`Sliding`."""
     link: Law | None = None
-    """(robot, q, q_dot): :class:`LinkTorque`. A planned motion meets no stop: `q_dot` is None."""
+    """(robot, q, q_dot): :class:`LinkTorque`. `q_dot` is None for a planned motion, which meets no stop."""
     motor: Law = _same
     """(tau, robot, kappa_dot, state): torque of the motor for a command `tau` [N m], motor-side."""
     rate: Law | None = None
-    """(robot, motion, state): rate of the state, by a :class:`JointMotion`."""
+    """(robot, motion, state): rate of the state, as a function of a :class:`JointMotion`."""
     rest: Law = lambda robot, tau_s: np.zeros(robot.n)
-    """(robot, tau_s): state of an arm that springs and motors hold at rest; None: its parameter's value."""
+    """(robot, tau_s): state of an arm held at rest by springs and motors; None for the parameter's value."""

@@ -1,4 +1,4 @@
-"""The options of drives, one file each: a new one is a file like `hysteresis`, and three entries here."""
+"""The options of drives, one file each. A new one needs a file like `hysteresis` and three entries here."""
 
 from __future__ import annotations
 
@@ -30,27 +30,27 @@ OPTIONS: dict[OptionName, DriveOption] = {
     "thermal": THERMAL,
     "counterbalance": COUNTERBALANCE,
 }
-"""Name of a robot's flag and table to the option, in the order of the sums over options."""
+"""Name of a robot's flag and table to the option, in the order in which options are summed."""
 STATELESS: tuple[OptionName, ...] = tuple(name for name, option in OPTIONS.items() if option.state is None)
-"""Options that every joint unit has."""
+"""Options of every joint unit."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OptionRows(
     CounterbalanceRows, ThermalRows, WindingRows, BristlesRows, BacklashRows, LoadLossRows, HysteresisRows, LimitsRows
 ):
-    """Parameters of all options, and flags that say which a robot has; the fields of the last base come first."""
+    """Parameters of all options, and flags for those that a robot has; the fields of the last base class come first."""
 
 
 def options_of(robot: Any, states: Mapping[str, Any] | None = None) -> list[tuple[DriveOption, Any]]:
-    """Return each option of a robot with its state, or None if `states` do not have it. Its own drive comes last."""
+    """Return each option of a robot with its state, or None if it is not in `states`. Its own drive comes last."""
     options = [option for name, option in OPTIONS.items() if getattr(robot, name)]
     options += getattr(robot, "own_options", ())
     return [(option, (states or {}).get(option.state.name) if option.state else None) for option in options]
 
 
 def dry_friction(names: Collection[str]) -> set[str]:
-    """Return `names` of an arm's parameters that are smallest without dry friction. A unit without springs has none."""
+    """Return `names` of an arm's parameters that are minimal without dry friction; none for a unit without springs."""
     if "K_f0" not in names:
         return set()
     replaced = any(option.replaces_dry_friction and {*option.dry_parameters} & {*names} for option in OPTIONS.values())

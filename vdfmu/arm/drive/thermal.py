@@ -1,4 +1,4 @@
-"""Temperature of a joint, heated by its losses, and the viscous friction that falls with it. Off by default."""
+"""Temperature of a joint, heated by its losses, and viscous friction that falls with it. Off by default."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vdfmu.base.measure import POSITIVE
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ThermalRows:
-    """Its parameters."""
+    """Parameters of the temperature."""
 
     thermal: bool = False
     # fmt: off
@@ -29,7 +29,7 @@ class ThermalRows:
 def warm_viscosity(f_v: Any, robot: Any, T_j: Any = None) -> Any:
     """Viscous friction ``f_v exp(-(T - T_ref) / T_v)``: (n,) [N m s/rad or N s/m], link-side.
 
-    The law of Bittencourt et al. (2010) for the joint of an industrial robot. `f_v` is the friction at T_ref, `T_j`
+    Law of Bittencourt et al. (2010) for the joint of an industrial robot. `f_v` is the friction at T_ref, `T_j`
     (n,) [K] the temperature, by default T_amb.
     """
     T = robot.T_amb if T_j is None else T_j

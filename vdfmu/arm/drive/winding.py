@@ -12,7 +12,7 @@ from vdfmu.compiler.scalar import clip
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WindingRows:
-    """Its parameters."""
+    """Parameters of the winding."""
 
     winding: bool = False
     # fmt: off
@@ -28,7 +28,7 @@ class WindingRows:
 def winding_voltage(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:
     """Voltage (n,) [V] of a current loop that compensates the winding and follows with its bandwidth.
 
-    At the limit of the voltage, at speed, current and torque fall behind. `tau` (n,) [N m] is the commanded torque,
+    When the voltage saturates at speed, current and torque lag behind. `tau` (n,) [N m] is the commanded torque,
     motor-side; its current is limited to i_max. `kappa_dot` is in rad/s or m/s, `i_m` in A.
     """
     wanted = clip(tau / robot.k_t, -robot.i_max, robot.i_max)
@@ -42,7 +42,7 @@ def current_rate(robot: Any, tau: Any, kappa_dot: Any, i_m: Any) -> Any:
 
 
 def _drop(robot: Any, kappa_dot: Any, i_m: Any) -> Any:
-    """Voltage that resistance and back-EMF take."""
+    """Voltage across the resistance plus back-EMF."""
     return robot.R_w * i_m + robot.k_t * robot.ell * kappa_dot
 
 

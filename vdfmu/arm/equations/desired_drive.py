@@ -1,4 +1,4 @@
-"""Springs and rotors along a desired motion of the links, by two derivatives in time of Eq. (2)-(3), (9), (44)-(47)."""
+"""Springs and rotors along a desired motion of the links, from two time derivatives of Eq. (2)-(3), (9), (44)-(47)."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ def desired_drive_motion(
 ) -> DriveMotion:
     """Motion of springs and rotors while the links follow the desired motion exactly.
 
-    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``. Jets give the two derivatives of kappa,
-    from q_d up to its fourth derivative. The derivatives of the wrench `F_e_d`, and of the acceleration of a moving
-    base, are assumed to be zero.
+    ``tau_s = ID(q_d, ..) + xi_l`` and ``kappa = q_d + D(tau_s) + theta_err``. The two derivatives of kappa are computed
+    with jets from q_d and its derivatives up to the fourth. The derivatives of the wrench `F_e_d`, and of the
+    acceleration of a moving base, are assumed to be zero.
 
     With `rotor_coupling` ID contains the rotors' reaction (11), as if each rotor moved like its link. The acceleration
-    of the deformation would take two more derivatives of q_d for each joint of the chain. Its part of kappa,
-    ``D' I_m D_ddot``, is omitted here; the torques of :func:`feedforward_inverse` have it. No exact
-    inverse exists: D'' of (3) jumps as a torque passes 0, and the rotors of earlier joints would have to jump with it.
+    of the deformation would need two more derivatives of q_d for each joint of the chain. Its part of kappa, ``D' I_m
+    D_ddot``, is omitted here but included in the torques of :func:`feedforward_inverse`. An exact inverse does not
+    exist, because D'' of (3) jumps when a torque crosses 0, and the rotors of earlier joints would have to jump with
+    it.
     """
     q, q_dot, q_ddot = desired_jets(desired)
     seen, base_jets = seen_from_base(robot, base)
@@ -53,7 +54,7 @@ def desired_jets(desired: Desired) -> tuple[Any, Any, Any]:
 def drive_motion(robot: Any, q: Any, q_dot: Any, tau: Any) -> DriveMotion:
     """Motion of springs and rotors for jets (n,) of the desired motion and of the torques `tau` on the links.
 
-    ``tau_s = tau + xi_l`` of (9), less :func:`link_torques`.
+    ``tau_s = tau + xi_l`` of (9), minus :func:`link_torques`.
     """
     xi_l, _ = joint_friction(robot, q_dot, q_dot)
     torque = tau - link_torques(robot, q) + xi_l

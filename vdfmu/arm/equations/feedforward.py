@@ -32,7 +32,7 @@ from vdfmu.arm.equations.rigid_body import coriolis_matrix, gravity_force, mass_
 
 
 class FeedforwardTorques(NamedTuple):
-    """tau_m [N m, motor-side], and of the desired motion tau_s [N m or N, link-side], kappa_dot_d: (n,) each."""
+    """tau_m [N m, motor-side], and tau_s [N m or N, link-side] and kappa_dot_d of the desired motion: (n,) each."""
 
     tau_m: Any
     tau_s: Any
@@ -60,14 +60,14 @@ def feedforward_inverse(
     rotation (56); for `rotor_coupling` see :func:`desired_drive_motion`. `F_e_d`, (6,) [N, N m] in {O}, is the constant
     desired wrench on the surroundings.
 
-    Deviation: (28) as printed, ``tau + tau_f``, adds the link-side tau_f to the motor-side tau, and tau of (27) already
-    holds the spring torque as tau_t.
+    Deviation: (28) as printed, ``tau + tau_f``, adds the link-side tau_f to the motor-side tau, although tau of (27)
+    already contains the spring torque as tau_t.
     """
     drive = desired_drive_motion(robot, desired, F_e_d, base)
     motion = link_motion(robot, desired.q_d, desired.q_d_dot, desired.q_d_ddot, base)
     F_Dk = rotor_forces(robot, motion, drive.kappa_dot, drive.kappa_ddot)  # (7), (10)
     tau_s = drive.tau_s
-    if robot.rotor_coupling:  # (11), with the rotors' own motion
+    if robot.rotor_coupling:  # (11), with the actual motion of the rotors
         tau_q = joint_torques(robot, link_forces(robot, motion, F_e_d, F_Dk))  # (44)-(47)
         tau_s = tau_q - link_torques(robot, desired.q_d) + drive.xi_l
     return FeedforwardTorques(feedforward_torque(robot, axial_torques(F_Dk), tau_s, drive.xi_m), tau_s, drive.kappa_dot)
@@ -92,7 +92,7 @@ def required_motion(
 ) -> RequiredMotion:
     """Return the required joint velocities, Eq. (12), and their derivatives; the same for the rotors.
 
-    Deviation: the paper leaves kappa_dot_r open. Here it is q_dot_r plus the rate of the drive's deformation along
+    Deviation: the paper does not define kappa_dot_r. Here it is q_dot_r plus the rate of the drive's deformation along
     the desired motion.
     """
     q_dot_r = desired.q_d_dot + gains.Lambda * (desired.q_d - q)
@@ -125,7 +125,7 @@ def required_net_forces(robot: Any, K_V: Any, links: ChainMotion, links_r: Chain
     and (17) are (49) and (50).
 
     Deviation: (15)-(17) and (50) are read as ``F*_r = M V_r_dot + C(omega) V_r + G + K (V_r - V)``, with the required
-    acceleration, as virtual decomposition control has it. `links` is the measured, `links_r` the required motion.
+    acceleration, as in virtual decomposition control. `links` is the measured, `links_r` the required motion.
     """
     g_B = gravity_in_links(robot, links.U_AB, links.base)
     V_B, V_B_r, V_B_r_dot = links.V_B, links_r.V_B, links_r.V_B_dot
@@ -137,7 +137,7 @@ def required_rotor_forces(
 ) -> list[np.ndarray]:
     """Return the required net forces of the rotors, Eq. (16): n times (6,) [N, N m] in {D_i}.
 
-    The rotor's gain K_D of (16) is k_vkappa, see :func:`drive_torques`. In pure rotation (56) its required velocity
+    The rotor's gain K_D of (16) is k_vkappa; see :func:`drive_torques`. In pure rotation (56) its required velocity
     (13) is ``ell kappa_dot_r`` about z, and (16) is ``I_m kappa_ddot_r``.
     """
     V_D = rotor_velocities(robot, links.V_B, kappa_dot, links.base.V_S)  # (4)
@@ -175,7 +175,7 @@ def drive_torques(
 ) -> tuple[Any, Any]:
     """Drive torques tau_t, Eq. (26), and motor torques tau, Eq. (27), (n,) [N m] each, motor-side.
 
-    They solve (21) and (22) for given axis components: ``z.T F_qr = tau_q`` [N m or N], link-side, and
+    They are the solutions of (21) and (22) for given axis components: ``z.T F_qr = tau_q`` [N m or N], link-side, and
     ``z.T F_kr = tau_kr`` [N m], motor-side, which by (19) and (24) is the required net torque of the rotor. The gain
     K_D of (16) is part of k_vkappa. `friction` is (xi_l, xi_m).
     """
@@ -197,9 +197,9 @@ def feedforward_vdc(
 ) -> FeedforwardTorques:
     """Feedforward of virtual decomposition control, Eq. (12)-(27) and (48)-(53), at measured `q`, `q_dot`, `kappa_dot`.
 
-    Deviation: friction is evaluated at the desired velocities. At measured or required velocities its slope around
-    standstill, f_s / eps, is a feedback gain that destabilises every sampled loop. See the functions above for the
-    others.
+    Deviation: friction is evaluated at the desired velocities. At measured or required velocities its slope near
+    standstill, f_s / eps, would be a feedback gain that destabilises every sampled loop. See the functions above for
+    the others.
     """
     drive = desired_drive_motion(robot, desired, F_e_d, base)
     required = required_motion(gains, desired, drive, q, q_dot)

@@ -1,9 +1,9 @@
 """The flexible joint as a subsystem: Eq. (4)-(11) and (56), and the spring with its torque as the state.
 
-The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their
-masses together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What remains is the rotor: a body that
-turns about its axis on the base, with its mass in the base's link. The options of a drive add to the torques of spring,
-friction and motor.
+The joint's base is part of the link before it and its output link part of the link after it (Table 1 gives their masses
+together), so that (5), (6) and (8) are (31) and (47), and (9) is (45). What remains is the rotor: a body that turns
+about its axis on the base, with its mass included in the base's link. The options of a drive add to the torques of
+spring, friction and motor.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class PlantState(NamedTuple):
 
 
 def state_names(robot: Any) -> list[str]:
-    """Names of a robot's states, in their order."""
+    """Return the names of a robot's states, in order."""
     added = [option.state.name for option, _ in options_of(robot) if option.state]
     return ["q", "q_dot", "kappa_dot", "tau_s", *added]
 
@@ -67,7 +67,7 @@ def rotor_transform(robot: Any, i: int) -> np.ndarray:
     """Force transformation U_BD from the rotor frame {D_i} to the frame {B_(i-1)} of the carrying link: (6, 6).
 
     {D_i} has the place and axes of {B_i} at q_i = 0. It does not turn with the rotor, whose inertia is the same in
-    every frame about its axis; so the transformation is constant.
+    every frame about its axis, so the transformation is constant.
     """
     return force_transform(robot.rotation[i], robot.offset[i])
 
@@ -80,8 +80,8 @@ def rotor_reaction(robot: Any, i: int, F_Dk: np.ndarray) -> np.ndarray:
 def rotor_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Mass, centre of mass and inertia of rotor i in {D_i}, for Eq. (60)-(61).
 
-    The mass and the inertia across the axis are in the link that carries the rotor: 0 here. About the axis it is
-    ``J_r = I_m / ell`` [kg m2], a part that the link's own inertia must not contain.
+    The mass and the transverse inertia belong to the link that carries the rotor, so they are 0 here. The axial inertia
+    is ``J_r = I_m / ell`` [kg m2], which the link's own inertia must not contain.
     """
     return 0.0, np.zeros(3), robot.I_m[i] / robot.ell[i] * np.outer(Z_TAU[3:], Z_TAU[3:])
 
@@ -97,8 +97,8 @@ def rotor_force(robot: Any, i: int, V_D: np.ndarray, tau_k: Any) -> np.ndarray:
 def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any) -> list[np.ndarray]:
     """Velocity of every rotor, Eq. (4): n times (6,) [m/s, rad/s] in {D_i}.
 
-    `V_B` are the velocities of the links, `V_S` is the velocity of the base of the first joint. U_BD is constant:
-    accelerations V_B_dot and kappa_ddot give the derivatives V_D_dot by the same formula.
+    `V_B` are the velocities of the links, `V_S` is the velocity of the base of the first joint. Because U_BD is
+    constant, the same formula returns V_D_dot for the accelerations V_B_dot and kappa_ddot.
     """
 
     def rotor(V_A: Any, i: int) -> tuple[Any, Any]:
@@ -106,7 +106,7 @@ def rotor_velocities(robot: Any, V_B: list[np.ndarray], kappa_dot: Any, V_S: Any
 
     if robot.rotor_coupling:
         return outward(rotor, V_S, robot.n)[1]
-    at_rest = np.zeros(6)  # (56): nothing of the motion of their bases
+    at_rest = np.zeros(6)  # (56): independent of the motion of their bases
     return [rotor_velocity(at_rest, rotor_transform(robot, i), robot.ell[i], kappa_dot[i]) for i in range(robot.n)]
 
 
@@ -144,7 +144,7 @@ def rotor_acceleration(robot: Any, tau_k: Any, motion: Any = None) -> Any:
     """Acceleration kappa_ddot (n,) [rad/s2 or m/s2] of the rotors from the torque about their axes, Eq. (7) and (10).
 
     ``I_m kappa_ddot + I_m / ell z.T (U_BD.T V_A_dot) = tau_k`` [N m], with {A} on the link that carries the rotor.
-    Without the `motion` of the links the rotors only turn about their axes, Eq. (56).
+    Without the `motion` of the links the rotors turn only about their axes, Eq. (56).
     """
     kappa_ddot = tau_k / robot.I_m
     if motion is None or not robot.rotor_coupling:
@@ -177,7 +177,8 @@ def spring(robot: Any, tau_s: Any) -> Spring:
 def spring_rate(robot: Any, state: PlantState) -> Any:
     """Rate of the spring torque, from the derivative of ``kappa - q - theta_err(kappa) = D(tau_s)``.
 
-    With the torque as state, the implicit equations (2)-(3) and the pole of the tangent vanish: (n,) [N m/s or N/s].
+    Returns (n,) [N m/s or N/s]. With the torque as state, the implicit equations (2)-(3) and the pole of the tangent
+    vanish.
     """
     return stretch_rate(robot, state) / spring(robot, state.tau_s).compliance
 
@@ -185,8 +186,8 @@ def spring_rate(robot: Any, state: PlantState) -> Any:
 def rotor_position(robot: Any, q: Any, tau_s: Any) -> Any:
     """Rotor position kappa from ``kappa = q + D(tau_s) + theta_err(kappa)`` : (n,) [rad or m].
 
-    theta_err is a contraction (``2 ell A < 1/2`` is checked on loading): Newton's method from q + D squares
-    the error, at most 1/2 A, at every pass; four passes end below rounding.
+    theta_err is a contraction (``2 ell A < 1/2`` is checked on loading), so Newton's method from q + D squares the
+    error, which is at most 1/2 A, in every iteration; after four it is below rounding.
     """
     kappa = free = q + spring(robot, tau_s).deformation
     for _ in range(4):
@@ -239,14 +240,14 @@ def plant_torques(robot: Any, state: PlantState, tau: Any) -> tuple[Any, Any]:
 
 
 def drive_losses(robot: Any, state: PlantState) -> Any:
-    """Power that friction and hysteresis turn into heat, never negative: (n,) [W]."""
+    """Power that friction and hysteresis dissipate, never negative: (n,) [W]."""
     load = drive_torque(robot, state)
     friction = friction_loss(robot, state.q_dot, state.kappa_dot, load, state.options)
     return friction + _parallel(robot, state).loss
 
 
 def option_rates(robot: Any, state: PlantState, tau: Any) -> dict[str, Any]:
-    """Rates of the options' states, (n,) each, by the state's name. `tau` as in the plant."""
+    """Rates of the options' states by name, (n,) each. `tau` is as in the plant."""
     rates: dict[str, Any] = {}
     if not state.options:
         return rates

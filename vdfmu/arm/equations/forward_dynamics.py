@@ -20,7 +20,7 @@ from vdfmu.arm.equations.spatial import blocks, cross_motion, inward, joint_axis
 
 
 class Hanging(NamedTuple):
-    """A body that hangs on a frame and needs the force ``M V_dot + p`` there, both in the frame."""
+    """A body attached to a frame, on which it needs the force ``M V_dot + p``, in that frame."""
 
     M: Any
     """(6, 6) [kg, kg m, kg m2] apparent mass matrix, symmetric."""
@@ -29,14 +29,14 @@ class Hanging(NamedTuple):
 
 
 class Articulated(NamedTuple):
-    """Result of passes 1 and 2 for each link: only the acceleration of its base is missing."""
+    """Result of passes 1 and 2 for each link, which lacks only the acceleration of its base."""
 
     U_AB: list[np.ndarray]
     c_B: list[np.ndarray]
     """Part of V_B_dot that is quadratic in velocities."""
     joints: list[Eliminated]
     arm: Hanging
-    """The whole arm at its base, in {S}, without the rotor of the first joint."""
+    """The whole arm as seen at its base, in {S}, without the rotor of the first joint."""
     reaction: Any
     """(6,) [N, N m] force of that rotor on the base, in {S}, or None."""
 
@@ -100,7 +100,7 @@ def articulated(
 def handed_on(
     placement: tuple[np.ndarray, np.ndarray], U_AB: np.ndarray, M_B: Any, p_B: Any, c_B: Any, joint: Eliminated
 ) -> Hanging:
-    """Return the body on a joint as a body that hangs on the link {A} before it.
+    """Return the body on a joint as a body attached to the link {A} before it.
 
     `c_B` is the part of V_B_dot that is quadratic in velocities; other parameters: see :func:`eliminate`.
     """
@@ -112,7 +112,7 @@ def handed_on(
 def accelerate(
     z: np.ndarray, U_AB: np.ndarray, V_A_dot: np.ndarray, c_B: np.ndarray, joint: Eliminated
 ) -> tuple[Any, np.ndarray]:
-    """Return the acceleration of a joint [rad/s2 or m/s2] and V_B_dot (6,), by V_A_dot of the link before."""
+    """Return the acceleration of a joint [rad/s2 or m/s2] and V_B_dot (6,), from V_A_dot of the previous link."""
     a = U_AB.T @ V_A_dot + c_B
     q_ddot = (joint.u - joint.M_z @ a) / joint.d
     return q_ddot, a + z * q_ddot
@@ -128,7 +128,7 @@ def forward_dynamics(
     base: Base = AT_REST,
     load: Hanging | None = None,
 ) -> np.ndarray:
-    """Joint accelerations (n,) [rad/s2 or m/s2] of the arm by the articulated recursion. The cost is O(n).
+    """Joint accelerations (n,) [rad/s2 or m/s2] of the arm from the articulated recursion, at cost O(n).
 
     The recursion eliminates V_B_dot from (44)-(47) link by link, from the end effector to the base: all bodies
     beyond link i act on it like one body with mass matrix M_A and force p_A (Featherstone 2008, table 7.1, in the
@@ -140,10 +140,10 @@ def forward_dynamics(
     tau : (n,) [N m or N], link-side, on the links, see :func:`.inverse_dynamics`
     F_e : (6,) [N, N m] wrench on the surroundings in {O}
     F_Dk : n times (6,) [N, N m], optional
-        Force from the base to every rotor whose reaction on the links counts, Eq. (11). It holds no acceleration,
-        because the torque about the rotor's axis is known: the recursion is only over the links.
+        Force from the base to every rotor whose reaction on the links is included, Eq. (11). It contains no
+        acceleration, because the torque about the rotor's axis is known, so the recursion covers only the links.
     load : Hanging, optional
-        A body that hangs on the last link, in {B_n}.
+        A body attached to the last link, in {B_n}.
     """
     a = articulated(robot, q, q_dot, tau, F_e, F_Dk, base, load)
 

@@ -15,7 +15,7 @@ States = Mapping[str, Any]
 
 
 def friction_level(robot: Any, velocity: Any) -> Any:
-    """Coulomb and Stribeck friction at a speed, the bracket of (54), without sign: (n,) [N m or N], link-side."""
+    """Unsigned Coulomb and Stribeck friction at a speed, the bracket of (54): (n,) [N m or N], link-side."""
     return robot.f_c + (robot.f_s - robot.f_c) * np.exp(-((velocity / robot.v_s) ** 2))
 
 
@@ -25,7 +25,7 @@ def sliding_at(robot: Any, velocity: Any, kappa_dot: Any, load: Any) -> Sliding:
 
 
 def friction_terms(robot: Any, sliding: Sliding, states: States | None = None) -> Friction:
-    """Terms of Eq. (54), changed by the options."""
+    """Terms of Eq. (54), modified by the options."""
     friction = Friction(sliding.level * np.tanh(sliding.velocity / robot.eps), robot.f_v)
     for option, state in options_of(robot, states):
         friction = option.friction(friction, robot, sliding, state)
@@ -35,21 +35,21 @@ def friction_terms(robot: Any, sliding: Sliding, states: States | None = None) -
 def stribeck_friction(robot: Any, velocity: Any, states: States | None = None) -> Any:
     """Coulomb, Stribeck and viscous friction xi, Eq. (54): (n,) [N m or N], link-side.
 
-    Deviations: sgn(v) is regularised as tanh(v / eps), so that the plant is an ordinary differential equation
-    and sticking is a slow creep below eps; f_v is in N m s/rad, but Table 2 prints kg m/s. `velocity` is in rad/s or
-    m/s; `states` of options are for example a temperature.
+    Deviations: sgn(v) is regularised as tanh(v / eps), so that the plant is an ordinary differential equation and
+    sticking is a slow creep below eps; f_v is in N m s/rad, whereas Table 2 prints kg m/s. `velocity` is in rad/s or
+    m/s; `states` are those of options, for example a temperature.
     """
     friction = friction_terms(robot, sliding_at(robot, velocity, velocity, 0.0), states)
     return friction.dry + friction.f_v * velocity
 
 
 def linear_friction(robot: Any) -> Any:
-    """Viscous and dry friction f_v and f_c: (n, 2), link-side. Without Stribeck's effect (54) is linear in them."""
+    """Viscous and dry friction f_v and f_c: (n, 2), link-side. Without the Stribeck effect (54) is linear in them."""
     return np.stack([robot.f_v, robot.f_c], axis=1)
 
 
 def friction_regressor(robot: Any, velocity: Any, direction: Any) -> Any:
-    """Return Y, (n, 2), of the friction ``sum(Y * linear_friction, axis=1)`` at `velocity`, dry by `direction`."""
+    """Return Y, (n, 2), of the friction ``sum(Y * linear_friction, axis=1)`` at `velocity`, dry along `direction`."""
     return np.stack([velocity, np.tanh(direction / robot.eps)], axis=1)
 
 
@@ -71,10 +71,10 @@ def joint_friction(
 ) -> tuple[Any, Any]:
     """Friction on the link, (n,) [N m or N], link-side, and on the rotor, (n,) [N m], motor-side.
 
-    ``lumped`` (default, "typically identified as one item"): (54) acts on the rotor, f_ck is omitted.
-    ``split`` (the paper's simulation text): (54) acts on the link, (55) on the rotor. It self-excites: the
-    falling Stribeck branch has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2. No feedback through the
-    spring damps that. `load` is the torque of the drive, (n,) [N m or N], link-side.
+    ``lumped`` (default, "typically identified as one item"): (54) acts on the rotor, f_ck is omitted. ``split`` (the
+    paper's simulation text): (54) acts on the link, (55) on the rotor. It is self-excited: the falling Stribeck branch
+    has a slope down to -17 N m s/rad on wrist axes of 0.002 kg m2, which no feedback through the spring can damp.
+    `load` is the torque of the drive, (n,) [N m or N], link-side.
     """
     velocity = friction_velocity(robot, q_dot, kappa_dot)
     xi = stribeck_friction(robot, velocity, states)

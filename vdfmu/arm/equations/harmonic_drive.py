@@ -21,7 +21,7 @@ def wave_generator_position(theta_c: Any, theta_f: Any, ell: Any) -> Any:
 
 def wave_generator_deformation(tau_w: Any, robot: Any) -> Any:
     """Link-side deformation of the wave generator, second term of (3), under motor-side `tau_w` [N m]."""
-    side = sgn(tau_w)  # times tau_w it is |tau_w|, with a slope at 0
+    side = sgn(tau_w)  # multiplied by tau_w it is |tau_w|, with a slope at 0
     return side / (robot.c_w * robot.ell * robot.K_w0) * -np.expm1(-robot.c_w * (side * tau_w))
 
 
@@ -42,8 +42,8 @@ def kinematic_error_slope(robot: Any, kappa: Any) -> Any:
 def deformation(robot: Any, tau_s: Any) -> Any:
     """Deformation ``D(tau_s) = kappa - q - theta_err``, the inverse of (2)-(3) with ``tau_w = tau_s / ell``.
 
-    D (n,) [rad or m], link-side, is explicit, odd and strictly increasing; (2)-(3) is implicit in the torque. `tau_s`
-    (n,) [N m or N], link-side, is the paper's tau_f.
+    D (n,) [rad or m], link-side, is explicit, odd and strictly increasing, whereas (2)-(3) is implicit in the torque.
+    `tau_s` (n,) [N m or N], link-side, is the paper's tau_f.
     """
     flexspline = np.arctan(robot.c_f * tau_s) / (robot.c_f * robot.K_f0)
     return flexspline + wave_generator_deformation(tau_s / robot.ell, robot)

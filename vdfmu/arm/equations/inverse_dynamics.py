@@ -1,7 +1,7 @@
 """Inverse dynamics by virtual decomposition, the whole recursion: Eq. (29)-(31), (44)-(47), and the rotors' part, (11).
 
-Pass 1 goes from the base to the end effector and pass 2 back. The functions are in the order of their calls, and
-:func:`inverse_dynamics`, last, joins them.
+Pass 1 goes from the base to the end effector and pass 2 back. The functions are in the order in which they are called;
+:func:`inverse_dynamics`, the last, combines them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NO_WRENCH = np.zeros(6)
 
 
 class Base(NamedTuple):
-    """Motion of the base frame {S} relative to an inertial frame, in which its origin moves at `V_S[:3]`.
+    """Motion of the base frame {S} relative to an inertial frame in which its origin moves at `V_S[:3]`.
 
     Forces are the same in all inertial frames (Galilean invariance), so for forces alone the linear velocity may be 0.
     """
@@ -110,7 +110,7 @@ def gravity_in_links(robot: Any, U_AB: list[np.ndarray], base: Base = AT_REST) -
 def link_forces(
     robot: Any, motion: ChainMotion, F_e: np.ndarray = NO_WRENCH, F_Dk: list[np.ndarray] | None = None
 ) -> list[np.ndarray]:
-    """Force and torque on every driven cutting point, Eq. (44)-(47): n times (6,) [N, N m] in {B_i}.
+    """Force and torque at every driven cutting point, Eq. (44)-(47): n times (6,) [N, N m] in {B_i}.
 
     Deviation: (46) omits the rotor's reaction on its base, ``U_BD F_Dk`` of (11); here it is added.
 
@@ -151,9 +151,9 @@ def inverse_dynamics(
     robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, F_e: np.ndarray = NO_WRENCH,
     rotors: tuple[Any, Any] | None = None, base: Base = AT_REST,
 ) -> np.ndarray:  # fmt: skip
-    """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47). The cost is O(n).
+    """Joint torques of the rigid arm for a given motion, Eq. (29)-(31) and (44)-(47), at cost O(n).
 
-    (n,) [N m or N], link-side: the sum that drives and counterbalances apply, see :func:`.link_torques`.
+    (n,) [N m or N], link-side: the sum applied by drives and counterbalances, see :func:`.link_torques`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Positions of the links and transformations between their frames, Eq. (32)-(36); energies by (60) and (62)."""
+"""Positions of the links and transformations between their frames, Eq. (32)-(36); energies from (60) and (62)."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from vdfmu.compiler.scalar import total as total
 def joint_rotation(robot: Any, i: int, q_i: Any) -> np.ndarray:
     """Rotation of {B_i} in {T_i}, the upper left block of Eq. (34)-(36).
 
-    Deviation: the paper labels these matrices with "I"; they are relative to the previous link, in {T_i}.
-    {T_i} is {B_(i-1)} moved to the joint without turning, so its z axis is not the axis of joint i as the
-    paper says.
+    Deviation: the paper labels these matrices with "I"; they are relative to the previous link, in {T_i}. {T_i} is
+    {B_(i-1)} moved to the joint without rotation, so its z axis is not the axis of joint i, contrary to the paper.
     """
     if robot.joint_types[i] == "prismatic":
         return robot.rotation[i]

@@ -13,7 +13,7 @@ from vdfmu.compiler.scalar import zeros
 
 
 def velocity_mapping(robot: Any, q: np.ndarray) -> np.ndarray:
-    """Return the mapping J_ba from joint velocities to ``V_b = [V_O, V_B1, .., V_Bn]``, Eq. (40)-(41).
+    """Return the mapping matrix J_ba from joint velocities to ``V_b = [V_O, V_B1, .., V_Bn]``, Eq. (40)-(41).
 
     Deviation: the paper gives its size as 72 x 6; it is 6 (n + 1) x n, 42 x 6 for six joints.
     """

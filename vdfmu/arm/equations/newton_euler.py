@@ -1,7 +1,7 @@
 """The classic Newton-Euler recursion in 3-vectors, for the comparison in section IV-A of the paper.
 
-Written from the text-book recursion (Luh, Walker and Paul 1980), not from the paper's 6-vectors: it shares only the
-bodies of links with :mod:`vdfmu.arm.equations.inverse_dynamics`, so that agreement of the two means something.
+Written from the textbook recursion (Luh, Walker and Paul 1980) instead of the paper's 6-vectors. It shares only the
+links' bodies with :mod:`vdfmu.arm.equations.inverse_dynamics`, so that their agreement is a real check.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def _cross(a: Any, b: Any) -> np.ndarray:
 def newton_euler(
     robot: Any, q: np.ndarray, q_dot: np.ndarray, q_ddot: np.ndarray, F_e: np.ndarray | None = None
 ) -> np.ndarray:
-    """Joint torques by the recursion on 3-vectors in link frames. Parameters, result: :func:`.inverse_dynamics`."""
+    """Joint torques from the recursion on 3-vectors in link frames. Parameters, result: :func:`.inverse_dynamics`."""
     n = robot.n
     rotations, arms, centres, forces, moments = [], [], [], [], []
 

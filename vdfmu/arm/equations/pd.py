@@ -21,10 +21,10 @@ def pd_control(
 
     ``tau = tau_m + tau_e / ell`` with ``tau_e = K_v (v_d - v) + K_p (q_d - q)``.
 
-    Deviation: the paper takes the derivative of the link position, v = q_dot and v_d = q_d_dot. With elastic joints
-    that is non-collocated and unstable at useful gains; the rotor's velocity v = kappa_dot is the default. Its
-    reference is the rotor's velocity along the desired motion, v_d = kappa_dot_d: q_d_dot does not include that the
-    spring winds up, and the feedback would pull by ``K_v (kappa_dot_d - q_d_dot)`` on the exact motion.
+    Deviation: the paper uses the link velocity, v = q_dot and v_d = q_d_dot. With elastic joints that is non-collocated
+    and unstable at useful gains, so the rotor's velocity v = kappa_dot is the default. Its reference is the rotor's
+    velocity along the desired motion, v_d = kappa_dot_d, because q_d_dot does not include the winding of the spring,
+    and the feedback would apply ``K_v (kappa_dot_d - q_d_dot)`` on the exact motion.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def plant_derivative(
     ----------
     x : (4 n,) state, longer with options
     tau : (n,) [N m] motor torques, motor-side; with `winding` their commands
-    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load if it has `A_O = 0`
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load at `A_O = 0`
     load : vdfmu.arm.world.attachment.Load, optional
         A load with a mass at the end effector.
     """
@@ -83,10 +83,10 @@ def balance(
     base: Base = AT_REST,
     load: Any = None,
 ) -> np.ndarray:
-    """Residual of the plant's implicit equations: 0 for its own x_dot. It is short to differentiate.
+    """Residual of the plant's implicit equations, 0 at the right x_dot. Its derivatives are short.
 
-    Links have ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N] and the torques of options, the other states the
-    differences of rates. Parameters: see :func:`plant_derivative`.
+    For links it is ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N] plus the torques of options, for the other states
+    the difference of rates. Parameters: see :func:`plant_derivative`.
     """
     state, rate = split_state(robot, x), split_state(robot, x_dot)
     tau_l, tau_k = plant_torques(robot, state, tau)  # (9), (11), (54)-(55)
@@ -111,7 +111,7 @@ _ORIGIN = np.zeros(3)
 
 
 def plant_outputs(robot: Any, x: np.ndarray, p_S: Any = _ORIGIN, base: Base = AT_REST) -> Outputs:
-    """Return the outputs of the plant. They depend only on its state, and on the motion of its base.
+    """Return the outputs of the plant, which depend only on its state and on the motion of its base.
 
     The rotor's kinetic energy is ``J_r s^2 / 2`` with ``J_r = I_m / ell`` and s its speed about its axis, the z
     component of V_D (4); in pure rotation (56) that is ``ell kappa_dot``. The potential energy is zero with all

@@ -46,9 +46,9 @@ def coriolis_matrix(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, omega_B: np.ndar
 
 
 def coriolis_force(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, V_B: np.ndarray) -> np.ndarray:
-    """Return ``C_B(omega_B) @ V_B`` of Eq. (61) by cross products: a third of the operations of the matrix.
+    """Return ``C_B(omega_B) @ V_B`` of Eq. (61) by cross products, in a third of the matrix's operations.
 
-    With ``omega x`` taken out, the upper half of (61) is ``m omega x (v + omega x r)``; the lower half is the
+    With ``omega x`` factored out, the upper half of (61) is ``m omega x (v + omega x r)``; the lower half is the
     moment of that force about the origin plus ``omega x (I omega)``.
     """
     v, omega_cross = V_B[:3], skew(V_B[3:])
@@ -59,7 +59,7 @@ def coriolis_force(m_B: Any, r_B: np.ndarray, I_B: np.ndarray, V_B: np.ndarray) 
 def gravity_force(m_B: Any, r_B: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     """Force that holds the body against gravity, G_B, Eq. (62).
 
-    `g_B` (3,) [m/s2] is ``R_BI @ g`` with g = [0, 0, +9.81] in {I}: the sign of (62) makes G_B point up.
+    `g_B` (3,) [m/s2] is ``R_BI @ g`` with g = [0, 0, +9.81] in {I}: with the sign of (62) G_B points up.
     """
     return np.concatenate([m_B * g_B, m_B * (skew(r_B) @ g_B)])
 

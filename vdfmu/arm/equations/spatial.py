@@ -64,7 +64,7 @@ def force_transform(R_AB: np.ndarray, p_AB: np.ndarray) -> np.ndarray:
 def transform_mass_matrix(R_AB: np.ndarray, p_AB: np.ndarray, M_B: np.ndarray) -> np.ndarray:
     """Mass matrix of a body or of an articulated body in {A}, ``M_A = U_AB @ M_B @ U_AB.T``, for symmetric `M_B`.
 
-    By blocks, first the rotation, then the translation, the product takes half the operations.
+    Computed by blocks, first the rotation and then the translation, it takes half the operations.
     """
     P_AB = skew(p_AB)
     linear, mixed, angular = (R_AB @ M_B[i, j] @ R_AB.T for i, j in _BLOCKS)
@@ -83,7 +83,7 @@ def blocks(M_B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def whole(parts: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
-    """Return the symmetric mass matrix of its :func:`blocks`."""
+    """Return the symmetric mass matrix with these :func:`blocks`."""
     linear, mixed, angular = parts
     return np.block([[linear, mixed], [mixed.T, angular]])
 
@@ -92,10 +92,10 @@ _BLOCKS = ((slice(0, 3), slice(0, 3)), (slice(0, 3), slice(3, 6)), (slice(3, 6),
 
 
 def cross_motion(V_B: np.ndarray) -> np.ndarray:
-    """Cross product of a velocity with another one, both in {B}: the rate of change of a frame's coordinates.
+    """Spatial cross product of a velocity with a motion vector, both in {B}: the rate of change of a moving frame.
 
     If {B} moves relative to {A} with ``z q_dot``, then ``d/dt(U_AB.T) = -cross_motion(z * q_dot) @ U_AB.T``.
-    The paper uses it silently: (47) needs the derivative of (31).
+    The paper uses it without mention, because (47) needs the derivative of (31).
     """
     v, w = V_B[:3], V_B[3:]
     X = zeros((6, 6), V_B)

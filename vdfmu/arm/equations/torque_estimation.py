@@ -1,4 +1,4 @@
-"""Joint torque from the positions on both sides of the drive, Eq. (2)-(3): as printed, and consistent."""
+"""Joint torque from the positions on both sides of the drive, Eq. (2)-(3), as printed and in a consistent form."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Estimates(NamedTuple):
 def estimate_torque(robot: Any, delta: Any, tau_w: Any, tau_hat_max: Any) -> Any:
     """Flexspline torque from measured deformation and motor torque, Eq. (2)-(3): (n,) [N m or N], link-side.
 
-    Deviation: the angle is limited to the angle of `tau_hat_max`, so that the pole of the tangent is out of reach.
+    Deviation: the angle is limited to that of `tau_hat_max`, so that the pole of the tangent is out of reach.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ def estimate_torque(robot: Any, delta: Any, tau_w: Any, tau_hat_max: Any) -> Any
 
 
 def torque_of_deformation(robot: Any, delta: Any, tau_hat_max: Any) -> Any:
-    """Spring torque with the deformation `delta`: the inverse of D, limited to ``+- tau_hat_max``, as above.
+    """Spring torque at the deformation `delta`: the inverse of D, limited to ``+- tau_hat_max`` as above.
 
-    The wave generator carries ``tau_s / ell``. For positive torques D is increasing and concave: Newton's method from
-    below stays below and converges. It starts from the larger of two lower bounds, by the stiffness at rest and by a
-    wave generator wound up fully. Four passes end at rounding for catalogue drives; 16 leave 2e-10 of the torque with
-    every parameter anywhere in four decades or more.
+    The wave generator carries ``tau_s / ell``. For positive torques D is increasing and concave, so Newton's method
+    from below stays below and converges. It starts from the larger of two lower bounds: with the stiffness at rest, and
+    with a fully wound wave generator. For catalogue drives four iterations reach rounding; with every parameter varied
+    over four decades or more, 16 reach 2e-10 of the torque.
     """
     size = clip(abs(delta), 0.0, deformation(robot, tau_hat_max))
     wound_up = clip(size - 1.0 / (robot.c_w * robot.ell * robot.K_w0), 0.0, size)
@@ -62,8 +62,8 @@ def torque_of_deformation(robot: Any, delta: Any, tau_hat_max: Any) -> Any:
 def torque_estimates(robot: Any, q: Any, kappa: Any, tau: Any, tau_hat_max: Any) -> Estimates:
     """Estimate the spring torques in two ways.
 
-    As printed, the wave generator carries the motor's torque `tau` [N m]: the estimate includes the torques of rotor
-    inertia and friction. Consistent, it carries the spring's own torque, and the motor's is not needed.
+    As printed, the wave generator carries the motor's torque `tau` [N m], so the estimate includes the torques of rotor
+    inertia and friction. In the consistent form it carries the spring's own torque, and the motor's is not needed.
     """
     delta = kappa - q - kinematic_error(robot, kappa)
     return Estimates(estimate_torque(robot, delta, tau, tau_hat_max), torque_of_deformation(robot, delta, tau_hat_max))

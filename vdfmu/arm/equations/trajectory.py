@@ -21,16 +21,16 @@ class Desired(NamedTuple):
 
 
 EARLY = 1e-9
-"""Share of ``|t_start| + T`` that is rounding of a time: a sum of 10^6 steps is off by up to 1e-10 of itself."""
+"""Fraction of ``|t_start| + T`` that is rounding of a time: a sum of 10^6 steps has a relative error of up to 1e-10."""
 
 
 def desired_motion(t: Any, q_start: Any, q_end: Any, T: Any, t_start: Any = 0.0) -> Desired:
     """Rest-to-rest motion with a sinusoidal acceleration, Eq. (57).
 
-    Deviation: (57) starts from zero at t = 0; here it goes from `q_start` to `q_end` between `t_start` and
-    `t_start + T`, and holds before and after. Its third derivative jumps at both ends, between 0 and
-    ``4 pi^2 (q_end - q_start) / T^3``. A value at an end holds for the time that follows: at `t_start` the joints move,
-    at ``t_start + T`` they rest. Both ends are taken early by `EARLY`, so that no rounding of `t` decides.
+    Deviation: (57) starts from zero at t = 0; here it goes from `q_start` to `q_end` between `t_start` and `t_start +
+    T`, and is held before and after. Its third derivative jumps at both ends, between 0 and ``4 pi^2 (q_end - q_start)
+    / T^3``. At both ends it has the value just after them: at `t_start` the joints move, at ``t_start + T`` they rest.
+    Both ends are shifted earlier by `EARLY`, so that rounding of `t` does not matter.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def desired_motion(t: Any, q_start: Any, q_end: Any, T: Any, t_start: Any = 0.0)
 
 
 def played_motion(t: Any, edges: Any, rows: Any, cycles: Any = 1.0) -> Desired:
-    """Piecewise polynomials of degree 5, played from t = 0 on, and held before and after.
+    """Piecewise polynomials of degree 5, starting at t = 0 and held before and after.
 
-    A closed motion, with its end at its start, is played `cycles` times, a whole number of at least 1.
+    A closed motion, which ends at its start, is repeated `cycles` times, a whole number of at least 1.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def played_motion(t: Any, edges: Any, rows: Any, cycles: Any = 1.0) -> Desired:
     edges : (m + 1,) floats [s]
         Starts of the pieces, from 0 on, and any later time.
     rows : (m, 1 + 6 n) floats
-        Start of a piece, then its coefficients, (6, n) row by row, constants first. The last piece holds the end.
+        Start of a piece, then its coefficients, (6, n) row by row, constants first. The last piece is the constant end.
     """
     T = edges[-2]
     s = clip(t, 0.0, cycles * T)

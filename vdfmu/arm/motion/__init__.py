@@ -1,4 +1,4 @@
-"""Motions calculated before the run, as polynomials for a unit that replaces a scenario's trajectory."""
+"""Motions calculated before a run, as polynomials for a unit that replaces the scenario's trajectory."""
 
 from vdfmu.arm.motion.joint_space import samples, waypoints
 from vdfmu.arm.motion.polynomial import Motion, joined, rest

@@ -1,4 +1,4 @@
-"""Motions through waypoints of the joints, with times or within limits of speed and acceleration."""
+"""Motions through joint waypoints, with given times or within limits of speed and acceleration."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
 
 _ROUNDS = 20
-"""Rounds that change the shares of the intervals in the time; the shortest motion is kept."""
+"""Iterations that redistribute the time among the intervals; the shortest motion is kept."""
 _TOWARDS = 0.5
-"""Power of an interval's share of its limits, relative to the largest share, by which its time changes in a round."""
+"""Exponent of an interval's use of its limits, relative to the largest use, by which its time is scaled per
+iteration."""
 _AT_REST = 0.2
-"""Share of the largest slope of samples below which their ends are at rest."""
+"""Fraction of the samples' largest slope below which their ends are at rest."""
 
 
 @checks_types
@@ -30,7 +31,7 @@ def waypoints(
     duration: float | None = None,
     dwell: npt.ArrayLike = 0.0,
 ) -> Motion:
-    """Return the motion through points of the joints, at rest at the first and the last, continuous up to snap.
+    """Return the motion through joint positions, at rest at the first and the last, continuous up to snap.
 
     UsageError, with all problems, if points, times and limits do not fit.
 
@@ -38,13 +39,13 @@ def waypoints(
     ----------
     points : (k, n) [rad or m]
     times : (k,) [s], optional
-        Times of arrival, increasing; the motion begins at the first. Without them the limits decide.
+        Increasing times of arrival; the motion begins at the first. Without them they follow from the limits.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint. Without times the motion is as fast as they allow; with times it must keep them.
     duration : float [s], optional
-        Without times, of the whole, rests included; the limits must hold.
+        Without times, the duration of the whole motion including rests; it must respect the limits.
     dwell : float or (k,) [s]
-        Rest at each point; 0 passes through.
+        Rest at each point; with 0 the motion passes through.
     """
     q, dwells = np.array(points, dtype=float), np.array(dwell, dtype=float)
     t = None if times is None else np.array(times, dtype=float)
@@ -92,7 +93,7 @@ def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
 
 
 def limit(name: str, value: npt.ArrayLike | None, n: int) -> Floats | None:
-    """Return a limit of each joint, (n,)."""
+    """Return a limit for each joint, (n,)."""
     if value is None:
         return None
     try:
@@ -151,7 +152,7 @@ def check_points(q: Floats, times: Floats | None = None, dwell: Floats | float =
                 )
     elif len(same := np.flatnonzero(~np.any(np.diff(q, axis=0) != 0.0, axis=1))):
         problems += [
-            f"point {i + 2}: expected a position other than the point before. Rest by dwell, or give times."
+            f"point {i + 2}: expected a position other than the point before. Use dwell for a rest, or give times."
             for i in same
         ]
     if problems:

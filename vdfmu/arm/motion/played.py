@@ -14,8 +14,8 @@ from vdfmu.compiler.unit import Output, Parameter, Terminal, Unit
 class Played(Unit):
     """A motion of the joints with four continuous time derivatives.
 
-    It is a polynomial of degree 5 between two knots, played from ``t_start`` on, `speed` times as fast as planned, and
-    held before and after.
+    It is a polynomial of degree 5 between two knots, starts at ``t_start``, runs `speed` times as fast as planned, and
+    is held before and after.
     """
 
     edges: ClassVar[Any] = np.array([0.0, 1.0, 2.0])
@@ -53,8 +53,8 @@ class Played(Unit):
 class Cycle(Played):
     """A closed motion of the joints with four continuous time derivatives.
 
-    It is a polynomial of degree 5 between two knots, played `cycles` times from ``t_start`` on, `speed` times as fast
-    as planned, and held before and after.
+    It is a polynomial of degree 5 between two knots, repeated `cycles` times from ``t_start``, `speed` times as fast as
+    planned, and held before and after.
     """
 
     cycles = Parameter("1", text="Number of times that the motion is played", start=1.0, minimum=1.0)

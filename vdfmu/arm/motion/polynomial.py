@@ -1,4 +1,4 @@
-"""A motion of the joints: piecewise polynomials of degree 5 whose first four derivatives do not jump."""
+"""Motions of the joints as piecewise polynomials of degree 5 with four continuous derivatives."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
 
 DEGREE = 5
-"""Lowest degree of a spline with a continuous fourth derivative: the elastic feedforward needs it."""
+"""Lowest degree of a spline with a continuous fourth derivative, which the elastic feedforward needs."""
 _ROUNDING = 1e-9
-"""Share of a limit that is rounding."""
+"""Fraction of a limit that is rounding."""
 MOST_NUMBERS = 500_000
 """Most coefficients of a unit: some 10 MB of C, which take seconds to compile."""
 _GAP = 1e-9
-"""Largest distance [rad or m] between the end of a motion and the start of the next that is not a jump."""
+"""Largest gap [rad or m] between the end of a motion and the start of the next that is not a jump."""
 _CLOSED = 1e-12
-"""Distance of start and end [rad or m] that is rounding."""
+"""Distance between start and end [rad or m] that is rounding."""
 
 _UNIT = '''"""A motion that vdfmu worked out: {note}."""
 
@@ -53,9 +53,9 @@ class Motion:
     """Motion of n joints over m pieces, at rest at both ends."""
 
     knots: Floats
-    """(m + 1,) [s], from 0 on."""
+    """Times (m + 1,) [s], starting at 0."""
     coefficients: Floats
-    """(m, 6, n), of the powers of the time since the start of a piece, constants first."""
+    """Coefficients (m, 6, n) of the powers of the time since the start of a piece, constants first."""
     notes: tuple[str, ...] = ()
     """Notes for the user."""
 
@@ -81,11 +81,11 @@ class Motion:
 
     @property
     def closed(self) -> bool:
-        """Whether its end is its start, so that it can be repeated."""
+        """Whether it ends at its start, so that it can be repeated."""
         return bool(np.allclose(self.start, self.end, rtol=0.0, atol=_CLOSED))
 
     def at(self, t: float | Floats) -> Floats:
-        """Return positions and four time derivatives at times in the motion, (5, ..., n)."""
+        """Return positions and four time derivatives at times of the motion, (5, ..., n)."""
         place = np.clip(np.searchsorted(self.knots, t, "right") - 1, 0, len(self.coefficients) - 1)
         u = np.asarray(np.clip(t, 0.0, self.duration) - self.knots[place])[..., None]
         c = np.moveaxis(self.coefficients[place], -2, 0)
@@ -103,14 +103,14 @@ class Motion:
         return np.array([np.abs(self.extremes(order)).max(axis=(0, 1)) for order in range(1, 5)])
 
     def shares(self, velocity: Floats, acceleration: Floats) -> Floats:
-        """Factor of the time of each piece, (m,), to meet the limits, (n,) each."""
+        """Return the factor by which each piece's time must change to meet the limits, (m,); limits are (n,) each."""
         taken = [np.abs(self.extremes(order)).max(axis=0) for order in (1, 2)]
         return np.maximum(taken[0] / velocity, np.sqrt(taken[1] / acceleration)).max(axis=1)
 
     def fitted(
         self, velocity: Floats | None = None, acceleration: Floats | None = None, duration: float | None = None
     ) -> Motion:
-        """Return the motion over `duration` [s], or the shortest within limits, (n,). UsageError beyond them."""
+        """Return the motion scaled to `duration` [s], or the fastest within limits, (n,). UsageError beyond them."""
         factors = [
             (peak / limit) ** (1.0 / order)
             for order, (peak, limit) in enumerate(zip(self.peaks, (velocity, acceleration), strict=False), 1)
@@ -130,14 +130,14 @@ class Motion:
         return self.slower(duration / self.duration)
 
     def slower(self, factor: float) -> Motion:
-        """Return the motion over `factor` times the time."""
+        """Return the motion slowed down by `factor`."""
         if not 0.0 < factor < np.inf:
             raise UsageError(f"factor: expected a number above 0, got {factor}.")
         powers = factor ** -np.arange(DEGREE + 1.0)
         return Motion(self.knots * factor, self.coefficients * powers[:, None], self.notes)
 
     def dwelling(self, seconds: float) -> Motion:
-        """Return the motion and a rest after it."""
+        """Return the motion followed by a rest."""
         return self if np.array_equal(seconds, 0.0) else joined([self, rest(self.end, seconds)])
 
     def unit(self) -> type[Played]:
@@ -173,7 +173,7 @@ def _horner(c: Floats, u: Floats, order: int) -> Floats:
 
 
 def _turns(c: Floats, h: Floats, order: int) -> Floats:
-    """Places of extrema of a derivative in pieces, 0 to 1, (d, m, n): roots of the next derivative, of degree d."""
+    """Return places, 0 to 1, of a derivative's extrema in pieces, (d, m, n): roots of the next one, of degree d."""
     d = DEGREE - order - 1
     a = np.array([perm(k + order + 1, order + 1) * c[k + order + 1] * h**k for k in range(d + 1)])
     smallest = np.maximum(1e-12 * np.abs(a).max(axis=0), 1e-300)
@@ -186,9 +186,9 @@ def _turns(c: Floats, h: Floats, order: int) -> Floats:
 
 
 def spline(t: Floats, q: Floats) -> Motion:
-    """Spline of degree 5 through points, at rest at both ends up to the fourth derivative.
+    """Return the spline of degree 5 through points, at rest at both ends up to the fourth derivative.
 
-    Rest takes four conditions at each end, so the first and the last interval have two more knots. `t` (k,) [s]
+    Rest imposes four conditions at each end, so the first and the last interval have two more knots. `t` (k,) [s]
     increases, `q` is (k, n) [rad or m].
     """
     t = t - t[0]
@@ -201,7 +201,7 @@ def spline(t: Floats, q: Floats) -> Motion:
     )
     knots = np.concatenate([t[:1], inner, t[-1:]])
     coefficients = np.array([whole(knots[:-1], order) / factorial(order) for order in range(DEGREE + 1)])
-    coefficients[1:DEGREE, 0] = 0.0  # rest, without rounding
+    coefficients[1:DEGREE, 0] = 0.0  # exact rest, without rounding
     coefficients[0, 0] = q[0]
     return Motion(knots, np.moveaxis(coefficients, 0, 1).copy())
 
@@ -219,7 +219,7 @@ def rest(q: npt.ArrayLike, seconds: float) -> Motion:
 
 
 def joined(parts: Iterable[Motion]) -> Motion:
-    """Return motions one after the other; UsageError for a gap between two, or without motions."""
+    """Return motions joined in sequence; UsageError for a gap between two, or without motions."""
     parts = list(parts)
     if not parts:
         raise UsageError("joined: expected motions, got none.")

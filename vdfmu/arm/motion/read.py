@@ -1,4 +1,4 @@
-"""Motions from files: the table ``[motion]`` of a TOML file, and points of the joints from CSV files."""
+"""Reads motions from files: the table ``[motion]`` of a TOML file, and joint positions from CSV files."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 from vdfmu.engine.plan.inputs import csv_columns
 
 _LOOKS = 1001
-"""Times at which torques are compared with those of the motors."""
+"""Number of times at which torques are compared with those of the motors."""
 _EXAMPLE = "time [s], q1 [rad], q2 [deg]"
 
 
 class Argument(NamedTuple):
-    """Whether a parameter is a text, a whole number, a single number, and whether it is required, by its annotation."""
+    """Whether a parameter, by its annotation, is a text, a whole number or a single number, and is required."""
 
     text: bool
     whole: bool
@@ -54,14 +54,14 @@ def _arguments_of(make: Callable[..., Any]) -> dict[str, Argument]:
 
 
 class MotionKind(NamedTuple):
-    """A kind of motion: the function that makes it, and its parameters, the keys of the table."""
+    """A kind of motion: the function that makes it, and its parameters, which are the keys of the table."""
 
     make: Callable[..., Motion]
     keys: dict[str, Argument]
 
     @property
     def of_file(self) -> bool:
-        """Whether its points are positions of the joints, which may be in a CSV file; a line also has a start."""
+        """Whether its points are joint positions, which may be in a CSV file; a line also has a start."""
         return "points" in self.keys and "start" not in self.keys
 
 
@@ -81,7 +81,8 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
     Parameters
     ----------
     path : path
-        A TOML file with a table ``[motion]``, such as a scenario, or only with its keys; or a CSV file of samples.
+        A TOML file with a table ``[motion]``, such as a scenario, or with only the keys of this table; or a CSV file of
+        samples.
     robot : Robot
 
     Returns
@@ -116,7 +117,7 @@ def load_motion(path: str | os.PathLike[str], robot: Robot) -> Motion:
 
 
 def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) -> Motion | None:
-    """Calculate the motion of a table ``[motion]``, or of the TOML file that its text names; None with problems."""
+    """Calculate the motion of a table ``[motion]``, or of the TOML file that it names; None if there are problems."""
     if isinstance(data, str):
         if (folder / data).resolve() == Path(problems.where).resolve():
             problems.add("motion", "a table, or another file with it", "the file itself", "Write the table here.")
@@ -156,7 +157,7 @@ def read_motion(problems: Problems, data: object, robot: Robot, folder: Path) ->
 
 
 def _plausible(motion: Motion, robot: Robot) -> list[str]:
-    """Return notes on positions and speeds that look like another unit."""
+    """Return notes on positions and speeds that seem to be in another unit."""
     widest, fastest = np.abs(motion.extremes(0)).max(axis=(0, 1)), motion.peaks[0]
     notes = (
         list(position_notes(f"position of joint {j + 1}", widest[j], kind))
@@ -167,7 +168,7 @@ def _plausible(motion: Motion, robot: Robot) -> list[str]:
 
 
 def check_motion(motion: Motion, robot: Robot) -> None:
-    """Raise UsageError if a motion has another number of joints, exceeds end stops, or the motors of a rigid arm."""
+    """Raise UsageError if a motion has another number of joints, or exceeds end stops or the motors of a rigid arm."""
     if motion.n != robot.n:
         raise UsageError(f"expected positions of the {robot.n} joints of {robot.name}, got {motion.n}.")
     if not robot.limits:
@@ -197,7 +198,7 @@ def check_motion(motion: Motion, robot: Robot) -> None:
 
 
 def _value(table: Table, key: str, argument: Argument) -> Any:
-    """Return the value of a key: a text, or a number or an array."""
+    """Return the value of a key: a text, a number or an array."""
     value = table.data[key]
     if argument.text and isinstance(value, str):
         return table.text(key)

@@ -1,4 +1,4 @@
-"""Gears and motors by name: their tables of a joint, and how well (2)-(3) fits the printed stiffnesses of gears."""
+"""Gears and motors by name: the tables of a joint, and how well (2)-(3) fits the printed stiffnesses of gears."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -17,13 +17,13 @@ from vdfmu.base.toml_tables import Problems, value_text
 NAMED = ("gear", "motor")
 """Keys of a joint that name an entry."""
 _ALWAYS = ("drive", "friction")
-"""Tables that an entry adds to a joint without them. It adds no tables of options, only keys to those of the joint."""
+"""Tables that an entry adds if a joint lacks them. To tables of options it only adds keys."""
 _SPRING = ("K1", "K2", "K3", "T1", "T2")
 _PRINTED = {"drive": _SPRING, "hysteresis": (*_SPRING, "hysteresis_loss")}
-"""Tables of a gear that are calculated from printed numbers, and these numbers."""
+"""Tables of a gear that are calculated from printed numbers, with these numbers."""
 _FILE = "models/drives/catalogue.toml"
 _OF_RATIO = {"N.m/rad": 2, "1/(N.m)": -1}
-"""Units of motor-side numbers of springs, and the power of the ratio that scales them for the same link side."""
+"""Units of a spring's motor-side numbers, and the power of the ratio that scales them to keep the link side."""
 
 Tables = dict[str, dict[str, tuple[float, str]]]
 """Table of a joint to its numbers and their sources."""
@@ -36,14 +36,14 @@ def catalogue() -> dict[str, dict[str, Any]]:
 
 
 def assumed(gear: dict[str, Any], part: str = "hysteresis") -> list[str]:
-    """Names of the assumed numbers from which a table of a gear is calculated."""
+    """Return the names of the assumed numbers from which a table of a gear is calculated."""
     texts = catalogue()["sources"]
     assumptions = [keys for source, keys in gear["sources"].items() if texts[source].startswith("Assumed")]
     return [key for keys in assumptions for key in keys if key in _PRINTED.get(part, ())]
 
 
 def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, ell: Any = None) -> Tables:
-    """Return the tables of a joint's gear and motor, for its `kind` and its own reduction ratio `ell`, if any."""
+    """Return the tables of a joint's gear and motor for its `kind` and, if stated, its own reduction ratio `ell`."""
     tables: Tables = {}
     entries: dict[str, dict[str, Any]] = {}
     for part in NAMED:
@@ -70,7 +70,7 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
                         continue
                     value = value / ratio
                 power = _OF_RATIO.get(PARAMETERS[key].quantity)
-                if (part, table) == ("gear", "drive") and power:  # the link side stays as printed
+                if (part, table) == ("gear", "drive") and power:  # the link side keeps the printed values
                     value = value * (gear["ratio"] / ratio) ** power
                 tables.setdefault(table, {})[key] = value, source
     if gear:
@@ -85,7 +85,7 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
 def filled_from_catalogue(
     problems: Problems, joint: dict[str, Any], path: str
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return a joint's table that names parts, filled from the catalogue, and sources of the added numbers by key."""
+    """Return a joint's table, filled from the catalogue if it names parts, and sources of the added numbers by key."""
     parts = {part: joint[part] for part in (*_ALWAYS, *JOINT_OPTIONS) if isinstance(joint.get(part), dict)}
     tables = tables_of(problems, path, joint, joint.get("type", ""), parts.get("drive", {}).get("ell"))
     sources: dict[str, str] = {}
@@ -97,11 +97,11 @@ def filled_from_catalogue(
 
 
 _POINTS = 60
-"""Torques at which a spring is compared with printed stiffnesses."""
+"""Number of torques at which a spring is compared with printed stiffnesses."""
 
 
 def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
-    """Torsion [rad] of three straight pieces, for stiffnesses K (3,) [N m/rad] and torques T (2,) [N m].
+    """Piecewise linear torsion [rad] with stiffnesses K (3,) [N m/rad] and torques T (2,) [N m].
 
     Catalogues print K_1 up to the torque T_1, K_2 up to T_2 and K_3 beyond, with the wave generator held.
     """
@@ -112,7 +112,7 @@ def catalogue_torsion(torque: Any, K: Any, T: Any) -> Any:
 def spring_residual(gear: dict[str, Any]) -> tuple[float, float]:
     """Return the largest difference of (2)-(3) from the printed stiffnesses of a gear, up to its repeated peak torque.
 
-    In rad, and relative to the largest torsion.
+    The difference is in rad, and relative to the largest torsion.
     """
     torque = np.linspace(0.0, gear["repeated"], _POINTS + 1)[1:]
     printed = catalogue_torsion(torque, [gear[f"K{i}"] for i in (1, 2, 3)], [gear["T1"], gear["T2"]])

@@ -15,17 +15,17 @@ _LARGEST = 2**20
 
 @dataclass(frozen=True)
 class DriveFile:
-    """The file of a drive. A robot keeps its text, so that it stays what it was when the file changes."""
+    """The file of a drive. A robot keeps its text, so that the robot does not change with the file."""
 
     name: str
     """Name of the file, without a folder."""
     text: str
     place: str = field(default="", compare=False)
-    """Its path in messages."""
+    """Path of the file in messages."""
 
     @staticmethod
     def read(name: str, folder: Path) -> DriveFile:
-        """Read the file that a robot or a scenario in a folder names. UsageError if it cannot be read."""
+        """Read the file named by a robot or scenario in a folder. UsageError if it cannot be read."""
         if "\n" in name:
             raise UsageError(
                 "drive must be the name of a Python file, got several lines of text. Save them as a file, such as "

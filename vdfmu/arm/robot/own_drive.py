@@ -1,4 +1,4 @@
-"""Drives by a user's file: options as in `vdfmu.arm.drive`, and the class of their robots."""
+"""Drives from a user's file: options as in `vdfmu.arm.drive`, and the class of their robots."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vdfmu.base.trust import before_code
 
 @lru_cache(maxsize=32)
 def robot_class(drive: DriveFile) -> type[Robot]:
-    """Run the file of a drive. Return its robots' class. UnitError for faults, CodeNotRunError if no code may run."""
+    """Run the file of a drive; return its robots' class. UnitError for faults, CodeNotRunError if it must not run."""
     name, file = drive.name, drive.place or drive.name
     try:
         code = compile(drive.text, file, "exec")
@@ -35,7 +35,7 @@ def robot_class(drive: DriveFile) -> type[Robot]:
     sys.modules[module.__name__] = module
     try:
         exec(code, vars(module))
-    except (Exception, SystemExit) as error:  # whatever code of others raises
+    except (Exception, SystemExit) as error:  # whatever foreign code raises
         lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
         raise UnitError(f"{name}, line {lines[-1]}: {kind_text(error)}." if lines else f"{name}: {error}.") from None
     members: dict[str, Any] = dict(vars(module))
@@ -52,7 +52,7 @@ def robot_class(drive: DriveFile) -> type[Robot]:
 
 
 def _check(file: str, options: Mapping[str, DriveOption], rows: Mapping[str, Row]) -> None:
-    """Raise UnitError without a drive, or for a name that every arm has already."""
+    """Raise UnitError if there is no drive, or for a name that every arm already has."""
     if not options:
         raise UnitError(f"{file} must have a DriveOption of vdfmu.drive, such as MY_DRIVE = DriveOption(...).")
     names = [*rows, *dict.fromkeys(row.section for row in rows.values())]
@@ -62,7 +62,7 @@ def _check(file: str, options: Mapping[str, DriveOption], rows: Mapping[str, Row
 
 
 def _reduced(robot: Robot) -> tuple[Any, ...]:
-    """Pickle a robot whose class is in no module."""
+    """Pickle a robot whose class is not in a module."""
     return _restored, (robot.drive, {f.name: getattr(robot, f.name) for f in dataclasses.fields(robot)})
 
 

@@ -1,4 +1,4 @@
-"""THE table of a robot's parameters: every number of a robot, once.
+"""The table of a robot's parameters, which declares every number of a robot once.
 
 A new parameter is a field of `Parameters`, or of an option in `vdfmu.arm.drive`. The plant's torques, losses and
 energies and the exact inverse must include it: ``tests/arm/laws/test_inverse_and_power.py`` walks the table. Exceptions
@@ -22,11 +22,11 @@ Section = Literal["robot", "payload", "joint", "link", "drive", "friction"] | Op
 Fold = Literal["never", "always", "zeros", "spare zeros", "inertia", "lumped friction"]
 
 JOINT_OPTIONS: tuple[OptionName, ...] = tuple(OPTIONS)
-"""Tables that all joints of a robot have or none."""
+"""Tables that either all joints of a robot have, or none."""
 OPTIONAL: tuple[Section, ...] = ("payload", *JOINT_OPTIONS)
 """Optional sections of a robot; its flag has the same name."""
 ENDS = ("moving_base", "coupled_tool")
-"""Flags of a robot that couple an end of it to its surroundings."""
+"""Flags of a robot that couple one of its ends to its surroundings."""
 
 
 def read_only(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -43,50 +43,52 @@ class Row:
     name: str
     """Field of `Robot` and group of the FMI variables."""
     section: Section
-    """Place in the robot file: "robot" is its top, "joint" the top of each ``[[joints]]``, others are tables."""
+    """Place in the robot file: "robot" is its top level, "joint" the top level of each ``[[joints]]``, others are
+    tables."""
     quantity: str
     """Unit of measurement, or a key of `unit_of` with different units for revolute and prismatic joints."""
     text: str
-    """Its meaning; ``Eq. {}`` cites `equation`."""
+    """Description; ``Eq. {}`` cites `equation`."""
     equation: str = ""
-    """The paper's, "(2)"; empty if it is not in the paper."""
+    """Number of the paper's equation, "(2)"; empty if it is not in the paper."""
     largest: float = LARGEST_NUMBER
-    """Largest absolute value, in SI units, far above any machine."""
+    """Largest absolute value in SI units, far above that of any machine."""
     smallest: float | None = None
     """Smallest value. `POSITIVE` means "above 0", None for minus the largest."""
     default: Any = None
-    """Value of every entry, or of all, if it is not in the file. None: the file must have it."""
+    """Value of every entry, or all values, if it is not in the file. None if the file must have it."""
     shape: tuple[int, ...] = ()
-    """Shape of one joint's value, or of the only value."""
+    """Shape of one joint's value, or of the value itself."""
     fold: Fold = "never"
-    """Which entries are constants of the functions, which cost nothing, instead of run-time parameters: "never" any,
-    "always" all, "zeros", "spare zeros" the zeros of a robot that is `folded`, "inertia" the zeros off the diagonal and
-    the symmetric half, "lumped friction" all of an arm with this friction."""
+    """Entries that are constants of the functions, at no cost, instead of run-time parameters: none for "never", all
+    for "always", zeros for "zeros", the zeros of a `folded` robot for "spare zeros", the off-diagonal zeros and the
+    symmetric half for "inertia", all entries of an arm with lumped friction for "lumped friction"."""
     part_of: str = ""
-    """Parameter of the joint that switches this one off, as a constant, if it is 0."""
+    """Parameter of the joint that, if it is 0, switches this one off, which is then a constant."""
     hint: str = ""
-    """Fix of a problem with it; else the text."""
+    """Fix of a problem with it, by default the description."""
     foreign: str = ""
     """Its name in files of other tools: in a URDF's <limit> or <dynamics>, MJCF's armature and gravity, the tip."""
     scaled_as: str = ""
-    """Word for scaling: all parameters of one word are scaled together."""
+    """Word for scaling; parameters with the same word are scaled together."""
     start: Any = None
-    """Start value in the unit of a single link or joint; None: the default, or 0. The unit of a joint always has the
-    options without a state, and with these values they have no effect: results are bit-identical without them."""
+    """Start value in the unit of a single link or joint; None for the default, or 0. The unit of a joint always has the
+    options without a state; with these values they have no effect, and results are bit-identical to those without
+    them."""
 
     @property
     def per_joint(self) -> bool:
-        """Whether each joint has its own."""
+        """Whether each joint has its own value."""
         return self.section not in ("robot", "payload")
 
     @property
     def key(self) -> str:
-        """Key in its table of the robot file."""
+        """Key in the table of the robot file."""
         return self.name.removeprefix(f"{self.section}_")
 
     @property
     def table(self) -> str:
-        """Table of the robot file: ``joints.link``, empty for the top of the file."""
+        """Table of the robot file, ``joints.link``; empty for the top level of the file."""
         if not self.per_joint:
             return "" if self.section == "robot" else self.section
         return "joints" if self.section == "joint" else f"joints.{self.section}"
@@ -111,7 +113,7 @@ class Row:
         return unit_of(self.quantity, joint_type)
 
     def is_free(self, robot: Any, index: tuple[int, ...]) -> bool:
-        """Whether an entry of this robot's array is a parameter at run time."""
+        """Return whether an entry of this robot's array is a parameter at run time."""
         if self.section in OPTIONAL and not getattr(robot, self.section):
             return False
         if self.part_of and not getattr(robot, self.part_of)[index]:
@@ -122,7 +124,7 @@ class Row:
                 return bool(array[index] != 0.0)
             case "spare zeros":
                 return bool(not robot.folded or array[index] != 0.0)
-            case "inertia":  # one that is all zero, of a point mass, has no parameters
+            case "inertia":  # an all-zero inertia of a point mass has no parameters
                 j, k = index[-2:]
                 return bool((j == k and array.any()) or (j < k and array[index] != 0.0))
             case "lumped friction":
@@ -138,7 +140,7 @@ _MOMENTS = "One number (isotropic), 3 principal moments or a symmetric 3 x 3 mat
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArmParameters:
-    """The table of every arm, up to its options."""
+    """The table for every arm, without its options."""
 
     # fmt: off
     gravity: Array = row(
@@ -207,7 +209,7 @@ class ArmParameters:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Parameters(OptionRows, ArmParameters):
-    """The table: a field is a row, in the order of the FMI value references. Arrays have the joint first."""
+    """The table, whose fields are rows in the order of the FMI value references. Arrays have the joint axis first."""
 
     rows: ClassVar[dict[str, Row]]
     """Name of a parameter to its row: :data:`PARAMETERS`, and the rows of the robot's own drive."""
@@ -231,16 +233,16 @@ NOT_INVERTED: Mapping[str, str] = {
     "hysteresis": "its torque depends on the past",
     "bristles": "their torque depends on the past",
     "winding": "the current follows with the bandwidth of its loop",
-    "thermal": "the oil is as warm as the surroundings",
+    "thermal": "the oil has the temperature of the surroundings",
     "limits": "no torque takes a joint through its stops, or a motor beyond its own",
 }
-"""Options, flags and parameters that move the plant and not its exact inverse, with reasons."""
+"""Options, flags and parameters that affect the plant but not its exact inverse, with reasons."""
 NOT_BALANCED: Mapping[str, str] = {
     "theta_err_amplitude": "the rotor feels tau_s / ell, whatever the kinematic error does, as the paper has it",
     "theta_err_phase": "as the amplitude",
     "stop_damping": "the stops get warm, not the drives, whose losses heat them",
 }
-"""Parameters whose power is in neither losses nor energies, with reasons."""
+"""Parameters whose power is in neither the losses nor the energies, with reasons."""
 
 
 def section(name: Section) -> list[Row]:
@@ -249,4 +251,4 @@ def section(name: Section) -> list[Row]:
 
 
 SPRING_KEYS = tuple(row.name for row in section("drive") if row.name != "I_m")
-"""Parameters that the deformation of a drive depends on: all of the drive but the inertia of its rotor."""
+"""Parameters on which the deformation of a drive depends: all of the drive except the inertia of its rotor."""

@@ -1,4 +1,4 @@
-"""Physical conditions of robots: checks that add to `Problems`, and margins that can be traced, without eigenvalues."""
+"""Physical conditions of robots: checks that add to `Problems`, and traceable margins without eigenvalues."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from vdfmu.compiler.unit.declaration import STRICT, Entry, Requirement
 
 # Entries of a rotation are at most 1, so ten printed digits leave R R^T - E below 1e-9.
 ROTATION_TOLERANCE = 1e-9
-# A thin body meets the triangle inequality with equality; rounding of the eigenvalues stays far below this.
+# A thin body meets the triangle inequality with equality; rounding of the eigenvalues is far below this.
 INERTIA_TOLERANCE = 1e-9
-# kappa = q + D + theta_err(kappa) is solved by iteration; its error shrinks by 2 ell A at every pass.
+# kappa = q + D + theta_err(kappa) is solved by iteration, whose error shrinks by 2 ell A in every step.
 CONTRACTION_LIMIT = 0.5
 
 
 def check_rotation(problems: Problems, key: str, rotation: Floats) -> None:
-    """Add a problem if a rotation, (3, 3), is not orthogonal or mirrors."""
+    """Add a problem if a rotation, (3, 3), is not orthogonal or is a reflection."""
     if not np.isfinite(rotation).all():
         return
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
@@ -36,12 +36,12 @@ def check_rotation(problems: Problems, key: str, rotation: Floats) -> None:
         problems.add(key, expected, got, "Write the axes of B_i as columns, with at least 10 digits.")
     elif np.linalg.det(rotation) < 0:
         problems.add(
-            key, "a rotation of determinant +1", "determinant -1", "It mirrors: change the sign of one column."
+            key, "a rotation of determinant +1", "determinant -1", "It is a reflection: change the sign of one column."
         )
 
 
 def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
-    """Add a problem if no rigid body has the inertia, (3, 3) [kg.m2]."""
+    """Add a problem if no rigid body can have the inertia, (3, 3) [kg.m2]."""
     if not np.isfinite(inertia).all():
         return
     scale = float(np.abs(inertia).max())
@@ -62,7 +62,7 @@ CONTRACTION = Condition(
     "theta_err_amplitude",
     f"2*ell*theta_err_amplitude < {CONTRACTION_LIMIT:g}",
     lambda robot: CONTRACTION_LIMIT - 2.0 * robot.ell * robot.theta_err_amplitude,
-    "Lower the amplitude; otherwise the rotor's position does not follow uniquely from the spring.",
+    "Lower the amplitude; otherwise the spring does not determine the rotor's position uniquely.",
 )
 STATIC_FRICTION = Condition(
     "f_s",
@@ -80,7 +80,7 @@ def check_conditions(
     joint: Mapping[str, Any],
     rows: Mapping[str, Row] = PARAMETERS,
 ) -> None:
-    """Add the unmet conditions of a joint at `path`, field of `Robot` to its value."""
+    """Add problems for violated conditions of a joint at `path`, given by field of `Robot` and value."""
     for condition in conditions:
         row, margin = rows[condition.name], condition.margin(SimpleNamespace(**joint))
         broken = margin <= 0.0 if condition.strict else margin < 0.0

@@ -1,7 +1,7 @@
-"""Plausibility: allowed numbers outside the range of arms, each with its likely mistake.
+"""Plausibility: numbers that are allowed but outside the range of arms, each with the likely mistake.
 
-The limits lie outside all shipped robots, and all gears of the catalogue with all its motors, and inside the usual
-mistakes: factors of 1000, of 180 / pi and of ell.
+All shipped robots, and all gears of the catalogue with all its motors, are within the limits; the usual mistakes,
+factors of 1000, 180 / pi and ell, are outside.
 """
 
 from __future__ import annotations
@@ -21,32 +21,33 @@ from vdfmu.base.measure import JOINT_TYPES
 _FAR = JOINT_TYPES["prismatic"].far
 """Length [m]."""
 _NONE = 1e6
-"""Position of a missing stop, as importers and FMUs write it."""
+"""Position that importers and FMUs write for a missing stop."""
 _HEAVY = 500.0
-"""Mass of a link [kg]: the largest shipped has 395 kg, a link of half a kilogram has 500 g."""
+"""Mass of a link [kg]: the heaviest shipped one has 395 kg, a link of half a kilogram in grams is 500."""
 _STRONG_GRAVITY = 30.0
-"""Above that of every planet [m/s2], below 980 cm/s2."""
+"""Gravity [m/s2], above that of every planet and below 980 cm/s2."""
 _LARGE = 5.0
-"""Radius of gyration [m]: shipped links have 0.02 to 0.5, one of 10 cm in kg.mm2 has 100, in kg.cm2 10."""
+"""Radius of gyration [m]: shipped links have 0.02 to 0.5; one of 10 cm is 100 with kg.mm2, 10 with kg.cm2."""
 _ON_AXIS = 1e-3
-"""Distance of a tool from an axis on which it lies, as a share of the arm's length: pi with a few digits gives 1e-3."""
+"""Distance from an axis up to which a tool lies on it, relative to the arm's length: pi with a few digits results in
+1e-3."""
 _SOFT, _STIFF = 2.0, 150.0
-"""Frequency of a rotor on its drive's spring, and on only the flexspline [Hz]. Shipped arms and the catalogue have 10
-to 84 and 10 to 104, series elastic actuators 3 and more. Newton millimetres make it 32 times as high, a missing ell
-5 to 16 times, a stiffness per arc minute 58 times as low."""
+"""Frequency [Hz] of a rotor on its drive's spring, and on only the flexspline. Shipped arms and the catalogue have 10
+to 84 and 10 to 104, series elastic actuators 3 and more. With newton millimetres it is 32 times as high, with a missing
+ell 5 to 16 times, with a stiffness per arc minute 58 times as low."""
 _WEAK_MOTOR, _STRONG_MOTOR = 1e3, 2e6
-"""Acceleration of a rotor by the motor's largest torque [rad/s2]. Shipped arms have 5e3 to 1e5, the catalogue up to
-3e5. A torque of the link side makes it ell times as high, an inertia with ell twice ell times as low."""
+"""Acceleration of a rotor [rad/s2] by the motor's largest torque. Shipped arms have 5e3 to 1e5, the catalogue up to
+3e5. With a link-side torque it is ell times as high, with ell applied twice to the inertia ell times as low."""
 
 
 class Plausibility(NamedTuple):
-    """A size of each joint, the limits of arms, and the note beyond them."""
+    """A quantity of each joint, its limits for arms, and the note beyond them."""
 
     size: Callable[[Robot], Floats]
     low: float
     high: float
     text: str
-    """With the size in braces."""
+    """The text, with the quantity in braces."""
     if_low: str
     if_high: str
 
@@ -94,7 +95,7 @@ CHECKS = (
 
 
 def robot_notes(robot: Robot) -> list[str]:
-    """Return how `stiffness` and `rotor_inertia` were converted, and likely mistakes: number, cause, fix."""
+    """Return notes on the conversion of `stiffness` and `rotor_inertia`, and on likely mistakes: number, cause, fix."""
     return [*plain_notes(robot.sources), *doubts(robot)]
 
 
@@ -107,10 +108,10 @@ def doubts(robot: Robot) -> Iterator[str]:
 
 
 def joints_without_tool(robot: Any) -> list[int]:
-    """Return the joints whose rotation leaves the position of the tool as it is, counted from 1, the last joint first.
+    """Return the joints whose rotation does not move the tool's position, counted from 1, the last joint first.
 
-    These are the last joints, up to the first whose axis misses the tool: it moves the tool on a circle, which lies on
-    no axis. `robot` needs `joint_types`, `offset`, `rotation` and `tool_offset`.
+    These are the last joints, up to the first whose axis misses the tool and so moves it on a circle. `robot` needs
+    `joint_types`, `offset`, `rotation` and `tool_offset`.
     """
     p, joints = np.asarray(robot.tool_offset), list[int]()
     length = np.linalg.norm([*robot.offset, p], axis=1).sum()
@@ -144,7 +145,7 @@ def _gravity(robot: Robot) -> Iterator[str]:
 
 
 def _joints(robot: Robot) -> Iterator[str]:
-    """Yield a note for each failed check, on the worst joint, and on the tool and the payload."""
+    """Yield a note for each failed check, about its worst joint, and notes on the tool and the payload."""
     for check in CHECKS:
         sizes = check.size(robot)
         for out, i, why in (
@@ -160,7 +161,7 @@ def _joints(robot: Robot) -> Iterator[str]:
 
 
 def _stops(robot: Robot) -> Iterator[str]:
-    """Yield a note for the lower and the upper stops, on the worst joint."""
+    """Yield notes on the lower and the upper stops, each about the worst joint."""
     for name in ("q_min", "q_max") if robot.limits else ():
         values = getattr(robot, name)
         i = int(np.where(np.abs(values) < _NONE, np.abs(values), 0.0).argmax())
@@ -169,7 +170,7 @@ def _stops(robot: Robot) -> Iterator[str]:
 
 
 def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note if the position of a joint looks like degrees or millimetres."""
+    """Yield a note if the position of a joint seems to be in degrees or millimetres."""
     joint = JOINT_TYPES[kind]
     if abs(value) > joint.far:
         unit, meant = joint.unit("position"), value / joint.shown.factor
@@ -177,7 +178,7 @@ def position_notes(name: str, value: float, kind: str) -> Iterator[str]:
 
 
 def speed_notes(name: str, value: float, kind: str) -> Iterator[str]:
-    """Yield a note if a joint is faster than those of all arms."""
+    """Yield a note if a joint is faster than in any arm."""
     most, unit = JOINT_TYPES[kind].fastest, JOINT_TYPES[kind].unit("velocity")
     if abs(value) > most:
         yield (

@@ -1,4 +1,4 @@
-"""A serial manipulator with flexible joints: its arrays, and its parameters at run time."""
+"""A serial manipulator with flexible joints: its arrays and its run-time parameters."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ FRICTION_ARRANGEMENTS = ("lumped", "split")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Robot(Parameters):
-    """Parameters of a serial chain of n links on revolute or prismatic joints with flexible drives.
+    """Parameters of a serial chain of n links with revolute or prismatic joints and flexible drives.
 
     Frame {B_i} is fixed to link i, its z axis is the axis of joint i; {B_0} is the inertial frame {I}, {O} the
-    end-effector frame. SI units, angles in rad. A unit after "or" is for prismatic joints; their motor side stays in
-    rad and N.m. The kinematic error of Eq. (3) is ``A*sin(2*ell*kappa + phase)``.
+    end-effector frame. SI units, angles in rad. A unit after "or" applies to prismatic joints, whose motor side stays
+    in rad and N.m. The kinematic error of Eq. (3) is ``A*sin(2*ell*kappa + phase)``.
 
-    Nothing is checked here: the equations also run with fields that hold symbols. `vdfmu.arm.robot.robot_file` checks.
+    Nothing is checked here, because the equations also run with symbols as fields; `vdfmu.arm.robot.robot_file` does
+    the checks.
 
     Parameters
     ----------
@@ -56,24 +57,24 @@ class Robot(Parameters):
     sources : mapping of str to str
         Provenance: key of the robot file to the source of its number.
     payload : bool
-        Whether the last link carries another body; the fields ``payload_`` count only then.
+        Whether the last link carries another body; the ``payload_`` fields are only used then.
     {options} : bool
-        Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, count
-        only then.
+        Whether joints have this option of the drives; the fields of its table, such as ``[joints.limits]``, are only
+        used then.
     folded : bool
-        Whether zeros of gravity, centres of mass and tool are constants of the functions; else they are parameters
-        at run time, as is a payload.
+        Whether zeros of gravity, centres of mass and tool are constants of the functions; otherwise they are run-time
+        parameters, like a payload.
     moving_base : bool
-        Whether the base moves by inputs of the plant; else it is at rest in {I}.
+        Whether inputs of the plant move the base; otherwise it is at rest in {I}.
     coupled_tool : bool
-        Whether the plant outputs the motion of its end effector and takes a load with a mass.
+        Whether the plant outputs the motion of its end effector and accepts a load with a mass.
     tool_on_last_axis : bool
-        Whether {O} is meant to lie on the axis of the last joint, as a flange does, so that the position of the tool
-        does not depend on that joint. Without it, such a tool is reported as a likely mistake.
+        Whether {O} lies intentionally on the axis of the last joint, like a flange, so that the tool's position does
+        not depend on that joint. Otherwise such a tool is reported as a likely mistake.
     visuals : tuple of Visual
         Shapes of the links in pictures; no calculation uses them.
     file : str
-        Path or name that it was loaded from; empty for a shipped robot.
+        Path or name from which it was loaded; empty for a shipped robot.
     """
 
     reader: ClassVar[str] = "vdfmu.arm.robot.robot_file:robot_from_dict"
@@ -94,7 +95,7 @@ class Robot(Parameters):
     body = link_body
 
     own_options: ClassVar[tuple[DriveOption, ...]] = ()
-    """Options of its own drive, see :mod:`vdfmu.arm.robot.own_drive`."""
+    """Options of its own drive; see :mod:`vdfmu.arm.robot.own_drive`."""
     drive: ClassVar[DriveFile | None] = None
     """File of its own drive."""
 
@@ -120,15 +121,15 @@ class Robot(Parameters):
 
     @classmethod
     def own_sections(cls) -> list[Any]:
-        """Tables of a joint in its file that its own drive adds."""
+        """Tables of a joint in its file that belong to its own drive."""
         return [*dict.fromkeys(row.section for name, row in cls.rows.items() if name not in PARAMETERS)]
 
     @cached_per_command
     def entries(self) -> list[Entry]:
         """Run-time parameters, in the order of the parameter vector of every traced function.
 
-        Structural zeros and fixed rotations are folded: the functions are three times as fast, and a folded number
-        cannot change later.
+        Structural zeros and fixed rotations are folded, which makes the functions three times as fast, but a folded
+        number cannot change later.
         """
         return [
             Entry(name, index)
@@ -138,7 +139,7 @@ class Robot(Parameters):
         ]
 
     def constants(self) -> list[str]:
-        """Names of the numbers of its file that are no run-time parameters: whole arrays, or elements."""
+        """Names of the numbers in its file that are not run-time parameters: whole arrays, or elements."""
         names: list[str] = []
         for name, row in self.rows.items():
             if row.section in OPTIONAL and not getattr(self, row.section):
@@ -181,7 +182,7 @@ class Robot(Parameters):
 
     @cached_per_command
     def key(self) -> str:
-        """Key of the traced functions: equal for robots that differ in run-time parameters only."""
+        """Key of the traced functions, equal for robots that differ only in run-time parameters."""
         entries = self.entries()
         fixed = self.with_values([0.0] * len(entries))
         structure = {
@@ -213,14 +214,14 @@ class Robot(Parameters):
 
     @property
     def joint_labels(self) -> list[str]:
-        """Number of each joint, from 1, and its name, if it has one: for tables."""
+        """Number of each joint, from 1, and its name if it has one, for tables."""
         names = self.joint_names or ("",) * self.n
         return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
-        """Return the layout of its TOML file, `looks` with visuals, the inverse of `robot_from_dict`.
+        """Return the content of its TOML file, with visuals if `looks`: the inverse of `robot_from_dict`.
 
-        It names the file of a drive; `files` has its text.
+        It names the file of a drive, whose text is in `files`.
         """
 
         def numbers(name: Section, entry: Any) -> dict[str, Any]:
@@ -256,7 +257,7 @@ class Robot(Parameters):
         return {self.drive.name: self.drive.text} if self.drive else {}
 
     def unfolded(self) -> Self:
-        """Return a copy whose gravity, centres of mass, payload and tool are parameters at run time, zeros too."""
+        """Return a copy whose gravity, centres of mass, payload and tool, zeros included, are run-time parameters."""
         return dataclasses.replace(self, folded=False, payload=True)
 
     def with_parameters(self, **arrays: npt.ArrayLike) -> Robot:
@@ -307,7 +308,7 @@ _PLACES = {
     (True, 1): ", (link, axis)",
     (True, 2): ", (link, row, column)",
 }
-"""(per joint?, number of axes) -> label of the indices."""
+"""Whether it is per joint, and number of axes, to the label of the indices."""
 
 
 def _documented(row: Row) -> str:

@@ -1,4 +1,4 @@
-"""Robot files: from a name or path and its tables to a `Robot`, with every problem reported at once."""
+"""Reads robot files, given by name or path, into a `Robot`, and reports all problems at once."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from vdfmu.base.toml_file import locate, read_toml, shipped_names, toml_names
 from vdfmu.base.toml_tables import Problems, Table, shape_of, value_text
 
 RIGID, LINEAR = 1e11, 1e-6
-"""K_w0 [N.m/rad] and c_f, c_w [1/(N.m), 1/N] of a linear spring. Its compliance differs from 1 / K_f0 by less than
-(c_f tau)^2, 1e-8 of itself at 100 N.m, and the compliance 1 / (ell^2 K_w0) of the wave generator."""
+"""K_w0 [N.m/rad] and c_f, c_w [1/(N.m), 1/N] of a linear spring. Its compliance differs from 1 / K_f0 by less than the
+fraction (c_f tau)^2, 1e-8 at 100 N.m, plus the compliance 1 / (ell^2 K_w0) of the wave generator."""
 PLAIN = {
     "stiffness": (
         "stiffness",
@@ -39,7 +39,7 @@ PLAIN = {
     ),
     "rotor_inertia": ("kg.m2", ("I_m",), "Rotor inertia, motor-side", "I_m = ell * rotor_inertia"),
 }
-"""Plain keys of a drive: unit of measurement or key of `unit_of`, the paper's keys, meaning, and conversion."""
+"""Plain keys of a drive: unit of measurement or key of `unit_of`, the paper's keys, description, and conversion."""
 
 
 def _keys(name: Section) -> list[str]:
@@ -67,7 +67,7 @@ JOINT_KEYS = ("type", *_keys("joint"), "link", "drive", "friction", *JOINT_OPTIO
 def robot_from_dict(
     data: Mapping[str, Any], where: str = "robot", files: Mapping[str, str] | None = None, *, own_drive: bool = True
 ) -> Robot:
-    """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError has every problem of `where`.
+    """Build a robot from a TOML file, the inverse of `Robot.to_dict`. ModelError lists all problems of `where`.
 
     `files` are the texts of the files that the data names, see `Robot.files`. By default they are read from the folder
     of `where`. The file of a drive is run, unless `own_drive` is False: the drive and its tables are then omitted.
@@ -149,7 +149,7 @@ def load_robot(path_or_name: str | os.PathLike[str], *, own_drive: bool = True) 
     Parameters
     ----------
     path_or_name : str or path
-        A value with a path separator, one that ends in ``.toml`` and the name of an existing file are paths.
+        A value with a path separator or the suffix ``.toml``, and the name of an existing file, are paths.
     own_drive : bool
         False omits the drive that the file names, and its tables; then no code is run.
 
@@ -178,7 +178,7 @@ def check_robot(robot: Robot, where: str = "") -> Robot:
 
 
 def _class(problems: Problems, file: Table, folder: Path, files: Mapping[str, str]) -> type[Robot] | None:
-    """Return `Robot`, or the class of robots with the drive of a file that the key `drive` names; None if it fails."""
+    """Return `Robot`, or the class of robots with the drive whose file the key `drive` names; None if it fails."""
     if "drive" not in file.data:
         return Robot
     if not (name := file.text("drive")):
@@ -191,7 +191,7 @@ def _class(problems: Problems, file: Table, folder: Path, files: Mapping[str, st
 
 
 def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot] | None) -> dict[str, Any]:
-    """Read one [[joints]] table: field of `Robot` to this joint's value. Without a class any table is allowed."""
+    """Read a [[joints]] table: return field of `Robot` to this joint's value. Without a class any table is allowed."""
     made = drive_class or Robot
     sections: Any = made.own_sections()
     table = Table(problems, data, path, None if drive_class is None else (*JOINT_KEYS, *sections))
@@ -215,7 +215,7 @@ def _joint(problems: Problems, data: object, path: str, drive_class: type[Robot]
         for name in OPTIONS[option].revolute_only:
             if JOINT_TYPES[kind].slides and joint[name] != 0.0:
                 key = f"{path}.{option}.{name}"
-                problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "It acts on revolute joints alone.")
+                problems.add(key, "0 at a prismatic joint", f"{joint[name]:g}", "It acts only on revolute joints.")
         check_conditions(problems, path, OPTIONS[option].conditions, joint)
     return joint
 
@@ -227,7 +227,7 @@ def section_numbers(
     keys: Container[str] | None = None,
     rows: Iterable[Row] | None = None,
 ) -> dict[str, float | Floats]:
-    """Read the numbers of a section, or some `keys` of it: field of `Robot` to its value."""
+    """Read the numbers of a section, or some of its `keys`: return field of `Robot` to its value."""
     numbers: dict[str, float | Floats] = {}
     for row in (row for row in rows or section(part) if keys is None or row.key in keys):
         unit = row.unit(joint_type)
@@ -286,7 +286,7 @@ def _sources(file: Table, made: type[Robot]) -> dict[str, str]:
 
 
 def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") -> tuple[Any, dict[str, str]]:
-    """Return a joint's table with the paper's keys instead of plain keys, and sources. Giving both is a problem."""
+    """Return a joint's table with the paper's keys instead of plain keys, and sources. Having both is a problem."""
     drive = joint.get("drive") if isinstance(joint, dict) else None
     if not isinstance(drive, dict) or PLAIN.keys().isdisjoint(drive):
         return joint, {}
@@ -319,7 +319,7 @@ def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") ->
 
 
 def plain_notes(sources: Mapping[str, str]) -> list[str]:
-    """Return a note on the conversion of each plain key in a robot's file, which the sources of its numbers show."""
+    """Return a note on the conversion of each plain key in a robot's file, found in the sources of its numbers."""
     words = {text.partition(" = ")[0] for text in sources.values()}
     return [f"{word} was converted: {note}." for word, (*_, note) in PLAIN.items() if word in words]
 

@@ -13,7 +13,7 @@ from vdfmu.arm.robot.parameters import Array
 from vdfmu.base.arrays import Floats
 
 SHAPES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
-"""Shape to the numbers of its size: scale of a mesh, sides, half-axes, radius and length along z, radius."""
+"""Shape to the number of its sizes: scale of a mesh, sides, half-axes, radius and length along z, radius."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,18 +25,18 @@ class Visual:
     shape: str
     """A key of `SHAPES`."""
     size: Array
-    """(k,) [m], or scale of a mesh."""
+    """Sizes (k,) [m], or scale of a mesh."""
     rotation: Array
-    """(3, 3): its axes as columns, in the link frame {B_i}."""
+    """Its axes as columns, (3, 3), in the link frame {B_i}."""
     offset: Array
-    """(3,) [m]: its origin in {B_i}, of shapes other than meshes the centre."""
+    """Its origin in {B_i}, (3,) [m], which is the centre of shapes other than meshes."""
     color: Array
-    """(4,): red, green, blue and opacity, 0 to 1."""
+    """Red, green, blue and opacity, (4,), 0 to 1."""
     file: str = ""
-    """File of a mesh: a path from the folder of the robot file, or the name in an imported file."""
+    """File of a mesh: a path relative to the folder of the robot file, or the name in an imported file."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the table of a robot file."""
+        """Return the table for a robot file."""
         return {
             "joint": self.joint,
             "shape": self.shape,
@@ -46,6 +46,6 @@ class Visual:
 
 
 def read_mesh(path: str | os.PathLike[str], scale: Floats) -> tuple[Floats, Any]:
-    """Return the corners (k, 3) and the triangles (m, 3) of a mesh. ImportError without trimesh, any for a bad file."""
+    """Return the corners (k, 3) and the triangles (m, 3) of a mesh. ImportError without trimesh; any for bad files."""
     mesh = import_module("trimesh").load(path, force="mesh")
     return np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces)

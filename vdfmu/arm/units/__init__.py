@@ -1,6 +1,7 @@
-"""The units of the package, one file each, as users write theirs.
+"""The units of the package, one file each, written as users write theirs.
 
-Those of the shipped systems are here. `laws` has the paper's control with adapted parameters, and extras add units.
+The units of the shipped systems are here. `laws` contains the paper's control with adapted parameters, and extras add
+units.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def shipped_units() -> dict[str, type[Unit]]:
 
 @lru_cache
 def _modules() -> dict[str, str]:
-    """Return the modules of the units by the name of their file."""
+    """Return the modules of the units by file name."""
     places = [(__path__, __name__), *((module.__path__, module.__name__) for module in extra_modules("units"))]
     paths = sorted(
         module.name for path, name in places for module in walk_packages(path, f"{name}.") if not module.ispkg
@@ -48,7 +49,7 @@ def _unit_in(path: str) -> type[Unit]:
 
 
 def package_units() -> dict[str, type[Unit]]:
-    """Return the units by the name of their file."""
+    """Return the units by file name."""
     return {name: _unit_in(path) for name, path in _modules().items()}
 
 
@@ -69,7 +70,7 @@ def find_unit(name: object) -> type[Unit]:
     if not isinstance(name, str | os.PathLike):
         raise UsageError(f"units: expected the name of a unit, a file or a class of Unit, got {name!r}.")
     text = str(os.fspath(name))
-    if text in _modules():  # the others need not be imported
+    if text in _modules():  # without importing the others
         return _unit_in(_modules()[text])
     shipped = {unit.__name__: unit for unit in package_units().values()}
     if text in shipped:

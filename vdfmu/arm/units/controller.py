@@ -18,7 +18,7 @@ class PDController(Unit):
         tau   = tau_m + tau_e / ell                torque of the motors, limited to -tau_max .. tau_max
 
     The parameter velocity chooses v_d - v: kappa_dot_d - kappa_dot (0), q_d_dot - q_dot (1) or q_d_dot - kappa_dot (2).
-    kappa_dot is collocated with the motor. With q_dot, as (58) is printed, the derivative acts across the spring, and
+    kappa_dot is collocated with the motor. With q_dot, as printed in (58), the derivative acts across the spring, and
     the loop is unstable at useful gains.
     """
 
@@ -62,7 +62,7 @@ class PDController(Unit):
         )
 
     def experiment(self) -> None:
-        """Approximate the motion of an arm near its start by a linear one."""
+        """Linear approximation of the motion of an arm near its start."""
         t, phase = self.t, 0.4 * np.arange(self.n)
         motion = small_motion(t, self.n, self.experiment_stop)
         self.q_d, self.q_d_dot = motion.q_d, motion.q_d_dot

@@ -19,8 +19,7 @@ class TorqueEstimator(Unit):
         delta_w   = sgn(tau) (1 - exp(-c_w |tau|)) / (c_w ell K_w0)   the motor's torque at the wave generator
         D(tau_s_hat) = delta                                          consistent: it carries tau_s_hat / ell
 
-    Both are limited to +- tau_hat_max: a deformation beyond it, or beyond the pole of the tangent, gives the limit
-    itself.
+    Both are limited to +- tau_hat_max, which is also the estimate for deformations beyond the pole of the tangent.
     """
 
     sampled = True

@@ -34,12 +34,12 @@ class Feedforward(Unit):
     kinematic error, (2)-(3); xi_l and xi_m friction on link and rotor, (54)-(55). Torques of counterbalances are
     subtracted from ID and z' F_B,r.
 
-    The inverse is not exact in two cases. With rotor_coupling the rotors' own accelerations would take two more
-    derivatives of q_d for each joint. kappa_d does not contain them, which has an effect in fast motions. Of options it
+    The inverse is not exact in two cases. With rotor_coupling the rotors' own accelerations would need two more
+    derivatives of q_d for each joint, which kappa_d does not contain; this matters in fast motions. Of the options it
     includes backlash, load loss and counterbalances, but not hysteresis, bristles, the winding, temperature, or limits.
 
-    For a robot with moving_base the motion of the base is an input, the derivatives of its acceleration A_S assumed to
-    be 0.
+    For a robot with moving_base the motion of the base is an input, and the derivatives of its acceleration A_S are
+    assumed to be 0.
     """
 
     sampled = True
@@ -85,7 +85,7 @@ class Feedforward(Unit):
         self.tau_m, self.tau_s, self.kappa_dot_d = torques
 
     def experiment(self) -> None:
-        """Approximate the motion of an arm near its start by a linear one."""
+        """Linear approximation of the motion of an arm near its start."""
         t, phase = self.t, 0.4 * np.arange(self.n)
         motion = small_motion(t, self.n, self.experiment_stop)
         self.q_d, self.q_d_dot, self.q_d_ddot, self.q_d_dddot, self.q_d_ddddot = motion

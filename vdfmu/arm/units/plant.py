@@ -83,10 +83,10 @@ class Plant(Unit):
     its current loop (i_m), a temperature (T_j), load-dependent loss, backlash; or a counterbalance, a gas spring
     between two links, whose torque adds to the right of (9).
 
-    The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend on the
-    state alone. Friction is regularised by tanh(v / eps), so the equations are smooth, without events; sticking is a
-    creep slower than eps. At a tolerance of 1e-7 stiff springs that oscillate for thousands of cycles lose their phase:
-    compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops,
+    The springs start with the torque that holds the arm under F_e unless equilibrium is false. Outputs depend only on
+    the state. Friction is regularised by tanh(v / eps), so the equations are smooth and have no events; sticking is a
+    creep slower than eps. At a tolerance of 1e-7 the phase of stiff springs drifts over thousands of cycles of
+    oscillation; compare with 1e-9. Energies: E_kin of links and rotors, E_pot of gravity, E_spring of drives, stops,
     counterbalances.
 
     A robot with moving_base is mounted on a frame {S} whose motion is an input; the wrench of the base on the arm
@@ -96,7 +96,7 @@ class Plant(Unit):
         F_S = M_S A_S + F_S0                 M_S: apparent mass matrix of the arm, F_S0: wrench at A_S = 0
         F   = M_e A_O + F_e                  wrench of the arm on a load; M_e = 0: on its surroundings, F_e
 
-    M_S and F_S0 of an arm are M_e and F_e of its carrier arm.
+    M_S and F_S0 of an arm are M_e and F_e of the arm that carries it.
     """
 
     tau = Input("N.m", JOINTS, "motor torque, motor-side")
@@ -156,7 +156,7 @@ class Plant(Unit):
     )
     # positions, rotors and springs are each tied to their own joint; the links' dense block last
     elimination = ("q", *reversed(_STATES), "kappa_dot", "tau_s", "q_dot")
-    chain = 9  # from here on elimination along the chain takes fewer operations than that of the dense block
+    chain = 9  # from here on elimination along the chain takes fewer operations than elimination of the dense block
     experiment_stop = 0.2
 
     @classmethod
@@ -165,7 +165,7 @@ class Plant(Unit):
         states = [option.state for option in getattr(robot, "own_options", ()) if option.state]
         variables = {d.name: d for state in states for d in _own_variables(state)}
         if taken := variables.keys() & cls.declared.keys():
-            raise UnitError(f"{', '.join(sorted(taken))}: the Plant has one too. Rename the state of the drive.")
+            raise UnitError(f"{', '.join(sorted(taken))}: the Plant already has one. Rename the state of the drive.")
         return super().declared_for(robot) | variables
 
     def _x(self, prefix: str = "") -> Any:
@@ -210,11 +210,11 @@ class Plant(Unit):
             self._write(self.declared[f"der_{name}"], rate)
 
     def balance(self) -> Any:
-        """Balance forces by the inverse dynamics: its derivatives are shorter than those of the accelerations."""
+        """Balance of forces from inverse dynamics, whose derivatives are shorter than those of the accelerations."""
         return balance(self.robot, self._x(), self._x("der_"), self.tau, self.F_e, *self._ends())
 
     def experiment(self) -> None:
-        """Torques that hold the arm at its start and push it somewhat harder than friction, and a small wrench."""
+        """Torques that hold the arm at its start and push it slightly harder than friction, and a small wrench."""
         hold = equilibrium_torque(self.robot, self.q_0)
         ramp = np.sin(np.pi * self.t / self.experiment_stop) ** 2
         push = 1.5 * self.robot.f_s * ramp * (-1.0) ** np.arange(self.n)

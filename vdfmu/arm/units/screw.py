@@ -10,7 +10,7 @@ from vdfmu.compiler.unit import Derivative, Output, Parameter, State, Terminal, 
 
 
 class Screw(Unit):
-    """Screw that the end effector presses on and turns, for a plant with coupled_tool.
+    """Screw that the end effector presses and turns, for a plant with coupled_tool.
 
     ::
 

@@ -15,7 +15,7 @@ class Trajectory(Unit):
         q_d = q_start + (q_end - q_start) (s - sin(2 pi s) / (2 pi))
 
     The other outputs are its first four derivatives in time. The motion starts and ends at rest and is held before and
-    after. The third derivative jumps at both ends. There it has the value of the time that follows: 0 at the end.
+    after. The third derivative jumps at both ends. There it has the value just after the jump: 0 at the end.
     """
 
     sampled = False

@@ -1,8 +1,8 @@
-"""The ends of an arm: a moving base, a load that has a mass. Not in the paper; off by default.
+"""The ends of an arm: a moving base, and a load with a mass. Not in the paper; off by default.
 
 Subsystems of virtual decomposition exchange a motion one way and a wrench the other way at their cutting point. The
 wrench of a load depends on the acceleration of the cutting point, ``M_e A_O + F_e``, and that acceleration on the
-wrench. The load passes on M_e and F_e, which do not depend on accelerations.
+wrench. So the load passes on M_e and F_e, which do not depend on accelerations.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Load(NamedTuple):
     """(6, 6) [kg, kg m, kg m2] apparent mass matrix in {O}, symmetric."""
 
     def hanging(self, robot: Any, V_B: np.ndarray) -> Hanging:
-        """Return it as a body at the last link with the velocity `V_B`: its part of F is ``M_e A_O``."""
+        """Return it as a body at the last link with the velocity `V_B`, which adds ``M_e A_O`` to F."""
         U_O = tool_transform(robot)
         turning = point_acceleration(U_O.T @ V_B, np.zeros(6))
         M = transform_mass_matrix(robot.tool_rotation, robot.tool_offset, self.M_e)
@@ -43,7 +43,7 @@ def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
     """Return the motion of a base for equations of forces: relative to its comoving frame, without linear velocity.
 
     `R_S` (3, 3) rotates {S} in {I}. `omega_S` (3,) [rad/s] and `A_S` (6,) [m/s2, rad/s2], the acceleration of the
-    origin as of a point and the angular acceleration, are in {S}.
+    origin as a point and the angular acceleration, are in {S}.
     """
     return Base(R_S, np.concatenate([np.zeros(3), omega_S]), A_S)
 
@@ -56,7 +56,7 @@ def turning_gravity(g: np.ndarray, V: np.ndarray, V_dot: np.ndarray) -> Any:
 
 
 def seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
-    """Return the arm and its base in {S}, with two derivatives in time: gravity turns there. A_S stays constant."""
+    """Return the arm and its base in {S}, where gravity turns, with two time derivatives. A_S is constant."""
     zero = np.zeros(6)
     # the linear velocity stays 0: see `moving_base`
     V_S_dot = np.concatenate([np.zeros(3), base.V_S_dot[3:]])
@@ -65,7 +65,7 @@ def seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
 
 
 def point_acceleration(V: np.ndarray, V_dot: np.ndarray) -> np.ndarray:
-    """Acceleration of the origin of a frame, as of a point, and angular acceleration: (6,) [m/s2, rad/s2] in the frame.
+    """Acceleration of a frame's origin as a point, and angular acceleration: (6,) [m/s2, rad/s2] in the frame.
 
     The derivative of the coordinates does not contain ``omega x v``, the rotation of the frame itself.
     """
@@ -79,9 +79,9 @@ def tool_acceleration(robot: Any, V_B: np.ndarray, V_B_dot: np.ndarray) -> np.nd
 
 
 def base_load(robot: Any, x: np.ndarray, tau: np.ndarray, F_e: np.ndarray, base: Base, load: Load | None) -> Hanging:
-    """Return the plant as a body at its base, in {S}: the wrench of the base on it is ``M_S A_S + F_S0``.
+    """Return the plant as a body at its base, in {S}, on which the wrench of the base is ``M_S A_S + F_S0``.
 
-    Arguments as in :func:`.plant_derivative`; the `base` has no linear velocity, and its `V_S_dot` does not count.
+    Arguments as in :func:`.plant_derivative`; the `base` has no linear velocity, and its `V_S_dot` is not used.
     """
     state = split_state(robot, x)
     tau_l, _, F_Dk, hanging = driven(robot, state, tau, base, load)

@@ -21,14 +21,14 @@ def normal_force(k: Any, c: Any, depth: Any, depth_dot: Any) -> Any:
 def friction_force(mu: Any, eps: Any, N: Any, v: np.ndarray) -> np.ndarray:
     """Coulomb friction ``mu N v / sqrt(|v|^2 + eps^2)`` along a sliding velocity `v` (3,) [m/s]: (3,) [N].
 
-    The root regularises the direction: within eps of rest it creeps, with the viscous coefficient ``mu N / eps``.
+    The square root regularises the direction: below eps the contact creeps with the viscous coefficient ``mu N / eps``.
     """
     return (mu * N / np.sqrt(v @ v + eps * eps)) * v
 
 
 def screw_torque(T_0: Any, T_1: Any, eps: Any, turn: Any, speed: Any) -> Any:
-    """Torque that turns a screw in its thread, either way: ``(T_0 + T_1 turn) tanh(speed / eps)``: [N m].
+    """Torque that turns a screw in its thread in either direction: ``(T_0 + T_1 turn) tanh(speed / eps)``: [N m].
 
-    It grows with the engaged thread; `turn` [rad] counts from its beginning.
+    It grows with the engaged thread; `turn` [rad] is counted from the beginning of the thread.
     """
     return (T_0 + T_1 * maximum(turn, 0.0)) * np.tanh(speed / eps)

@@ -1,4 +1,4 @@
-"""A payload: a body that the last link carries as a part of itself."""
+"""A payload: a body that is part of the last link."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from vdfmu.arm.equations.spatial import skew
 def link_body(robot: Any, i: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Return mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m2] of link `i`, from 0, in {B_i}.
 
-    A payload is one body with the last link: the F_l of (51) is in its net force. With mass and inertia 0 results
-    are bit-identical to those without it.
+    A payload forms one body with the last link, so the F_l of (51) is in its net force. With zero mass and inertia
+    results are bit-identical to those without it.
     """
     m_B, r_B, I_B = robot.mass[i], robot.centroid[i], robot.inertia[i]
     if not robot.payload or i < robot.n - 1:

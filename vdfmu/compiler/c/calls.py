@@ -15,7 +15,7 @@ from vdfmu.compiler.c.text import EXPRESSIONS, c_constant
 from vdfmu.compiler.functions.operations import instructions
 
 STACK = 32_768
-"""Most numbers of a memory on the stack: threads have 512 kB on some systems."""
+"""Largest memory on the stack, in numbers: threads have 512 kB on some systems."""
 
 
 _KEEPING = (ca.OP_OUTPUT, ca.OP_VERTCAT, ca.OP_VERTSPLIT, ca.OP_RESHAPE, ca.OP_GETNONZEROS)
@@ -31,7 +31,7 @@ class Vector:
     is_made: bool = False
     """Whether an operation writes it, so that its place can be chosen."""
     after: Vector | None = None
-    """Vector whose place it takes over: an operation in place."""
+    """Vector whose place it reuses, for an operation in place."""
 
     def place(self) -> str:
         """Return the place as C."""
@@ -39,14 +39,14 @@ class Vector:
 
     @property
     def root(self) -> Vector:
-        """The vector whose place it has in the end."""
+        """The vector whose place it finally uses."""
         root = self
         while root.after is not None:
             root = root.after
         return root
 
     def put(self, array: str, offset: int) -> bool:
-        """Choose the place. Return whether it was free."""
+        """Choose the place; return whether it was still free."""
         root = self.root
         if not root.is_made or root.array:
             return False
@@ -59,7 +59,7 @@ class Vector:
 
 @dataclass
 class VectorOperation:
-    """An operation of a function of vectors; a result that nothing reads is None."""
+    """An operation of a function of vectors; unused results are None."""
 
     code: int
     reads: list[Vector]
@@ -68,29 +68,29 @@ class VectorOperation:
     argument: int = 0
     """Argument of an input, or result of an output."""
     begin: int = 0
-    """First element of the part of a result."""
+    """First element of a result's part."""
 
 
 class VectorText:
-    """The lines of a function of MX. `names` are the names in C of the functions that it calls."""
+    """The lines of C of an MX function. `names` are the C names of the functions that it calls."""
 
     def __init__(self, function: ca.Function, names: Mapping[str, str]) -> None:
         self._function, self._names = function, names
         self.zeros = 0
         self._size = 0
         self._end = 0
-        """End of the memory, with results that nothing reads."""
+        """End of the memory, including unused results."""
         self.operations = self._read()
         self._place()
 
     def _read(self) -> list[VectorOperation]:
-        """Return the operations, each with its own vectors."""
+        """Return the operations, each with separate vectors."""
         function = self._function
         held: dict[int, Vector] = {}
         written = [0] * function.n_out()
         made: list[VectorOperation] = []
         self._last: dict[int, int] = {}  # vector to the last operation that reads it
-        self._kept: set[int] = set()  # vectors with parts of others, or that are parts of others
+        self._kept: set[int] = set()  # vectors that contain parts of others, or are such parts
         for k, code, source, target in instructions(function):
             reads = [held[i] for i in source] if code != ca.OP_INPUT else []
             for vector in reads:
@@ -99,7 +99,7 @@ class VectorText:
                 self._kept |= set(map(id, reads))
             if code == ca.OP_OUTPUT:
                 made.append(VectorOperation(code, reads, [], k, target[0], written[target[0]]))
-                written[target[0]] += reads[0].size  # the parts of a result come in their order
+                written[target[0]] += reads[0].size  # the parts of a result are in order
                 continue
             writes = [
                 Vector(size) if place >= 0 else None for place, size in zip(target, self._sizes(k, code), strict=True)
@@ -124,7 +124,7 @@ class VectorText:
         return self._function.instruction_MX(k).info()
 
     def _bind(self, operation: VectorOperation) -> None:
-        """Give places to vectors that are parts of others, and mark those that are made."""
+        """Assign places to vectors that are parts of others, and mark those that are computed."""
         code, reads = operation.code, operation.reads
         first = next((vector for vector in operation.writes if vector is not None), None)
         if first is None:
@@ -148,7 +148,7 @@ class VectorText:
                     vector.is_made = True
 
     def parts_of(self, operation: VectorOperation) -> list[int] | None:
-        """Return where each vector of a plain slice begins in the vector that is read."""
+        """Return, for each vector that is a plain slice, where it begins in the vector that is read."""
         if operation.code == ca.OP_VERTSPLIT:
             return list(self._info(operation.number)["offset"][:-1])
         if operation.code == ca.OP_RESHAPE:
@@ -164,7 +164,7 @@ class VectorText:
         return self._function.instruction_MX(k).to_DM().nonzeros()
 
     def _place(self) -> None:
-        """Choose the places of the vectors: in a result or a column if they become a part of it, else in a memory."""
+        """Choose the places of the vectors: in a result or a column if they become a part of it, else in the memory."""
         for operation in reversed(self.operations):
             if operation.code == ca.OP_OUTPUT:
                 operation.reads[0].put(self._result(operation), operation.begin)
@@ -239,7 +239,7 @@ class VectorText:
 
     @property
     def size(self) -> int:
-        """Numbers of the memory ``w``, without results that nothing reads."""
+        """Size of the memory ``w``, without unused results."""
         return self._size
 
     def callee(self, operation: VectorOperation) -> ca.Function:
@@ -247,11 +247,11 @@ class VectorText:
         return self._function.instruction_MX(operation.number).which_function()
 
     def elements(self, operation: VectorOperation) -> list[int]:
-        """Return the elements that an operation takes, or sets."""
+        """Return the elements that an operation reads or sets."""
         return _elements(self._info(operation.number))
 
     def result(self, operation: VectorOperation) -> Vector:
-        """Return the part of a result that an output is copied to."""
+        """Return the part of a result to which an output is copied."""
         return Vector(operation.reads[0].size, self._result(operation), operation.begin)
 
     def _call(self, operation: VectorOperation) -> str:
@@ -328,7 +328,7 @@ def _added(target: Vector, source: Vector, elements: Sequence[int], is_sum: bool
 
 
 def _each(code: int, target: Vector, reads: Sequence[Vector]) -> Iterator[str]:
-    """Yield the loop of an elementwise operation; a vector of one element goes with each element of another."""
+    """Yield the loop of an elementwise operation; a vector of one element is broadcast."""
     index = "i" if target.size > 1 else "0"
     operands = [_element(vector, index if vector.size > 1 else "0") for vector in reads]
     line = f"{_element(target, index)} = {EXPRESSIONS[code].format(*operands)};"

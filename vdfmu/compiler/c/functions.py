@@ -1,7 +1,7 @@
 """C files of traced functions: one C function each, from the instructions of the trace, and tables.
 
-The arithmetic is the trace, operation by operation, on plain pointers. CasADi's code generator adds a check for null to
-every access, and a solver's interface to each function.
+The arithmetic is the trace, operation by operation, on plain pointers. CasADi's own code generator would add a null
+check to every access and a solver's interface to each function.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from vdfmu.compiler.scalar.symbol import LOOKUP, MATRIX
 _MOST_IN_C = 1_700
 """Most operations of a function whose derivatives, three times as long, are written in C.
 
-Longer ones are tables, see :mod:`.operations`: importers rarely call derivatives, and those of a feedforward took 4 s
-to compile. The paper's plant is below the limit, because an importer's implicit solver may call its derivatives.
+Longer ones are tables, see :mod:`.operations`, because importers rarely call derivatives, and those of a feedforward
+took 4 s to compile. The paper's plant is below the limit, since an importer's implicit solver may call its derivatives.
 """
 _DEFINED = re.compile(r"^void (\w+)\([^;{]*\)\n{", re.MULTILINE)
 """Definition of a function, with its name."""
 
 
 Derivatives = Mapping[str, Callable[[], ca.Function]]
-"""Direction of a derivative to what traces it."""
+"""Direction of a derivative to the function that traces it."""
 
 
 def kernel_files(
@@ -49,7 +49,7 @@ def kernel_files(
 ) -> dict[str, str]:
     """Return file name to text of a traced function and its derivatives, without its callees in `apart`.
 
-    The cache keeps the texts by the function and the sources of the compiler.
+    The texts are cached under the function and the compiler's sources.
     """
     key = source_digest("compiler"), function.serialize(), sorted(apart), [*derivatives]
     place = cache_folder() / "texts" / sha256(repr(key).encode()).hexdigest()
@@ -58,7 +58,7 @@ def kernel_files(
 
 
 def _texts(content: bytes) -> dict[str, str]:
-    """Return file name to text of an entry of the cache; ValueError for anything else."""
+    """Return file name to text from an entry of the cache; ValueError for anything else."""
     texts = json.loads(content)
     if not isinstance(texts, dict) or not all(isinstance(text, str) for text in texts.values()):
         raise ValueError("no texts of files")
@@ -66,7 +66,7 @@ def _texts(content: bytes) -> dict[str, str]:
 
 
 _TABLES = '#include "operations.h"'
-"""Line of files with tables, which need the runner."""
+"""Line in files with tables, which need the runner."""
 
 
 def _written(function: ca.Function, apart: Collection[str], derivatives: Derivatives) -> dict[str, str]:
@@ -78,7 +78,7 @@ def _written(function: ca.Function, apart: Collection[str], derivatives: Derivat
     files[f"{name}.c"] = f"{top}\n{wrapped(c_prototype(function))};\n\n{texts[-1]}"
     for callee in function.find_functions(0):
         if (matrix := matrix_of(callee)) is not None and not matrix[1]:
-            about = head("Products with a matrix of the traced functions.") + '#include "elementary.h"\n\n'
+            about = head("Products with a matrix in the traced functions.") + '#include "elementary.h"\n\n'
             files[f"kernel_{matrix[0]}.c"] = about + _matrix(matrix[0], matrix_numbers(callee))
     if not derivatives:
         return files
@@ -98,7 +98,7 @@ def _written(function: ca.Function, apart: Collection[str], derivatives: Derivat
 
 
 def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
-    """Return files that compile the files of the step again for AVX2, with other names of their functions."""
+    """Return files that compile the files of the step again for AVX2, with renamed functions."""
     names = _DEFINED.findall("\n".join(files.values()))
     defines = "".join(f"#define {name} {name}_avx2\n" for name in names)
     return {
@@ -109,7 +109,7 @@ def avx2_copies(files: Mapping[str, str]) -> dict[str, str]:
 
 
 def kernel_source(function: ca.Function) -> str:
-    """Return the C text of a traced function in one file, see :func:`kernel_files`. A job makes it once."""
+    """Return the C text of a traced function in one file, see :func:`kernel_files`. It is made once per job."""
     sources = _sources()
     if function not in sources:
         text = "\n".join(kernel_files(function).values())
@@ -124,7 +124,7 @@ def _sources() -> dict[ca.Function, str]:
 
 
 def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
-    """Return a C11 function of a trace, as texts that can be compiled side by side. The last defines the function.
+    """Return the C11 function of a trace, as texts that can be compiled in parallel. The last defines the function.
 
     ``void name(const double *restrict argument, .., double *restrict result_out, ..)``, with a pointer for
     scalars too, matrices as in :class:`~vdfmu.compiler.functions.traced.KernelFunction`. It needs ``elementary.h``.
@@ -142,9 +142,9 @@ def c_texts(function: ca.Function, apart: Collection[str] = ()) -> list[str]:
 
 
 _RARE = re.compile(r"_(fwd|adj)1_")
-"""Part of the name of a derivative of a pass. It is compiled quickly, so that grouped calls would gain little."""
+"""Part of the name of a pass's derivative. It is compiled without optimisation, so grouped calls would gain little."""
 _LONG = 3_000
-"""Most operations of a callee without a separate text."""
+"""Most operations of a callee that has no separate text."""
 
 
 def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
@@ -167,7 +167,7 @@ def _calling(function: ca.Function, apart: Collection[str]) -> list[str]:
 
 
 def _name_in_c(function: ca.Function, callee: str) -> str:
-    """Return the name in C of a function that another calls: with the name of a chain for a pass of it."""
+    """Return the C name of a function that another calls; for a pass it contains the name of its chain."""
     before, is_local, rest = callee.partition(LOCAL)
     if not is_local:
         return callee
@@ -186,7 +186,7 @@ def called_tables(function: ca.Function) -> str:
 
 
 def _row(function: ca.Function, argument: str, taken: Sequence[tuple[int, str]]) -> str:
-    """Return the C text that looks up a row and copies some of its numbers: place in the row and value."""
+    """Return the C text that looks up a row and copies some of its numbers, given by place in the row and value."""
     numbers = " ".join(f"{value} = v0[{j}];" for j, value in taken)
     return f"{{ double v0[{function.numel_out(0)}], v1 = {argument}; {function.name()}(&v1, v0); {numbers} }}"
 
@@ -213,7 +213,7 @@ class Language:
     result: Callable[[str, int], str]
     """Text of an element of a result."""
     row: Callable[[ca.Function, str, Sequence[tuple[int, str]]], str] = _row
-    """Text of the lookup of a row, see :func:`_row`."""
+    """Text of the lookup of a row; see :func:`_row`."""
     product: Callable[[ca.Function, Sequence[str], Sequence[tuple[int, str]]], str] | None = None
     """Text of a product with a large matrix, see :func:`_product`; None if there is none."""
     assignment: str = "{} = {};"
@@ -223,7 +223,7 @@ C = Language(EXPRESSIONS, c_constant, "{}[{}]".format, "{}_out[{}]".format, prod
 
 
 def operations_of(function: ca.Function, language: Language = C) -> list[Operation]:
-    """Return the operations of a trace, a line each; those of a function of vectors with its calls written out."""
+    """Return the operations of a trace, a line each; calls in a function of vectors are written out."""
     if not function.is_a("SXFunction"):
         function = function.expand(function.name())
     arguments, results = function.name_in(), function.name_out()
@@ -254,7 +254,9 @@ def operations_of(function: ca.Function, language: Language = C) -> list[Operati
             elif language.product is not None and matrix_of(called) is not None:
                 text = language.product(called, values, wanted)
             else:
-                raise KernelError(f"{function.name()}: a product with a large matrix has no text for this use.")
+                raise KernelError(
+                    f"{function.name()}: no code can be generated for a product with a large matrix here."
+                )
         elif operation == ca.OP_INPUT:
             names = (arguments[inputs[0]],)
             text = assign(target, language.argument(names[0], inputs[1]))
@@ -275,7 +277,7 @@ _OPERAND = re.compile(r"\{(\d)\}")
 
 
 def _lookup(function: ca.Function) -> str:
-    """Return the C text of a table and its reader ``static void name(const double *x, double *row)``, once a file."""
+    """Return the C text of a table and its reader ``static void name(const double *x, double *row)``, once per file."""
     edges, rows = lookup_table(function)
     name, w = function.name(), function.numel_out(0)
     return f"""{source_text("lookup.h")}
@@ -308,7 +310,7 @@ _PRODUCT, _FACTORS = "void", "const double *restrict x, double *restrict y"
 def _matrix(name: str, numbers: npt.NDArray[np.float64]) -> str:
     """Return the C text of a matrix, column by column, and of both products with it.
 
-    The sums have the order of CasADi's, so results are bit-identical. Single-precision numbers take half the space.
+    Sums have CasADi's order, so results are bit-identical. Single-precision numbers take half the space.
     """
     m, n = numbers.shape
     single = np.array_equal(numbers, numbers.astype(np.float32))

@@ -1,6 +1,6 @@
 """The generated C of a unit: `unit.c`, `config.h`, `kernel.h` and one file for each traced function.
 
-`fmu_src/c/unit.h` declares the content of `unit.c`. Tables and functions come from the
+`fmu_src/c/unit.h` declares the content of `unit.c`. The tables and functions come from the
 :class:`~vdfmu.compiler.unit.interface.Interface`.
 """
 
@@ -40,7 +40,7 @@ from vdfmu.compiler.unit.variable import Variable
 
 _ROLES = {"input": "INPUT", "output": "OUTPUT", "local": "DERIVATIVE", "independent": "TIME"}
 _SOLVER = ("h", "tolerance")
-"""Arguments of the step that its caller passes by value."""
+"""Arguments of the step that are passed by value."""
 _ADD = """\
 static void add(double *target, const double *term, size_t n)
 {
@@ -237,7 +237,7 @@ class _UnitGenerator:
         return lines
 
     def _set(self, memories: str, ending: str, call: Call) -> list[str]:
-        """Return the lines of a call that reads memories and sets its results in the last memory."""
+        """Return the lines of a call that reads memories and writes its results to the last memory."""
         function = self.functions[call.function]
         arguments = [f"{memory} + at_{call.group(name)}" for memory in memories for name in function.name_in()]
         groups = ((name, call.group(name)) for name in function.name_out())
@@ -340,7 +340,7 @@ class _UnitGenerator:
 
 
 def _runs(positions: list[int]) -> list[tuple[int, int]]:
-    """Return start and end of the runs of positions."""
+    """Return start and end of each run of consecutive positions."""
     parts = np.split(np.array(positions, int), np.flatnonzero(np.diff(positions) > 1) + 1) if positions else ()
     return [(int(part[0]), int(part[-1]) + 1) for part in parts]
 

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 LANES = 4
-"""Numbers in a call, as in ``elementary.h``."""
+"""Numbers per call, as in ``elementary.h``."""
 _MANY = 16
-"""From so many calls on they are one call in a loop, because each copy of a function has 1 kB."""
+"""From this number on calls are made in a loop, because each copy of a function takes 1 kB."""
 _LONGEST = 300
 """Most characters of an expression that becomes a part of another: compilers limit how deep they nest."""
 _CALL = re.compile(r"\$\d+\$ = (exp|expm1|tanh|atan|sin|cos)\(\$\d+\$\);")
@@ -42,10 +42,10 @@ def short_lines(operations: list[Operation], *, group: bool = True) -> list[Oper
 
 
 def _grouped(single: list[Operation]) -> list[Operation]:
-    """Return operations with calls of the same function side by side, or the same list if no calls are alike."""
+    """Return operations with calls of the same function grouped, or the same list if no calls match."""
     makers = {i: k for k, operation in enumerate(single) for i in operation.writes}
     calls = [_CALL.fullmatch(operation.text) for operation in single]
-    levels: list[int] = []  # calls before, on the longest path
+    levels: list[int] = []  # number of calls before it on the longest path
     groups: defaultdict[tuple[int, str], dict[int, list[int]]] = defaultdict(dict)  # level and name to operand to calls
     for k, (operation, call) in enumerate(zip(single, calls, strict=True)):
         before = (makers[i] for i in operation.reads)
@@ -77,8 +77,8 @@ def _grouped(single: list[Operation]) -> list[Operation]:
 
 
 def _call(name: str, calls: Sequence[tuple[int, list[Operation]]]) -> Operation:
-    """Return the operation for calls: operand, and the calls of it, two for sin and cos."""
-    names = ("v0", "v1") if name == "sin_cos" else ("v0",)  # no argument of a function has such a name
+    """Return the operation for calls, given by operand and its calls, two for sin and cos."""
+    names = ("v0", "v1") if name == "sin_cos" else ("v0",)  # no argument of a function has this name
     writes: list[int] = []
     taken: list[str] = []
     for j, (_, operations) in enumerate(calls):

@@ -1,4 +1,4 @@
-"""Rows of traced functions by compiled code, fast enough for a solver or a loop of Python."""
+"""Rows of traced functions evaluated by compiled code, fast enough for a solver or a Python loop."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SHOWN void rows(const double *const *given, const size_t *step, double *out, siz
     try:
         files = {"rows.c": text, f"kernel_{function.name()}.c": kernel_source(function), **elementary_files()}
         rows = loaded({name: content.encode() for name, content in files.items()}, "rows").rows
-    except (FmuError, KernelError):  # no room, or an operation that has no C text
+    except (FmuError, KernelError):  # no disk space, or an operation without C text
         return None
     rows.argtypes, rows.restype = (POINTER(c_void_p), POINTER(c_size_t), c_void_p, c_size_t), None
 

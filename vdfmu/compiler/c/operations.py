@@ -1,8 +1,8 @@
-"""Exact directional derivatives of long functions: a table of operations, which a C function runs forward and backward.
+"""Exact directional derivatives of long functions: tables of operations that a C function runs forward and backward.
 
 Each line of the table is an operation of the trace. Each argument, result, constant and intermediate value has its own
 address in memory. In the forward pass the tangent of each value is calculated together with it. In the backward pass
-the adjoint of each value is distributed to its operands. A table compiles in a hundredth of the time of C code.
+the adjoint of each value is distributed to its operands. Compiling a table takes a hundredth of the time of C code.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def c_operations() -> dict[str, str]:
 
 
 def has_table(function: ca.Function) -> bool:
-    """Whether every operation of a function of SX can be a line, because it calls no other function."""
+    """Return whether every operation of an SX function can be a line, because it calls no other function."""
     codes = {function.instruction_id(k) for k in range(function.n_instructions())}
     return codes <= {*_CODES, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
 
@@ -55,7 +55,7 @@ def c_derivatives(function: ca.Function) -> str:
 
 
 class _OperationTable:
-    """The table of a function."""
+    """The table of one function."""
 
     def __init__(self, function: ca.Function) -> None:
         self._function, self._operations = function, Operations(function)

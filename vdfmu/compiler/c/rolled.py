@@ -1,4 +1,4 @@
-"""Lines of C that repeat with places that move on evenly, as loops."""
+"""Rolls repeated lines of C, whose indices advance evenly, into loops."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import re
 from collections.abc import Sequence
 
 _NUMBER = re.compile(r"(?<![\w.])(?<!\* )(?<![eE][+-])(\d+)(?![\w.]| \*)")
-"""A whole number that may grow from round to round, as an index does; factors and exponents do not."""
+"""A whole number that may grow from iteration to iteration like an index; factors and exponents do not."""
 _INDEX = re.compile(r"\bj\b")
 _MOST = 64
-"""Most lines that a loop repeats."""
+"""Most lines in the body of a loop."""
 _LEAST = 3
-"""Fewest rounds of a loop."""
+"""Fewest iterations of a loop."""
 
 
 def rolled(lines: Sequence[str]) -> list[str]:
     """Return lines with loops over ``j`` for lines that differ only in whole numbers, by the same amount each time.
 
-    The order of the lines stays.
+    The order of the lines is kept.
     """
     parts = [_NUMBER.split(line) for line in lines]
     kinds: dict[tuple[str, ...], int] = {}
@@ -41,13 +41,13 @@ def rolled(lines: Sequence[str]) -> list[str]:
 
 
 def _longest(texts: Sequence[int], numbers: Sequence[tuple[int, ...]], begin: int) -> tuple[int, int]:
-    """Return the lines of the loop from a line on that covers most lines, and its rounds."""
+    """Return the body of the loop from a line on that covers most lines, and its number of iterations."""
     best, best_end = (1, 1), begin
     for period in range(1, min(_MOST, (len(texts) - begin) // _LEAST) + 1):
         if texts[begin] != texts[begin + period]:
             continue
         if period % best[0] == 0 and best_end >= begin + 2 * period:
-            continue  # the line that ends the loop of the shorter period ends this one too
+            continue  # the line that ends the loop with the shorter period ends this one too
         end = begin + period
         while end < len(texts) and texts[end] == texts[end - period] and _is_even(numbers, begin, end, period):
             end += 1
@@ -68,7 +68,7 @@ def _step(numbers: Sequence[tuple[int, ...]], k: int, period: int) -> tuple[int,
 
 
 def _moving(part: Sequence[str], step: Sequence[int]) -> str:
-    """Return a line whose numbers move on with ``j``."""
+    """Return a line whose numbers advance with ``j``."""
     text = part[0]
     for k, change in enumerate(step):
         number = part[2 * k + 1]

@@ -1,4 +1,4 @@
-"""Build of the FMUs of a robot, Python or native, reproducible to the bit.
+"""Builds the FMUs of a robot, Python or native, reproducible to the bit.
 
 Extras add targets, see `targets`.
 """
@@ -26,17 +26,17 @@ from vdfmu.compiler.unit.evaluate import unmet
 
 _MOST_JOINTS = 512
 _SLOW_JOINTS = 9
-"""Fewest joints with which a first build is announced."""
+"""Fewest joints for which the time of a first build is announced."""
 
 
 class BuildTarget(NamedTuple):
-    """A target other than the plain FMU, imported only when it is built."""
+    """A target of builds, imported only when it is used."""
 
     module: str
     """Module with ``reason_against(unit)``, the reason why a unit cannot be built for it or None, and
     ``finish(path, content, precision, step)`` to turn an FMU into the target."""
     precisions: tuple[str, ...]
-    """Floating-point types of its code, the default first."""
+    """Floating-point types of the code, the default first."""
 
     def load(self) -> Any:
         """Return the module."""
@@ -44,7 +44,7 @@ class BuildTarget(NamedTuple):
 
 
 FMI = "fmi"
-"""The target of all units: only an FMU."""
+"""The default target: a plain FMU."""
 
 
 def targets() -> dict[str, BuildTarget | None]:
@@ -56,12 +56,12 @@ def targets() -> dict[str, BuildTarget | None]:
 
 
 def _build_seconds(n: int) -> float:
-    """Processor time of a first native build of all units for `n` joints [s], as measured for 6 to 256."""
+    """Return the processor time [s] of a first native build of all units for `n` joints, measured for 6 to 256."""
     return 0.1 * n + 12.0
 
 
 def build_notes(robot: Machine | None, backend: str | None = None) -> list[str]:
-    """Return notes before a build of a robot's FMUs: the time of a first build with many joints."""
+    """Return notes before a build of a robot's FMUs: with many joints, the time of the first build."""
     if robot is None or robot.n < _SLOW_JOINTS or choose_backend(backend) == "python":
         return []
     seconds = _build_seconds(robot.n)
@@ -78,7 +78,7 @@ def choose_backend(backend: str | None) -> str:
     if backend not in BACKENDS:
         raise UsageError(f"There is no backend {backend!r}. There are: {', '.join(BACKENDS)}.")
     if backend == "python":
-        import_module("pythonfmu")  # its error is clearer than the error of an FMU without it
+        import_module("pythonfmu")  # its error is clearer than that of an FMU without it
     return backend
 
 
@@ -100,14 +100,14 @@ def build_units(
     """Build FMUs of units, each ``<Name>.fmu`` or as `files` names it; see :func:`vdfmu.arm.fmus.build_fmus`."""
     further = _checked_target(target, precision, step, backend, units)
     asked = fmi_version != PYTHON_FMI.name or platforms is not None or not sources or further is not None
-    backend = choose_backend("native" if backend is None and asked else backend)  # options of native FMUs alone
+    backend = choose_backend("native" if backend is None and asked else backend)  # options only for native FMUs
     named = {unit_name(unit): unit for unit in units}
     _check_names(named, parameters, backend, fmi_version, platforms)
     if robot is not None and robot.n > _MOST_JOINTS:
         raise UsageError(
             f"robot {robot.name}: expected at most {_MOST_JOINTS} joints for FMUs, got {robot.n}. Tracing and "
             f"compiling would take some {_build_seconds(robot.n) / 60:.0f} minutes or more, and gigabytes of "
-            "memory; vdfmu.dynamics takes more joints."
+            "memory; vdfmu.dynamics accepts more joints."
         )
     out = Path(out_dir)
     contents = {
@@ -125,7 +125,7 @@ def build_units(
             raise UsageError(f"{content.model_name}: a Python FMU contains its source. Build a native FMU to omit it.")
         if problems := unmet(content.interface, content.interface.memory_of({})):
             raise UsageError(f"start values of {content.interface.name}: {' '.join(problems)}")
-    for path in contents:  # all of them before the first is replaced
+    for path in contents:  # make all of them before the first is replaced
         regular_target(path)
         require_ours(path)
     native = {path: content for path, content in contents.items() if content.backend == "native"}
@@ -151,7 +151,7 @@ def build_units(
 def _checked_target(
     name: str, precision: str, step: float, backend: str | None, units: Sequence[type[BaseUnit]]
 ) -> BuildTarget | None:
-    """Return a target; UsageError for an unknown name, or a unit or options that do not go with it."""
+    """Return a target; UsageError for an unknown name, or for a unit or options that do not suit it."""
     if name not in (by_name := targets()):
         raise UsageError(f"There is no target {name!r}. There are: {', '.join(by_name)}.")
     if not 0.0 < step < math.inf:
@@ -159,7 +159,7 @@ def _checked_target(
     target = by_name[name]
     if target is None:
         if precision != "double":
-            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Give --target efmi too.")
+            raise UsageError(f"precision: must be double for FMUs, got {precision!r}. Add --target efmi.")
         return None
     if precision not in target.precisions:
         raise UsageError(f"precision: must be {' or '.join(target.precisions)}, got {precision!r}.")
@@ -172,7 +172,7 @@ def _checked_target(
 
 
 def form_of(unit: type[BaseUnit], backend: str, fmi_version: str) -> tuple[str, str]:
-    """Return backend and version of FMI of a unit; some units are Python FMUs only."""
+    """Return the backend and the FMI version of a unit; some units can only be Python FMUs."""
     return ("python", PYTHON_FMI.name) if unit.backend == "python" else (backend, fmi_version)
 
 
@@ -190,8 +190,8 @@ def _check_names(
     if backend != "python":
         return
     if fmi_version != PYTHON_FMI.name:
-        raise UsageError(f"Python FMUs are of FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones are of 3.0 too.")
+        raise UsageError(f"Python FMUs have FMI {PYTHON_FMI.name}, got {fmi_version}. Native ones can also have 3.0.")
     if exchanged := [name for name, unit in units.items() if unit.exchange]:
         raise UsageError(f"{exchanged[0]} is for model exchange and must be a native FMU, got the backend python.")
     if platforms is not None:
-        raise UsageError("Platforms can be chosen for native FMUs only.")
+        raise UsageError("Platforms can only be chosen for native FMUs.")

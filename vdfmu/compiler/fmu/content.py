@@ -1,4 +1,4 @@
-"""Content of an FMU in addition to its script: unit and its author, robot, start values, version of vdfmu."""
+"""Content of an FMU in addition to its script: the unit and its author, the robot, start values, version of vdfmu."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ CONTENT_PLACES = {"native": f"extra/vdfmu/{CONTENT_FILE}", "python": f"resources
 EFMU = "eFMU"
 """Folder of an eFMU in its FMU."""
 _ROBOT_FILES = {"native": "extra/vdfmu/robot", "python": "resources/robot"}
-"""Folder of the files that a robot names, by backend."""
+"""Folder for files named by a robot, by backend."""
 UNIT_FILE = "unit.py"
-"""Source of a unit that is not one of the package, in a Python FMU."""
+"""Source, in a Python FMU, of a unit that does not belong to the package."""
 _DATA = {"python": ("*.py",), "native": ("c/*.[ch]", "functions/*.[ch]", "icons/*")}
 """Data files of the FMUs of a backend, in addition to the modules."""
 
 
 @lru_cache
 def installed_digest(backend: str, module: str | None, reader: str | None) -> str:
-    """Digest of all installed code that affects the results of an FMU, CasADi's version included.
+    """Return the digest of all installed code that affects an FMU's results, including CasADi's version.
 
     `module` is the module of a unit of this package, `reader` the ``module:function`` that reads its robot.
     """
@@ -70,7 +70,7 @@ class Content:
     unit: type[BaseUnit]
     robot: Machine | None
     start_values: Mapping[str, float]
-    """Start values instead of the declared ones."""
+    """Start values that replace declared ones."""
     backend: str = "python"
     """``python`` or ``native``."""
     fmi_version: str = FMI_2.name
@@ -83,7 +83,7 @@ class Content:
     made_by: Mapping[str, str] = None  # pyright: ignore[reportAssignmentType]
     """Author, licence, copyright and version of the unit; default: see :func:`about`."""
     sources: bool = True
-    """Whether a native FMU carries its C."""
+    """Whether a native FMU contains its C sources."""
 
     def __post_init__(self) -> None:
         defaults: dict[str, Any] = {
@@ -109,7 +109,7 @@ class Content:
 
     @property
     def _digests(self) -> dict[str, str]:
-        """Path to digest of the files of the robot: they are members of the FMU, so that no code is in its data."""
+        """Path to digest of the robot's files. They are members of the FMU, so that its data contain no code."""
         return {path: sha256(content).hexdigest() for path, content in self.robot_files.items()}
 
     @property
@@ -120,17 +120,17 @@ class Content:
 
     @property
     def generation_tool(self) -> str:
-        """Names and versions of the tools that made the FMU. The first marks it as replaceable by a later build."""
+        """Names and versions of the tools that made the FMU. Because of the first a later build may replace it."""
         return f"vdfmu {self.version}, {self.tool}"
 
     @property
     def fmi(self) -> FmiVersion:
-        """Its version of FMI."""
+        """Version of FMI."""
         return FMI_VERSIONS[self.fmi_version]
 
     @property
     def model_name(self) -> str:
-        """Model identifier."""
+        """Model identifier of the FMU."""
         return self.unit.__name__
 
     @cached_property
@@ -140,19 +140,19 @@ class Content:
 
     @property
     def model_key(self) -> str:
-        """Identifier of source and robot of the unit, without version of FMI and start values."""
+        """Identifier of the unit's source and robot, independent of the FMI version and start values."""
         parts = [self.digest, unit_name(self.unit), self._robot, self._digests, self.interface.functions.digest]
         return json.dumps(parts, sort_keys=True)
 
     @cached_property
     def interface(self) -> Interface:
-        """Variables with the start values of this FMU; raises as :class:`~vdfmu.compiler.unit.interface.Interface`."""
+        """Variables with this FMU's start values; errors as in :class:`~vdfmu.compiler.unit.interface.Interface`."""
         if self.start_values:
             return Interface(self.unit, self.robot, self.start_values)
         return interface_of(self.unit, self.robot)
 
     def to_json(self, **further: Any) -> str:
-        """Text of the content file, with `further` entries."""
+        """Text of the content file, with `further` entries added."""
         data = {
             **further,
             **({} if self.sources else {"sources": False}),
@@ -174,7 +174,7 @@ class Content:
 
     @staticmethod
     def read(resources: Path, model_name: str) -> Content:
-        """Content of a Python FMU from its folder ``resources``; FmuError if damaged or built by another vdfmu."""
+        """Return a Python FMU's content from its folder ``resources``; FmuError if damaged or from another vdfmu."""
         source, file = resources / UNIT_FILE, CONTENT_PLACES["python"]
         try:
             data = read_json(resources / CONTENT_FILE)
@@ -186,7 +186,7 @@ class Content:
                 )
             if digest != (here := installed_digest("python", data["module"], data["reader"])):
                 raise FmuError(
-                    f"{model_name}.fmu was built with vdfmu {version} of other sources or with another CasADi (digest "
+                    f"{model_name}.fmu was built with vdfmu {version} from other sources or another CasADi (digest "
                     f"{digest[:8]}, here {here[:8]}). Build the FMU again with `vdfmu build`."
                 )
             unit = load_units(source).get(name) if source.is_file() else _named(f"{data['module']}:{model_name}")
@@ -215,7 +215,7 @@ def _named(place: str) -> Any:
 
 
 def is_built(path: Path, guid: str) -> bool:
-    """Whether an FMU on disk is, to the byte, a result of a build here with this GUID or instantiation token."""
+    """Return whether an FMU on disk has exactly the bytes of a build here with this GUID or instantiation token."""
     try:
         return path.is_file() and built_as(path) == guid
     except OSError:
@@ -223,7 +223,7 @@ def is_built(path: Path, guid: str) -> bool:
 
 
 def about(unit: type[BaseUnit]) -> dict[str, str]:
-    """Return the known ones of author, licence, copyright and version of a unit, by the attributes of its class.
+    """Return author, licence, copyright and version of a unit, if known, by attribute of its class.
 
     Units of the package have fixed texts.
     """
@@ -233,6 +233,6 @@ def about(unit: type[BaseUnit]) -> dict[str, str]:
 
 
 def terms(about: Mapping[str, str]) -> str:
-    """Return copyright, author and licence in a line."""
+    """Return copyright, author and licence in one line."""
     owner = about.get("copyright") or about.get("author")
     return f"{f'{owner}, ' if owner else ''}{about.get('license') or 'no licence is named'}."

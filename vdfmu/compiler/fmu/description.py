@@ -18,21 +18,21 @@ LOG_CATEGORIES = {
     "logAll": "Log all messages.",
 }
 SAMPLED = "org.vdfmu.sampled"
-"""Annotation with ``Sampled`` or ``Continuous``. ``Sampled`` names the parameter with the time between samples: the
-discrete outputs are states that are sampled by the inputs at the start of a communication step. Their directional
-derivatives belong to the next sample. Without a parameter the unit samples once in each of its steps."""
+"""Annotation with ``Sampled`` or ``Continuous``. ``Sampled`` names the parameter with the sample period: the discrete
+outputs are states that are updated from the inputs at the start of a communication step. Their directional derivatives
+refer to the next sample. Without a parameter the unit samples once per step."""
 FOLDED = "org.vdfmu.folded"
-"""Annotation that lists the numbers of the robot that are constants of the code: names of arrays and elements."""
+"""Annotation that lists the robot's numbers that are constants in the code, as names of arrays and elements."""
 CHOICES = "org.vdfmu.choices"
-"""Annotation with the names of the values of choices."""
+"""Annotation with the names of choices' values."""
 TIME_STAMP = "2026-01-01T00:00:00Z"
-"""Fixed, so that the same sources give the same FMU."""
+"""Fixed, so that builds are reproducible."""
 FMI_3_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
-"""Type of FMI 2.0 to the type of FMI 3.0 and SSP 2.0."""
+"""Types of FMI 2.0 to types of FMI 3.0 and SSP 2.0."""
 
 
 def number(value: float) -> str:
-    """Shortest text of a number, in XML and in C, that reads back as the same number."""
+    """Return the shortest text of a number, in XML and in C, that is read back as the same number."""
     return repr(float(value))
 
 
@@ -42,7 +42,7 @@ def boolean(value: object) -> str:
 
 
 def document(root: Element) -> bytes:
-    """XML document of a root element."""
+    """Return the XML document of a root element."""
     root = deepcopy(root)
     indent(root)
     return tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
@@ -56,12 +56,12 @@ def model_description(
     sources: Sequence[str] | None = None,
     version: FmiVersion = FMI_2,
 ) -> Element:
-    """Root element of the model description of FMI 2.0.
+    """Return the root element of a model description of FMI 2.0.
 
     Native units have model exchange if they have continuous states or `exchange`. The time is not a variable; by the
-    standard, every unknown then depends on it. `tool` is name and version of the generation tool; `about` has author,
-    licence, copyright and version of the unit, as far as they are known. `sources` are the C files of the folder
-    ``sources``, or None for a Python FMU. It shows neither states nor derivatives.
+    standard, every unknown then depends on it. `tool` is the name and version of the generation tool; `about` contains
+    the author, licence, copyright and version of the unit, as far as they are known. `sources` are the C files of the
+    folder ``sources``, or None for a Python FMU, which exposes neither states nor derivatives.
     """
     native = sources is not None
     root = _root_element(interface, version, guid, tool, about)
@@ -147,7 +147,7 @@ def _add_units(root: Element, variables: Iterable[Variable]) -> None:
 def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> None:
     """Add the log categories and the default experiment; `fmi` is the prefix of status names.
 
-    The tolerance is the tolerance of the unit's solver: importers choose another if it is missing. The step of a unit
+    The tolerance is that of the unit's solver, because importers would otherwise choose their own. The step of a unit
     with sampled states is their period.
     """
     categories = SubElement(root, "LogCategories")
@@ -161,7 +161,7 @@ def _add_log_and_experiment(root: Element, fmi: str, interface: Interface) -> No
 
 
 def _add_annotations(root: Element, interface: Interface, group: str, tag: str, key: str) -> None:
-    """Add annotations of samples, folded numbers and names of choices; each version of FMI has its own tags."""
+    """Add annotations on sampling, folded numbers and names of choices; each version of FMI has its own tags."""
     folded = interface.robot.constants() if interface.robot is not None and interface.has_robot else []
     named = [variable for variable in interface if variable.choices]
     sampled = interface.unit.sampled or interface.is_sampled
@@ -174,7 +174,7 @@ def _add_annotations(root: Element, interface: Interface, group: str, tag: str, 
     if folded:
         annotation = SubElement(parent, tag, {key: FOLDED})
         SubElement(annotation, "Folded", {"xmlns": f"urn:{FOLDED}"}).text = " ".join(folded)
-    if named:  # in one element: a tool of FMI 2.0 may have no more
+    if named:  # in one element, because FMI 2.0 allows only one per tool
         choices = SubElement(SubElement(parent, tag, {key: CHOICES}), "Choices", {"xmlns": f"urn:{CHOICES}"})
         for variable in named:
             listed = SubElement(choices, "Variable", {"name": variable.name})
@@ -183,7 +183,7 @@ def _add_annotations(root: Element, interface: Interface, group: str, tag: str, 
 
 
 def _value_attributes(variable: Variable) -> dict[str, str]:
-    """Return unit and limits of a variable; both versions of FMI name them alike."""
+    """Return unit and limits of a variable, which have the same names in both versions of FMI."""
     text = number if variable.type == "Real" else str
     attributes = {
         "unit": variable.unit,
@@ -223,10 +223,10 @@ def _add_sources(parent: Element, sources: Sequence[str]) -> None:
 def model_description_3(
     interface: Interface, guid: str, tool: str, about: Mapping[str, str], version: FmiVersion = FMI_3
 ) -> Element:
-    """Root element of the model description of a native FMU of FMI 3.0; see :func:`model_description`.
+    """Return the root element of the model description of a native FMI 3.0 FMU; see :func:`model_description`.
 
-    `guid` is the instantiation token. Dependencies are between whole variables; functions of the FMU give dependencies
-    of elements.
+    `guid` is the instantiation token. Dependencies are between whole variables; functions of the FMU return those of
+    elements.
     """
     root = _root_element(interface, version, guid, tool, about)
     _add_interfaces(root, interface)
@@ -241,9 +241,10 @@ def model_description_3(
 
 
 def build_description(files: Sequence[str], definitions: Mapping[str, str], model_identifier: str) -> Element:
-    """Root element of ``sources/buildDescription.xml``: the files of the folder ``sources`` to compile.
+    """Return the root element of ``sources/buildDescription.xml``, with the files in ``sources`` to compile.
 
-    `definitions` of the preprocessor are name to value. Give each a value: fmpy writes an absent value as ``None``.
+    `definitions` of the preprocessor are name to value. Each needs a value, because fmpy writes an absent one as
+    ``None``.
     """
     root = Element("fmiBuildDescription", {"fmiVersion": FMI_3.name})
     configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model_identifier})

@@ -1,4 +1,4 @@
-"""documentation/index.html of an FMU: one page, complete without other files and network."""
+"""documentation/index.html of an FMU: one page that needs no other files and no network."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _HEADS = ("variable", "value reference", "kind", "unit", "start", "limits", "des
 
 
 def documentation_files(content: Content) -> dict[str, bytes]:
-    """Path in the FMU to content."""
+    """Return path in the FMU to content."""
     interface, fmi, native, robot = content.interface, content.fmi, content.backend == "native", content.robot
     exchange = native and interface.has_exchange
     needs = "nothing need be installed" if native else f"it runs in a Python that has vdfmu {content.version} installed"
     parts = [
         f"<p>FMI {content.fmi_version}, {'model exchange and ' if exchange else ''}co-simulation; {needs}. "
-        f"Made by vdfmu {content.version} with {escape(content.tool)}, GUID <code>{content.guid}</code>.</p>",
+        f"Built by vdfmu {content.version} with {escape(content.tool)}, GUID <code>{content.guid}</code>.</p>",
         *_docstring(inspect.getdoc(content.unit) or ""),
     ]
     if robot is not None:
@@ -35,56 +35,57 @@ def documentation_files(content: Content) -> dict[str, bytes]:
     end = interface.time + fmi.time_variable if native else len(interface)
     rows = [list(map(escape, _cells(content, array))) for array in interface.arrays if array.first < end]
     arrays = "A variable with a size is an array, row by row."
-    scalars = "A row with several value references is for as many scalar variables."
+    scalars = "A row with several value references describes that many scalar variables."
     shown = table(_HEADS, rows, ("name", "ref", "", "", "", "", ""))
     parts.append(f'<h2>Interface</h2>\n<p>{arrays if fmi.arrays else scalars}</p>\n<div class="wide">{shown}</div>')
     return {"documentation/index.html": page(content.model_name, interface.description, "\n".join(parts), 62)}
 
 
 def _texts(content: Content, exchange: bool) -> dict[str, dict[str, bool]]:
-    """Return heading to HTML of sentences, and whether each holds."""
+    """Return heading to sentences in HTML, each with whether it applies."""
     interface, fmi, native = content.interface, content.fmi, content.backend == "native"
     states, sampled, events = interface.has_states, interface.is_sampled, interface.events.stop > 0
     rate = ", or change at the rate that <code>fmi2SetRealInputDerivatives</code> sets"
-    other = "" if interface.functions.shipped else " The C files that all units have are of vdfmu, MIT."
+    other = "" if interface.functions.shipped else " The C files common to all units belong to vdfmu (MIT)."
     return {"Use": {
-        "Set parameters before the initialization ends, tunable ones and inputs at any time before the end. States of "
-        "the FMU can be saved, restored and serialized.": True,
+        "Set parameters before the initialization ends; tunable ones and inputs can be set at any time. FMU states can "
+        "be saved, restored and serialized.": True,
         f"Directional {'and adjoint ' if fmi.adjoints else ''}derivatives are exact, by inputs"
         f"{', states' if states else ''} and, during initialization, parameters.": native,
         f"Inputs are held over a communication step{rate if native and fmi.input_derivatives else ''}.": True,
         "Co-simulation: the solver is Rodas4 (implicit, order 4). <code>tolerance</code> bounds its local error, "
-        "relative and absolute in SI units. A smaller tolerance of the experiment replaces it. Any communication step "
-        "will do.": states,
-        "<code>solver</code> fixes the number of internal steps in each communication step: the same work, whatever "
+        "relative and absolute in SI units. A smaller tolerance of the experiment replaces it. The communication "
+        "step can have any size.": states,
+        "<code>solver</code> can fix the number of internal steps per communication step, for constant work whatever "
         "the error.": "solver" in interface.groups,
         "Model exchange: the equations may be stiff. Use an implicit solver (CVODE with BDF, Radau, Rodas) with a "
         "tolerance of 1e-6 or less.": exchange and states,
         "Sampled states change every <code>period</code> from the start time on. In co-simulation they do so at the "
-        "start of a communication step, by the inputs set for it, and inside a longer step by the same inputs: choose "
-        "steps that divide the period. In model exchange they change in event mode, at times from the FMU.": sampled,
-        "The unit has no state: its outputs after a communication step belong to its inputs and the end of the step."
+        "start of a communication step with the inputs set for it, and within a longer step with the same inputs, so "
+        "choose steps that divide the period. In model exchange they change in event mode, at times that the FMU "
+        "announces.": sampled,
+        "The unit has no state: its outputs after a communication step follow from its inputs and the end time."
         : not states and not sampled and not events,
         "Events: when one of the outputs " + _names(interface) + " rises above 0, states change. In co-simulation the "
-        "solver finds the time to rounding and goes on from there, inside the communication step. In model exchange "
+        "solver locates the time to rounding and continues from there within the communication step. In model exchange "
         "these outputs are the event indicators, in this order.": events and states,
         "Events: when one of the outputs " + _names(interface) + " is above 0 at the end of a communication step and "
         "was not before, states change.": events and not states,
     }, "Limits": {
-        "There are no event indicators: equations that jump with a state or an input are solved with small steps "
-        "there. Switching by time is located. In model exchange it is a time event.": states and not events,
+        "There are no event indicators: where equations jump with a state or an input, the solver takes small "
+        "steps. Switching by time is located; in model exchange it is a time event.": states and not events,
         "Two changes of sign of an event's output within an eighth of an internal step may be missed. After 10,000 "
-        "changes in a communication step, it fails.": events and states,
-        "If the solver cannot meet the tolerance, the error names time and state. It keeps the state before the step."
-        : states,
+        "changes a communication step fails.": events and states,
+        "If the solver cannot meet the tolerance, the error names the time and the state, and the state before the "
+        "step is kept.": states,
         "Joint types, rotations of frames and some zeros of the robot are part of the code: the annotation "
         "<code>org.vdfmu.folded</code> of the model description lists them. All other numbers are parameters.":
         interface.has_robot,
-        "Parameters that are not physical together, such as static below Coulomb friction, are refused at the "
+        "Parameters that are unphysical together, such as static friction below Coulomb friction, are rejected at the "
         "initialization.": interface.has_robot,
-        "Values that are not finite or out of their limits are refused, and no value changes.": True,
+        "Values that are not finite or outside their limits are rejected, and then no value changes.": True,
     }, "Files and licence": {
-        "<code>sources/</code>: all C files. <code>unit.c</code> holds tables and program of this unit, "
+        "<code>sources/</code>: all C files. <code>unit.c</code> contains the tables and the program of this unit, "
         "<code>kernel_*.c</code> its equations. The others are the same for all units.": content.sources,
         "<code>extra/org.fmi-standard.fmi-ls-ref/</code>: reference results, see "
         '<a href="fmi-ls-ref.txt">fmi-ls-ref.txt</a>.': bool(columns(content, "output")),
@@ -99,7 +100,7 @@ def _names(interface: Interface) -> str:
 
 
 def _docstring(text: str) -> list[str]:
-    """HTML of a docstring without its first line: paragraphs, and indented blocks verbatim."""
+    """Return the HTML of a docstring without its first line: paragraphs, and indented blocks verbatim."""
     blocks = [block.strip("\n") for block in "\n".join(text.splitlines()[1:]).split("\n\n")]
     return [
         f"<pre>{escape(inspect.cleandoc(block))}</pre>" if block.startswith("    ")

@@ -66,10 +66,10 @@ def _written_sources(prefix: str) -> dict[str, bytes]:
 
 
 def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, bytes]:
-    """Return the files of a library. The C of all units is one object for all.
+    """Return the files of a library. The C code common to all units is one object.
 
-    As one file it compiles in two thirds of the time. An empty `config.h` leaves the FMI functions without the prefix
-    of the unit's name.
+    As one file it compiles in two thirds of the time. With an empty `config.h` the FMI functions do not have the unit's
+    name as prefix.
     """
     same = [name for name in _written_sources(FMI_VERSIONS[fmi_version].prefix) if name.endswith(".c")]
     files = {name: text for name, text in sources.items() if name not in same} | fmi_headers(fmi_version)
@@ -82,9 +82,9 @@ def _as_compiled(sources: Mapping[str, bytes], fmi_version: str) -> dict[str, by
 
 @lru_cache
 def fmi_headers(fmi_version: str) -> dict[str, bytes]:
-    """Return file name to content of the headers of FMI, as fmpy has them.
+    """Return file name to content of the FMI headers that come with fmpy.
 
-    The standard leaves them to the importer; an FMU does not carry them.
+    An FMU does not contain them, because the standard leaves them to the importer.
     """
     spec = find_spec("fmpy")
     for folder in (spec.submodule_search_locations if spec else None) or ():
@@ -105,7 +105,7 @@ def _up_to_date(path: Path, content: Content, platforms: Sequence[str]) -> bool:
 
 
 def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Path to content of all members of the FMU."""
+    """Return path to content of all members of the FMU."""
     fmi, sources = content.fmi, sources if content.sources else {}
     c_files = [name for name in sorted(sources) if name.endswith(".c")]
     about = content.interface, content.guid, content.generation_tool, content.made_by
@@ -128,19 +128,19 @@ def _members(content: Content, sources: Mapping[str, bytes], libraries: Mapping[
 
 
 def _terms_of_unit(content: Content) -> str:
-    """Return the terms of a user's unit, and the files under the licence of vdfmu; empty for units of the package."""
+    """Return the terms of a user's unit and the files under vdfmu's licence; empty for units of the package."""
     if content.interface.functions.shipped:
         return ""
     files, rest = "", "The other parts of binaries/"
     if content.sources:
         files = " (sources/unit.c and sources/kernel_*.c)"
         rest = "All other files in sources/, and their parts of binaries/,"
-    return f"The unit {content.model_name}{files}: {terms(content.made_by)}\n\n{rest} are of vdfmu:\n\n"
+    return f"The unit {content.model_name}{files}: {terms(content.made_by)}\n\n{rest} belong to vdfmu:\n\n"
 
 
 @lru_cache
 def _license() -> str:
-    """Text of the licence: an installed package has it among its metadata, a source tree at its root."""
+    """Return the licence, which an installed package has in its metadata and a source tree at its root."""
     listed = [Path(str(file.locate())) for file in installed_files("vdfmu") or () if file.name == "LICENSE"]
     for place in (*listed, PACKAGE.parent / "LICENSE"):
         if place.is_file():

@@ -1,8 +1,8 @@
 """Reference results inside an FMU, `extra/org.fmi-standard.fmi-ls-ref/`, of the layered standard FMI-LS-REF.
 
-They are independent of the generated C and of the unit's solver: continuous states by scipy's LSODA at a tolerance of
-1e-12, all else by the unit's methods in numpy. Inputs are constant between the rows of a table, so co-simulation and
-model exchange have the same solution.
+They are independent of the generated C and of the unit's solver: continuous states come from scipy's LSODA at a
+tolerance of 1e-12, everything else from the unit's methods in numpy. Inputs are constant between the rows of a table,
+so co-simulation and model exchange have the same solution.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from vdfmu.compiler.unit.solver import TOLERANCE, ScipySolver, margin
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 10
-"""Intervals of the experiment: the inputs are constant in each, and the results have a row for its end."""
+"""Number of intervals of the experiment, with constant inputs and a row of results at the end of each."""
 _MOST_SOLVED = 480
-"""Limit of intervals times continuous states, or joints, for some seconds. Beyond it the results end sooner."""
+"""Limit of the intervals times the continuous states, or joints, for a few seconds. Beyond it the results end
+earlier."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
-"""Digits of the results; further ones differ between machines by rounding."""
+"""Digits of the results; later ones differ between machines because of rounding."""
 
 
 def reference_files(content: Content) -> dict[str, bytes]:
-    """Path in the FMU to content: manifest, inputs, results, and a page about them; empty without results."""
+    """Return path in the FMU to content: manifest, inputs, results and a page about them; empty without results."""
     interface, name = content.interface, content.model_name
     outputs, inputs = columns(content, "output"), columns(content, "input")
     if not outputs:
@@ -52,7 +53,7 @@ def reference_files(content: Content) -> dict[str, bytes]:
 
 
 def _stored(content: Content) -> dict[str, Any]:
-    """Return inputs and results by group, from the cache: they are the same for both versions of FMI."""
+    """Return inputs and results by group, cached because they are the same for both versions of FMI."""
     identity = {"model": content.model_key, "start": content.interface.start_values().tolist()}
     file = cache_folder() / "reference" / sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     with np.errstate(all="ignore"):
@@ -66,7 +67,7 @@ def _tables(content: bytes) -> dict[str, Any]:
 
 
 def reference_results(interface: Interface) -> dict[str, dict[str, list[list[float]]]]:
-    """Return ``inputs`` in each interval and ``results`` at the start and at the end of each, by group."""
+    """Return, by group, the ``inputs`` in each interval, and the ``results`` at the start and at the end of each."""
     unit = Plain(interface)
     held: list[dict[str, list[float]]] = []
     for k in range(_intervals(interface)):
@@ -88,7 +89,7 @@ def _intervals(interface: Interface) -> int:
 
 
 def _time(interface: Interface, k: int) -> float:
-    """Start of an interval [s]."""
+    """Return the start of an interval [s]."""
     return interface.unit.experiment_stop * k / INTERVALS
 
 
@@ -98,7 +99,7 @@ def _values(unit: Evaluation, causality: str) -> dict[str, list[float]]:
 
 
 def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[dict[str, list[float]]]:
-    """Yield the outputs of the initialization, then at the end of each interval."""
+    """Yield the outputs after the initialization, then at the end of each interval."""
     interface = unit.interface
     hold = _time(interface, 1)
     moves = interface.has_states or interface.is_sampled or unit.at_events
@@ -118,7 +119,7 @@ def _rows(unit: Plain, held: Sequence[Mapping[str, list[float]]]) -> Iterator[di
 
 
 def _settled(unit: Plain, t: float) -> dict[str, list[float]]:
-    """Return the outputs at a time, except for outputs that switch there: rounding of the time decides their value."""
+    """Return the outputs at a time, except those that switch there, whose value depends on rounding of the time."""
     if not unit.switches:
         unit.outputs()
         return _values(unit, "output")
@@ -138,7 +139,7 @@ Column = tuple[str, str, slice]
 def columns(content: Content, causality: str) -> list[Column]:
     """Return the columns of the table of inputs or outputs. In FMI 3.0 a column is an array.
 
-    Variables with a comma in their name are omitted, because readers split the head at commas.
+    Variables with a comma in their name are omitted, because readers split the header at commas.
     """
     interface, groups = content.interface, content.interface.groups_of(causality)
     listed: list[Column] = []
@@ -156,7 +157,7 @@ def columns(content: Content, causality: str) -> list[Column]:
 
 
 def _csv(listed: Sequence[Column], times: Sequence[float], rows: Mapping[str, Sequence[Sequence[float]]]) -> bytes:
-    """Table of variables over time; the elements of an array are separated by spaces."""
+    """Return a table of variables over time; the elements of an array are separated by spaces."""
     listed = [column for column in listed if column[1] in rows]
     lines = [",".join(["time", *[name for name, _, _ in listed]])]
     for k, t in enumerate(times):
@@ -189,10 +190,10 @@ def _page(interface: Interface, has_inputs: bool) -> str:
     inputs = f"""Inputs: {name}_in.csv. They are constant for {hold} at a time; a change is two rows of the same
 time. Co-simulation steps must end at each change of the inputs.
 """
-    solved = f"""Made by scipy's LSODA at a relative and absolute tolerance of {TOLERANCE:g}, not by the FMU's solver.
+    solved = f"""Solved by scipy's LSODA at a relative and absolute tolerance of {TOLERANCE:g}, not by the FMU's solver.
 Expect differences of about the parameter `tolerance`, times the size of the variable.
 """
-    calculated = "Made by the equations in numpy, not by the FMU. Expect differences of rounding.\n"
+    calculated = "Computed from the equations in numpy, not by the FMU. Expect rounding differences.\n"
     return f"""Reference results of {name}
 
 Start at 0 s, stop at {stop:g} s, all parameters at their start values.

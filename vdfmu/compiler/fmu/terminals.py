@@ -1,7 +1,7 @@
-"""terminalsAndIcons/ of an FMU: groups of variables that are connected together, and the picture of the unit.
+"""terminalsAndIcons/ of an FMU: groups of variables that are connected together, and the unit's icon.
 
-Connecting terminals of the same name, output to input, member by member, makes the connections of ``ssp/system.toml``.
-FMI 2.0 allows the folder since 2.0.4; the file has the format of FMI 3.0.
+Connecting terminals of the same name, output to input, member by member, results in the connections of
+``ssp/system.toml``. FMI 2.0 allows the folder since 2.0.4; the file has the format of FMI 3.0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vdfmu.compiler.unit.interface import Interface
 
 FOLDER = "terminalsAndIcons"
 
-# Corners of a terminal (x1, y1, x2, y2); the unit fills -100 .. 100.
+# Corners of a terminal (x1, y1, x2, y2); the unit spans -100 .. 100.
 _PLACES = {
     "left": (-110, -10, -90, 10), "right": (90, -10, 110, 10), "bottom": (-10, -110, 10, -90), "top": (-10, 90, 10, 110)
 }  # fmt: skip
@@ -25,7 +25,7 @@ _COLOR = "31 78 121"
 
 
 def terminals_and_icons(interface: Interface, version: FmiVersion) -> Element:
-    """Root element of ``terminalsAndIcons.xml``.
+    """Return the root element of ``terminalsAndIcons.xml``.
 
     The rule is ``bus``: two terminals need not have all members in common. In FMI 3.0 a member is an array, in
     FMI 2.0 each of its elements.

@@ -1,1 +1,1 @@
-"""From equations to fast functions: traced once and kept, their derivatives, a step of the solver."""
+"""Turns equations into fast functions: traced once and cached, with derivatives, and a step of the solver."""

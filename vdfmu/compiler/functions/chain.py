@@ -1,8 +1,8 @@
-"""Chains of parts, such as the joints of an arm: the passes along a chain, from the traces of its kinds of parts.
+"""Chains of parts, such as the joints of an arm, whose passes are built from traces of the kinds of parts.
 
-The trace of a part has symbols for the values that the parts pass on (:mod:`vdfmu.compiler.scalar.passes`). Values
-that are passed on twice, and constants, are removed. Passes in the same direction are merged where possible.
-:mod:`.chain_calls` writes the calls.
+The trace of a part has symbols for the values that the parts pass on (:mod:`vdfmu.compiler.scalar.passes`). Duplicates
+and constants among them are removed. Passes in the same direction are merged where possible. :mod:`.chain_calls` writes
+the calls.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import casadi as ca
 from vdfmu.compiler.scalar.passes import HandedOn
 
 LOCAL = "chain_"
-"""Prefix of the names of functions that the function of a chain calls; in C its own name replaces it."""
+"""Prefix in the names of functions that a chain's function calls; in C the function's name replaces it."""
 _MOST_TURNS = 12
-"""Largest number of passes of a function; a pass that depends on itself would need infinitely many."""
+"""Largest number of passes of a function, because a pass that depends on itself would need infinitely many."""
 
 
 class Place(NamedTuple):
-    """Place of the elements of a group of one part in an argument or a result of the whole chain."""
+    """Place, in an argument or a result of the whole chain, of the elements of one part's group."""
 
     name: str
     begin: int
@@ -38,7 +38,7 @@ class PartTrace(NamedTuple):
 
 
 class ChainPart(NamedTuple):
-    """A part whose passes are numbered by their turn, outward passes even, inward passes odd."""
+    """A part whose passes are numbered by turn, outward passes even, inward passes odd."""
 
     inputs: Mapping[str, ca.SX]
     results: Mapping[str, ca.SX]
@@ -47,13 +47,13 @@ class ChainPart(NamedTuple):
 
 
 class PartChain(NamedTuple):
-    """A function of a chain before its calls are written, see :func:`.chain_calls.chain_function`."""
+    """A function of a chain before its calls are written; see :func:`.chain_calls.chain_function`."""
 
     name: str
     parts: Sequence[ChainPart]
     """Each kind of part once."""
     kinds: Sequence[int]
-    """Kind of each part, the first at the base."""
+    """Kind of each part, from the base."""
     places: Sequence[Mapping[str, Place]]
     """Places of the groups of each part."""
     arguments: Mapping[str, int]
@@ -70,7 +70,7 @@ class PartChain(NamedTuple):
 
 
 class _Leaf(NamedTuple):
-    """A value that is passed on: its pass and element."""
+    """A value that is passed on, given by its pass and element."""
 
     number: int
     element: int
@@ -110,7 +110,7 @@ def chain_of(
         )
         for trace in traces
     ]
-    # the first and the last part have symbols of their own: those of the last part replace those of the first
+    # the first and the last part have separate symbols: those of the last part replace those of the first
     outer = ends[1]
     varying = {group for group in outer.inputs if len({each.get(group) for each in places}) > 1}
     common = {group: symbols for group, symbols in outer.inputs.items() if group not in varying}
@@ -139,7 +139,7 @@ def column_of(parts: Iterable[ca.SX]) -> ca.SX:
 
 
 def symbols_of(column: ca.SX) -> set[int]:
-    """Return keys of the symbols that an expression has."""
+    """Return keys of the symbols in an expression."""
     return {x.element_hash() for x in ca.symvar(column)}
 
 
@@ -149,7 +149,7 @@ def elements_of(columns: Iterable[Any]) -> set[int]:
 
 
 class _Merged:
-    """The values that are passed on and are equal or constant."""
+    """The passed-on values that are equal or constant."""
 
     def __init__(self, traces: Sequence[PartTrace], kinds: Sequence[int]) -> None:
         self._traces = traces
@@ -194,7 +194,7 @@ class _Merged:
         return finer
 
     def substituted(self, trace: PartTrace, expressions: list[ca.SX]) -> list[ca.SX]:
-        """Return expressions in which equal values that are passed on have one symbol."""
+        """Return expressions in which equal passed-on values share one symbol."""
         old: list[ca.SX] = []
         new: list[ca.SX] = []
         for leaf, same in self._representative.items():
@@ -205,7 +205,7 @@ class _Merged:
         return ca.substitute(expressions, old, new) if old else expressions
 
     def turns(self) -> dict[_Leaf, int]:
-        """Return the turn of the pass of each value that is passed on: the first at which its inputs exist."""
+        """Return the turn of each passed-on value's pass: the first at which its inputs exist."""
         leaves = [leaf for leaf in self._leaves if self._representative[leaf] == leaf]
         if not leaves:
             return {}
@@ -226,7 +226,7 @@ class _Merged:
 
 
 def _needs(merged: _Merged, trace: PartTrace, leaves: Sequence[_Leaf]) -> dict[_Leaf, list[tuple[_Leaf, int]]]:
-    """Return the values on which each value depends, with 1 if their pass must have ended, else 0."""
+    """Return the values on which each value depends, with 1 if their pass must have ended before, else 0."""
     before = ca.vertcat(*(trace.passes[p].before[e] for p, e in leaves))
     last = ca.vertcat(*(trace.passes[p].last[e] for p, e in leaves))
     results = merged.substituted(
@@ -245,6 +245,6 @@ def _needs(merged: _Merged, trace: PartTrace, leaves: Sequence[_Leaf]) -> dict[_
 
 
 def _keys(expressions: list[ca.SX]) -> list[Any]:
-    """Return a key for each expression, the same for equal ones; a constant is its value."""
+    """Return a key for each expression, the same for equal ones; the key of a constant is its value."""
     shared = ca.cse(expressions) if expressions else []
     return [float(x) if x.is_constant() else x.element_hash() for x in (ca.densify(x) for x in shared)]

@@ -15,7 +15,7 @@ from vdfmu.compiler.functions.chain import LOCAL, ChainPart, PartChain, Place, c
 from vdfmu.compiler.functions.operations import Operations
 
 BY_DIRECTIONS = {"jac_penalty": -1.0}
-"""Option of a function whose derivatives go along directions: CasADi would take small Jacobians, with their zeros."""
+"""Option for derivatives along directions, because CasADi would use small Jacobians with their zeros."""
 
 
 def chain_function(chain: PartChain) -> ca.Function:
@@ -26,13 +26,13 @@ def chain_function(chain: PartChain) -> ca.Function:
 
 
 def called(function: ca.Function, arguments: Mapping[str, ca.MX]) -> dict[str, ca.MX]:
-    """Return the results of a function, for arguments by their names; further ones are ignored."""
+    """Return the results of a function for arguments by name; additional ones are ignored."""
     made = function.call([arguments[name] for name in function.name_in()])
     return dict(zip(function.name_out(), made, strict=True))
 
 
 class _Split:
-    """The passes of one kind of part: which operations each calculates, and what it stores for later passes."""
+    """The passes of one kind of part: the operations that each calculates, and what it stores for later passes."""
 
     def __init__(self, part: ChainPart, turns: Sequence[int]) -> None:
         self.part, self._turns = part, turns
@@ -44,7 +44,7 @@ class _Split:
         self._set_turns()
 
     def _set_turns(self) -> None:
-        """Choose the turn of each operation: the first with its operands, or else the turn of its first user."""
+        """Choose the turn of each operation: the first at which its operands exist, or the turn of its first user."""
         listed, results = self.operations.listed, self.operations.results
         groups = len(self.part.inputs)
         self.at = [self._turns[0]] * len(listed)
@@ -100,8 +100,8 @@ class _Split:
 class ChainCalls:
     """The calls of a chain, for some arguments.
 
-    `values` has what each part has calculated: results by group, ``before_<turn>`` and ``stored_<turn>``; `last` what
-    each pass ends with.
+    `values` contains what each part has calculated: results by group, ``before_<turn>`` and ``stored_<turn>``. `last`
+    has the final values of each pass.
     """
 
     def __init__(self, chain: PartChain, arguments: Mapping[str, ca.MX]) -> None:
@@ -136,7 +136,7 @@ class ChainCalls:
         ]
 
     def of_ends(self, name: str, results: Mapping[Any, ca.SX]) -> dict[Any, ca.MX]:
-        """Return what follows from shared inputs and from the ends of earlier passes, by a function of that name."""
+        """Return what follows from shared inputs and the ends of earlier passes, through a function of this name."""
         chain = self._chain
         columns = {key: ca.densify(ca.vec(value)) for key, value in results.items()}
         ends = {f"last_{turn}": symbols for turn, symbols in chain.last.items() if turn in self.last}
@@ -160,7 +160,7 @@ class ChainCalls:
         return column if size == column.numel() else column[place.begin : place.begin + size]
 
     def call(self, function: ca.Function, part: int, **more: ca.MX) -> dict[str, ca.MX]:
-        """Return the results of a function of a part: of its groups, of what it has calculated, and of `more`."""
+        """Return the results of a part's function of its groups, of what it has calculated, and of `more`."""
         values, places = {**self.values[part], **more}, self._chain.places[part]
         for k, name in enumerate(function.name_in()):
             if name not in values:

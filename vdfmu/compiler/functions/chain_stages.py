@@ -2,8 +2,8 @@
 
 A balance of a chain is calculated outward, then inward, like the inverse dynamics of an arm. Linearised at the start of
 a step, the values that a part passes inward follow from those that it receives outward: ``db = S da + s``. The
-elimination goes inward with S, once in a step. Each stage goes inward with s, and outward for the increments of the
-states.
+elimination makes one inward pass per step, for S. Each stage makes an inward pass for s, and an outward pass for the
+increments of the states.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OUTWARD, INWARD = 0, 1
 class ChainStages:
     """The stage equations of the balance of a chain.
 
-    `states` are the names of the states of a part, in their order in x, and `order` in the order of elimination.
+    `states` are the names of a part's states in the order of x, `order` the names in the order of elimination.
     """
 
     def __init__(self, balance: PartChain, states: Sequence[str], order: Sequence[str]) -> None:
@@ -47,7 +47,7 @@ class ChainStages:
 
     @property
     def rows(self) -> list[int]:
-        """Rows of the balance whose derivatives are carried from stage to stage."""
+        """Rows of the balance whose derivatives are passed from stage to stage."""
         return [k * self._n + i for k in self._carried for i in range(self._n)]
 
     def _factor(self, calls: ChainCalls, h: ca.MX) -> list[ca.MX]:
@@ -73,9 +73,9 @@ class ChainStages:
         return calls.of_ends("at_the_end", {"S": slope})["S"]
 
     def start(self, arguments: Mapping[str, ca.MX], x_dot: ca.MX, h: ca.MX, rates: Mapping[str, ca.MX]) -> ca.MX:
-        """Return the factors of the chain, with the change of the balance in time at the end.
+        """Return the factors of the chain, followed by the time derivative of the balance.
 
-        `rates` are those of the arguments that change.
+        `rates` are the rates of the arguments that change.
         """
         moving = chain_rates(self._chain, set(rates))
         arguments = {**arguments, "x_dot": x_dot, **{f"rate_{key}": rate for key, rate in rates.items()}}
@@ -83,7 +83,7 @@ class ChainStages:
         return ca.vertcat(*self._factor(calls, h), *calls.results())
 
     def stages(self, name: str) -> Stages:
-        """Return the equations of the stages. Their factors are those of :meth:`start`."""
+        """Return the equations of the stages, with the factors of :meth:`start`."""
         n, m, chain = self._n, len(self._states), self._chain
         kinds = [self._kinds[kind] for kind in chain.kinds]
         ends = np.cumsum([0, *(kind.eliminate.numel_out("factors") for kind in kinds)]).tolist()
@@ -95,7 +95,7 @@ class ChainStages:
 
         own_factors = [factors[ends[i] : ends[i + 1]] for i in range(n)]
         s = ca.MX.zeros(self._size)
-        alone: list[ca.MX] = [ca.MX(0, 1)] * n  # increments with the part before at rest
+        alone: list[ca.MX] = [ca.MX(0, 1)] * n  # increments if the previous part is at rest
         for i in reversed(range(n)):
             more = of_part(right, i, "right", m) | of_part(factors, i, "along", m, ends[-1])
             more |= of_part(slope, i, "slope", len(self._carried)) | {"factors": own_factors[i], "s": s, "delay": delay}
@@ -121,7 +121,7 @@ class ChainStages:
 
 
 def chain_rates(balance: PartChain, names: set[str]) -> PartChain:
-    """Return the chain of the changes of a balance in time, with arguments ``rate_<name>`` for those of `names`."""
+    """Return the chain of a balance's time derivative, with arguments ``rate_<name>`` for those of `names`."""
     places = [
         {**each, **{f"rate_{group}": Place(f"rate_{place.name}", place.begin) for group, place in each.items()}}
         for each in balance.places
@@ -192,7 +192,7 @@ class _LinearPart:
         self._handed = [part.before.get(turn, empty) for turn in (OUTWARD, INWARD)]
         self._hands = [part.after.get(turn, empty) for turn in (OUTWARD, INWARD)]
         self._moved = ca.SX.sym("moved", self._hands[0].numel())
-        """Symbols of the values that the part passes outward, in its rows and in the values that it passes inward."""
+        """Symbols, in the part's rows and in the values that it passes inward, of the values that it passes outward."""
         self._rows, self._inward = self._by_moved(list(states))
         R_y = ca.sparsify(ca.jacobian(self._rows, self._Y))
         beyond = [ca.jacobian(self._rows, handed) for handed in (*self._handed, self._moved)]
@@ -282,7 +282,7 @@ class _LinearPart:
 
 
 class _PartFunctions:
-    """The functions of one kind of part: `eliminate`, and `inward` and `outward` of a stage."""
+    """The functions of one kind of part: `eliminate`, and `inward` and `outward` for a stage."""
 
     def __init__(
         self,

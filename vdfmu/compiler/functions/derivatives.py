@@ -1,4 +1,4 @@
-"""Derivatives of traced functions along directions, and the time until they switch, both by their trace."""
+"""Derivatives of traced functions along directions, and the time until they switch, both from the trace."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def derivative_names(function: ca.Function, ending: str) -> tuple[list[str], lis
 def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.Function:
     """Return the product of the Jacobian of `function` with a direction, ``<name>_forward``, or ``<name>_reverse``.
 
-    Forward takes the arguments of `function` and a direction ``d_<argument>`` for each, and returns ``d_<result>``,
-    (J direction). Reverse takes the arguments and a direction ``bar_<result>`` for each result, and returns
-    ``bar_<argument>``, (direction J). With `rounded`, a result that depends on an argument by rounding alone, as in an
-    encoder, has the slope of the line that the rounding follows, instead of 0.
+    Forward takes the arguments of `function` and a direction ``d_<argument>`` for each, and returns ``d_<result>``, (J
+    direction). Reverse takes the arguments and a direction ``bar_<result>`` for each result, and returns
+    ``bar_<argument>``, (direction J). With `rounded`, a result that depends on an argument only through rounding, as in
+    an encoder, has the slope of the line that the rounding follows, instead of 0.
     """
     transposed = ending == "reverse"
     if not function.is_a("SXFunction"):
@@ -48,13 +48,13 @@ def derivative(function: ca.Function, ending: str, rounded: bool = False) -> ca.
     return ca.Function(
         f"{function.name()}_{ending}",
         [*arguments, *directions],
-        ca.vertsplit(ca.densify(product), offsets),  # cse would take nine tenths of the time to save 1 % of operations
+        ca.vertsplit(ca.densify(product), offsets),  # cse would take 90 % of the time to save 1 % of the operations
         *derivative_names(function, ending),
     )
 
 
 def _of_calls(function: ca.Function, ending: str) -> ca.Function:
-    """Return a derivative of a function of vectors, which calls the derivatives of the functions that it calls."""
+    """Return a derivative of a function of vectors; it calls derivatives of the called functions."""
     arguments = [ca.MX.sym(name, function.numel_in(name)) for name in function.name_in()]
     results = [ca.MX(size, 1) for size in map(function.numel_out, range(function.n_out()))]  # no derivative needs them
     seeds = map(function.numel_out if ending == "reverse" else function.numel_in, range(
@@ -67,17 +67,17 @@ def _of_calls(function: ca.Function, ending: str) -> ca.Function:
 
 
 def has_roundings(function: ca.Function) -> bool:
-    """Whether a function rounds and calls no other."""
+    """Return whether a function rounds and calls no other."""
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}
     return bool(operations & _ROUNDING.keys()) and ca.OP_CALL not in operations
 
 
 _ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}
-"""Operation to its mean distance from the argument."""
+"""Operation to its mean difference from the argument."""
 
 
 def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, arguments: list[ca.SX]) -> ca.SX:
-    """Return the elements of a Jacobian that are 0 except for the lines that roundings follow."""
+    """Return the elements of a Jacobian that would be 0 without the lines that roundings follow."""
     lines = rebuilt(
         function, arguments, lambda operation, read: read[0] + _ROUNDING[operation] if operation in _ROUNDING else None
     )
@@ -90,23 +90,23 @@ def _slopes_of_rounding(function: ca.Function, result: ca.SX, argument: ca.SX, a
 
 
 def lookup_table(function: ca.Function) -> tuple[list[float], list[float]]:
-    """Return the edges of a table, and its rows one after the other."""
+    """Return the edges of a table, and its rows concatenated."""
     constants = [k for k, operation, *_ in instructions(function) if operation == ca.OP_CONST]
     edges, rows = (function.instruction_MX(k).to_DM().nonzeros() for k in constants)
     return edges, rows
 
 
 def matrix_of(function: ca.Function) -> tuple[str, bool] | None:
-    """Return the name of the matrix of a product, and whether it is the transposed product; None for others.
+    """Return the name of a product's matrix and whether the product is transposed; None for other functions.
 
-    The product may be the derivative of another, which has its arguments before the direction.
+    The product may be the derivative of another; then its arguments come before the direction.
     """
     direction, name, digest = function.name().rpartition(MATRIX)
     return (name + digest, direction == "adj1_") if name and direction in ("", "fwd1_", "adj1_") else None
 
 
 def matrix_numbers(function: ca.Function) -> npt.NDArray[np.float64]:
-    """Return the matrix (m, n) of a product that is not transposed."""
+    """Return the matrix (m, n) of an untransposed product."""
     inputs = [ca.DM(*function.size_in(i)) for i in range(function.n_in())]
     inputs[-1] = ca.DM.eye(function.numel_in(function.n_in() - 1))
     return function.call(inputs)[0].full()
@@ -115,9 +115,9 @@ def matrix_numbers(function: ca.Function) -> npt.NDArray[np.float64]:
 def rebuilt(
     function: ca.Function, arguments: list[ca.SX], replace: Callable[[int, list[ca.SX]], ca.SX | None]
 ) -> list[ca.SX]:
-    """Return the results of a function of SX, without calls, as expressions of `arguments`.
+    """Return the results of an SX function without calls as expressions of `arguments`.
 
-    `replace` gets each operation and its operands, and returns a replacement or None.
+    `replace` is called with each operation and its operands, and returns a replacement or None.
     """
     operations = Operations(function)
 
@@ -129,20 +129,20 @@ def rebuilt(
 
 
 NEVER = 1e300
-"""Time [s] until the next switch without any switch."""
+"""Time [s] until the next switch if there is none."""
 _JUMPS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
 _BENDS = (ca.OP_FMIN, ca.OP_FMAX)
 _SIGNS = {ca.OP_SIGN: 0, ca.OP_FABS: 0, ca.OP_COPYSIGN: 1}
-"""Operation to the position of the operand that switches it at 0."""
+"""Operation to the position of the operand whose zero switches it."""
 _WHOLE = (ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD)
 
 
 def time_left(function: ca.Function, inputs: dict[str, ca.SX], changing: dict[str, ca.SX]) -> ca.SX | None:
     """Return the time [s] until a choice on the time ``t`` changes, or None without such a choice.
 
-    `inputs` are the arguments of a function of SX, `changing` their derivatives by time. Other arguments are constant.
-    The time is exact for conditions that are linear in time. Other arguments are followed along their tangents.
-    ValueError for a jump at a condition that is not linear in time, or if a table is read.
+    `inputs` are the arguments of an SX function, `changing` their time derivatives; other arguments are constant. The
+    time is exact for conditions that are linear in time; otherwise tangents are followed. ValueError for a jump at a
+    condition that is not linear in time, or if a table is read.
     """
     t = inputs["t"]
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}

@@ -1,4 +1,4 @@
-"""The operations of a traced function, each with its own value, and their evaluation on other symbols."""
+"""The operations of a traced function, each with a separate value, and their evaluation on other symbols."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import casadi as ca
 
 
 def instructions(function: ca.Function) -> Iterator[tuple[int, int, list[int], list[int]]]:
-    """Yield number, operation, inputs and outputs of each instruction of a function."""
+    """Yield the number, operation, inputs and outputs of each instruction of a function."""
     for k in range(function.n_instructions()):
         yield k, function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
 
 
 class TracedOperation(NamedTuple):
-    """An operation of SX: its code and the operations that it reads."""
+    """An SX operation: its code and the operations that it reads."""
 
     code: int
     reads: tuple[int, ...] = ()
     leaf: tuple[int, int] | float | None = None
     """Argument and element of an input, or the value of a constant."""
     callee: ca.Function | None = None
-    """Function of a call; `element` of all its results is the value."""
+    """Called function; the value is `element` of all its results."""
     element: int = 0
 
 
 class Operations:
-    """The operations of a function of SX, in their order."""
+    """The operations of an SX function in order."""
 
     def __init__(self, function: ca.Function) -> None:
         self.listed: list[TracedOperation] = []
@@ -55,7 +55,7 @@ class Operations:
         return len(self.listed) - 1
 
     def value(self, k: int, operands: list[ca.SX]) -> ca.SX:
-        """Return an operation that is no input on the values of its operands."""
+        """Return an operation, not an input, applied to the values of its operands."""
         operation = self.listed[k]
         if operation.callee is not None:
             return ca.vertcat(*operation.callee.call([ca.vertcat(*operands)]))[operation.element]
@@ -69,7 +69,8 @@ class Operations:
     ) -> list[ca.SX]:
         """Return the value of each operation on other arguments.
 
-        `replace` gets the number of an operation that is no input, and its operands, and returns another value or None.
+        `replace` is called with the number and the operands of each operation, not input, and returns another value or
+        None.
         """
         values: list[ca.SX] = []
         for k, operation in enumerate(self.listed):

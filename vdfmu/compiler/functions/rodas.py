@@ -1,7 +1,7 @@
 """One step of Rodas4, an L-stable, stiffly accurate Rosenbrock method of order 4 with error estimate.
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, sections VI.3 and VI.4. The step is traced
-like the equations: the elimination of its matrix is traced once, and so is one function that all six stages call.
+like the equations. The elimination of its matrix is traced once, and so is the function that all six stages call.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class Stages(NamedTuple):
     """The equations of the stages of ``R(x, y, t) = 0`` with ``y = x_dot``, factorized."""
 
     factors: Any
-    """Elements (l, 1) of the factors, of E and of R_t that are not constant, without repetition."""
+    """Distinct non-constant elements (l, 1) of the factors, of E and of R_t."""
     solve: ca.Function
-    """Increment of a stage as a function of `factors`, `right` (m, 1), `slope`, the derivatives of the carried rows,
-    and `delay` [s]. The right-hand side of the stage is ``right + (E - explicit) slope + delay R_t``."""
+    """Increment of a stage as a function of `factors`, `right` (m, 1), `slope`, which are the derivatives of the
+    carried rows, and `delay` [s]. The right-hand side of the stage is ``right + (E - explicit) slope + delay R_t``."""
     explicit: ca.DM
     """(m, 1): 1 for rows ``f(x, t) - y`` that need no y, else 0."""
     carried: list[int]
@@ -60,11 +60,9 @@ def stage_equations(
 ) -> Stages:
     """Factorize the matrix of the stage equations, and trace their solution.
 
-    Parameters
-    ----------
-    h : (1, 1) step [s]
-    E, J : (m + k, m + k) ``-dR/dy`` and ``dR/dx`` at the start. E is invertible, but its inverse, which would contain
-        that of a mass matrix, is not needed. If k algebraic equations and unknowns follow the m states, their columns
+    Parameters ---------- h : (1, 1) step [s] E, J : (m + k, m + k) ``-dR/dy`` and ``dR/dx`` at the start. E is
+    invertible, but its inverse, which would contain that of a mass matrix, is not computed. If k algebraic equations
+    and unknowns follow the m states, their columns
         of E are 0.
     R_t : (m + k, 1) partial derivative of R with respect to time
     order : elimination order of the m + k unknowns. It affects the fill-in, not the result.
@@ -91,7 +89,7 @@ def stage_equations(
 
 
 def permuted(matrix: ca.SX, order: npt.NDArray[np.int_]) -> Rows:
-    """Return a square matrix with its rows and columns in another order."""
+    """Return a square matrix with rows and columns reordered."""
     place = np.argsort(order)
     rows, columns = matrix.sparsity().get_triplet()
     return sparse(len(order), zip(place[rows], place[columns], map(Symbol, matrix.nonzeros()), strict=True))
@@ -119,11 +117,11 @@ def rodas_step(
 ) -> tuple[Any, Any]:
     """Take one step of the system ``R(x, x_dot, t) = 0``.
 
-    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``. Rodas4 was made for such systems:
-    no stage solves R for x_dot. Rows of the form ``f(x, t) - y`` are stepped as ordinary differential equations,
-    because their y is eliminated.
+    x_dot is carried along as the algebraic unknown of ``x_dot = y, 0 = R(x, y, t)``. Rodas4 is designed for such
+    systems, so no stage solves R for x_dot. Rows of the form ``f(x, t) - y`` are stepped as ordinary differential
+    equations, because their y is eliminated.
 
-    In SX the step is traced as a whole. In MX it calls functions that are traced once: `f`, the function of `stages`,
+    In SX the step is traced as a whole. In MX it calls functions that are traced once: `f`, the function in `stages`,
     and functions that form the arguments of both, ``<name>_point_2``, ``<name>_right_1``, ..
 
     Parameters
@@ -132,7 +130,7 @@ def rodas_step(
         Returns R (m, 1), with f in explicit rows.
     x, x_dot : (m, 1) state at the start of the step, and its derivative there
     h : (1, 1) step [s]
-    factors, stages : see :func:`stage_equations`. The factors may be numbers.
+    factors, stages : see :func:`stage_equations`. The factors may also be numbers.
 
     Returns
     -------
@@ -177,7 +175,7 @@ def rodas_step(
 
 
 class StepVectors:
-    """Functions of the vectors of a step: traced for each element, or, for a chain, with loops over the elements."""
+    """Functions of the vectors of a step, traced element by element or, for a chain, with loops over the elements."""
 
     def __init__(self, name: str, stages: Stages) -> None:
         self._name, self._in_loops = name, not stages.solve.is_a("SXFunction")

@@ -1,4 +1,4 @@
-"""Traced functions, cached on disk, called through prepared buffers."""
+"""Traced functions, cached on disk and called through prepared buffers."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from vdfmu.compiler.functions.derivatives import DIRECTIONS, derivative
 class KernelFunction:
     """A traced function with buffers for its arguments and results.
 
-    Write into `args[name]`, call :meth:`run`, read `results[name]`: no memory is allocated. Keep the object as long as
-    its `run` is called, because it owns the buffers.
+    Write to `args[name]`, call :meth:`run`, and read `results[name]`; no memory is allocated. Keep the object as long
+    as its `run` is called, because it owns the buffers.
 
     `args` and `results` are float arrays (m,), rotations row by row, Jacobians of CasADi column by column. `buffers`
-    may have contiguous arrays of the caller, used without a copy.
+    may contain contiguous arrays of the caller, which are used without a copy.
     """
 
     def __init__(self, function: ca.Function, buffers: Mapping[str, Floats] | None = None) -> None:
@@ -34,7 +34,7 @@ class KernelFunction:
         self.args = {name: _buffer(buffers, name, function.numel_in(name)) for name in function.name_in()}
         self.results = {name: _buffer(buffers, name, function.numel_out(name)) for name in function.name_out()}
         self._buffer, self.run = function.buffer()
-        # casadi's stub demands a size, but its wrapper reads the size of the memory
+        # casadi's stub requires a size, but its wrapper reads the size of the memory
         for i, array in enumerate(self.args.values()):
             self._buffer.set_arg(i, memoryview(array.data))  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self.results.values()):
@@ -49,7 +49,7 @@ def _buffer(buffers: Mapping[str, Floats], name: str, size: int) -> Floats:
 
 
 class Functions:
-    """Traced functions of one structure, each traced or loaded at its first use.
+    """Traced functions of one structure, each traced or loaded when first used.
 
     `key` is their folder in `cache`, by default :func:`cache_folder`. Without a cache, None, they are traced each time.
     """
@@ -60,7 +60,7 @@ class Functions:
         self._functions: dict[str, ca.Function] = {}
 
     def names(self) -> Collection[str]:
-        """Names of the functions without their derivatives."""
+        """Names of the functions, without derivatives."""
         raise NotImplementedError
 
     def made(self, name: str) -> ca.Function:
@@ -68,7 +68,7 @@ class Functions:
         raise NotImplementedError
 
     def casadi_function(self, name: str) -> ca.Function:
-        """CasADi function of a name, or ``<name>_forward`` or ``<name>_reverse``, see :mod:`.derivatives`."""
+        """Return the CasADi function ``<name>``, ``<name>_forward`` or ``<name>_reverse``, see :mod:`.derivatives`."""
         if name not in self._functions:
             with listening(signal.SIGINT):  # CasADi would drop the exception of the default handler
                 self._functions[name] = self._loaded(name)
@@ -94,10 +94,10 @@ class Functions:
         raise KernelError(f"traced function: must be one of {', '.join(self.names())}, got {name!r}.")
 
     def function(self, name: str, /, **buffers: Floats) -> KernelFunction:
-        """Return a function with separate buffers, or with some of the caller, see :class:`KernelFunction`."""
+        """Return a function with its own buffers, or with some of the caller's; see :class:`KernelFunction`."""
         function = self.casadi_function(name)
         if any(callee.name().startswith(LOCAL) for callee in function.find_functions(0)):
-            function = function.expand(name)  # CasADi evaluates calls of parts in twice the time
+            function = function.expand(name)  # CasADi takes twice as long with calls of parts
         return KernelFunction(function, buffers)
 
 
@@ -110,6 +110,6 @@ def renamed(function: ca.Function, name: str) -> ca.Function:
 
 def traced_function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
     """Make a function of named columns."""
-    # cse finds terms that the equations compute more than once, such as the motion in all solver stages
+    # cse merges terms that the equations compute more than once, such as the motion in all solver stages
     expressions = ca.cse([ca.densify(expression) for expression in outputs.values()])
     return ca.Function(name, list(inputs.values()), expressions, list(inputs), list(outputs))

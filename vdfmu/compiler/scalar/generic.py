@@ -1,7 +1,7 @@
 """Elementwise functions without method dispatch in numpy.
 
-``np.sin`` calls the method ``sin`` of every element of an object array. The functions here compare in numpy, and
-symbols refuse comparisons. So they call a method of the element by name, and numpy on floats.
+``np.sin`` calls the method ``sin`` of every element of an object array. The functions here would compare elements in
+numpy, which symbols refuse, so they call a method of the element by name, and numpy on floats.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from vdfmu.base.errors import UsageError
 
 
 def sgn(x: Any) -> Any:
-    """Sign of every element, -1 or 1. At a zero it is the sign of the zero, so that sgn(x) * f(|x|) keeps its slope."""
+    """Return the sign of every element, -1 or 1, of a zero too, so that sgn(x) * f(|x|) keeps its slope there."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return np.frompyfunc(sgn, 1, 1)(x)
     method = getattr(x, "sgn", None)
@@ -58,7 +58,7 @@ def _by_pairs(a: Any, b: Any, method: str, on_floats: Any) -> Any:
 
 
 def interpolate(x: Any, points: Any, values: Any) -> Any:
-    """Interpolate linearly in a table, with the first and the last value beyond its ends.
+    """Interpolate linearly in a table, holding the first and the last value beyond its ends.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def interpolate(x: Any, points: Any, values: Any) -> Any:
 
 
 def lookup(x: Any, edges: Any, rows: Any) -> Any:
-    """Return the row of the interval that `x` lies in: the first row before, the last row after the table.
+    """Return the row of the interval that contains `x`; the first row before the table, the last row after it.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
     if shapes[0] or len(shapes[2]) not in (1, 2) or shapes[1] != (shapes[2][0] + 1,):
         raise UsageError(
             "lookup: expected a scalar x, edges (m + 1,) and rows (m, w) or (m,), got the shapes "
-            f"{shapes[0]}, {shapes[1]} and {shapes[2]}. Values at points are for interpolate."
+            f"{shapes[0]}, {shapes[1]} and {shapes[2]}. For values at points use interpolate."
         )
     if hasattr(x, "row_of"):
         return x.row_of(edges, rows)
@@ -99,5 +99,5 @@ def lookup(x: Any, edges: Any, rows: Any) -> Any:
 
 
 def zeros(shape: tuple[int, ...], *like: Any) -> np.ndarray:
-    """Zeros with dtype object if an array in `like` has it, else float."""
+    """Return zeros of dtype object if an array in `like` has it, else float."""
     return np.zeros(shape, dtype=object if any(np.asarray(a).dtype == object for a in like) else float)

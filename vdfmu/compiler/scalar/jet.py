@@ -1,8 +1,8 @@
-"""Time derivatives by jets: a scalar that carries its value and its first two time derivatives.
+"""Time derivatives by jets: scalars that carry a value and its first two time derivatives.
 
-The exact inverse of the flexible plant needs two time derivatives of the rigid inverse dynamics. Run on
-arrays of jets, the same lines of :mod:`vdfmu.arm.equations.inverse_dynamics` give them without a second formula.
-Coefficients are floats or symbols, so a jet traces as well.
+The exact inverse of the flexible plant needs two time derivatives of the rigid inverse dynamics. Run on arrays of jets,
+the code of :mod:`vdfmu.arm.equations.inverse_dynamics` computes them without a second formula. Coefficients are floats
+or symbols, so jets can be traced.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Jet:
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
-            return NotImplemented  # numpy then goes on element by element
+            return NotImplemented  # numpy then continues element by element
         if isinstance(other, Jet):
             return Jet(self.x + other.x, self.x_dot + other.x_dot, self.x_ddot + other.x_ddot)
         return Jet(self.x + other, self.x_dot, self.x_ddot)
@@ -84,7 +84,7 @@ class Jet:
         return Jet(f, df * self.x_dot, df * self.x_ddot + ddf * self.x_dot**2)
 
     def sgn(self) -> Any:
-        """Sign; at a zero the sign of the zero. Its derivatives are 0."""
+        """Sign, at a zero the sign of the zero; its derivatives are 0."""
         return Jet(sgn(self.x))
 
     def sqrt(self) -> Jet:

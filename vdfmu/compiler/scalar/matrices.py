@@ -1,13 +1,13 @@
 """Linear systems, inverses and exponentials of matrices, on floats and, for fixed sizes, on symbols.
 
-On floats numpy and scipy calculate :func:`solve`, :func:`inv` and :func:`expm`. On symbols no branch depends on a
-value. ``where`` exchanges rows and keeps squarings, so a trace has all cases, and its derivatives belong to the current
-case.
+On floats numpy and scipy calculate :func:`solve`, :func:`inv` and :func:`expm`. On symbols no branch may depend on a
+value, so ``where`` exchanges rows and selects squarings: a trace contains all cases, and its derivatives are those of
+the current case.
 
-:func:`factorize` takes its pivots on the diagonal, in order, for matrices that need no exchange of rows. Mass matrices
-are positive definite. A Rosenbrock matrix ``I/(h gamma) - J`` tends to a multiple of the identity as the step h
-shrinks, and a bad pivot shows up in the step's error estimate. Structural zeros are skipped: a trace has the length of
-a sparse elimination.
+:func:`factorize` uses the diagonal elements as pivots, in order, for matrices that need no exchange of rows: mass
+matrices are positive definite, and a Rosenbrock matrix ``I/(h gamma) - J`` tends to a multiple of the identity as the
+step h shrinks, while a bad pivot shows up in the step's error estimate. Structural zeros are skipped, so a trace is as
+short as a sparse elimination.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _DEGREE = 18
 
 
 def is_zero(x: Any) -> bool:
-    """Whether an element is 0 for all values of the symbols."""
+    """Return whether an element is 0 for all values of the symbols."""
     return x.is_zero() if hasattr(x, "is_zero") else bool(x == 0.0)
 
 
@@ -47,8 +47,8 @@ def sparse(n: int, elements: Iterable[tuple[int, int, Any]]) -> Rows:
 def factorize(A: Rows | np.ndarray) -> Rows:
     """Return the LU factors of `A` (n, n) in one matrix: U above the diagonal, the multipliers of L below it.
 
-    The diagonal has the reciprocals of the pivots: a division takes as long as five products. KernelError if a pivot
-    is 0 for all values of the symbols.
+    The diagonal contains the reciprocals of the pivots, because a division takes as long as five products. KernelError
+    if a pivot is 0 for all values of the symbols.
     """
     LU = [dict(row) for row in A] if isinstance(A, list) else sparse(len(A), ((*i, x) for i, x in np.ndenumerate(A)))
     below: list[set[int]] = [set() for _ in LU]  # by column
@@ -97,7 +97,7 @@ def solve(A: Any, b: Any) -> Any:
     """Solve ``A x = b`` by elimination with partial pivoting.
 
     On symbols it takes about n^3 operations and n^2 (n + k) choices for k right-hand sides. A singular matrix gives
-    infinity or NaN on symbols. FMUs refuse these as states and inputs.
+    infinity or NaN on symbols. FMUs reject these as states and inputs.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def solve(A: Any, b: Any) -> Any:
     n = len(A)
     rows = np.concatenate([A, b.reshape(n, -1)], axis=1).astype(object)
     for k in range(n):
-        for i in range(k + 1, n):  # the largest of the column is moved to the diagonal
+        for i in range(k + 1, n):  # the largest element of the column is moved to the diagonal
             if not is_zero(rows[i, k]):
                 upper, lower = rows[k, k:].copy(), rows[i, k:].copy()
                 larger = abs(lower[0]) > abs(upper[0])
@@ -139,8 +139,8 @@ def inv(A: Any) -> Any:
 def expm(A: Any) -> Any:
     """Return the exponential of a matrix (n, n) with a 1-norm up to 4096.
 
-    On symbols: a Taylor polynomial of degree 18 at ``A / 2^s``, of norm up to 1, and s squarings. A larger norm gives
-    NaN on symbols, UsageError on floats. UsageError for another shape too.
+    On symbols: a Taylor polynomial of degree 18 at ``A / 2^s``, of norm up to 1, and s squarings. A larger norm results
+    in NaN on symbols, and in a UsageError on floats, as another shape does.
     """
     A = np.asarray(A)
     if A.ndim != 2 or A.shape[0] != A.shape[1]:

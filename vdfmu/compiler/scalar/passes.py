@@ -1,7 +1,7 @@
-"""Passes along a chain: the values that each part passes to the next, outward to the end or inward to the base.
+"""Passes along a chain, in which each part passes values to the next, outward to the end or inward to the base.
 
 On floats, and in the trace of a short chain, a pass is a loop. In the trace of one part of a long chain, the values
-that it receives are symbols, so that one trace serves all parts that are alike.
+that it receives are symbols, so that one trace serves all equal parts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vdfmu.compiler.scalar.jet import Jet
 from vdfmu.compiler.scalar.symbol import from_sx, to_sx
 
 Step = Callable[[Any, int], tuple[Any, Any]]
-"""Function of the values from the previous part and of the part's number; returns the values that it passes on, and its
+"""Function of the values from the previous part and of the part's number that returns the values passed on and the
 result."""
 
 
@@ -33,7 +33,7 @@ def inward(step: Step, carry: Any, n: int) -> tuple[Any, list[Any]]:
 
 
 def total(values: Any, first: Any = None) -> Any:
-    """Return the sum over the parts, added to `first` if there is one; a scalar is already the sum."""
+    """Return the sum over the parts, plus `first` if given; a scalar is already the sum."""
     if np.ndim(values) == 0:
         return values if first is None else first + values
     if _recorder.get() is None:
@@ -60,7 +60,7 @@ _recorder: ContextVar[list[HandedOn] | None] = ContextVar("recorder", default=No
 
 @contextmanager
 def recording() -> Generator[list[HandedOn]]:
-    """Record the passes of a chain of one part, in their order."""
+    """Record the passes of a chain of one part, in order."""
     passes: list[HandedOn] = []
     token = _recorder.set(passes)
     try:
@@ -90,7 +90,7 @@ def _recorded(passes: list[HandedOn], step: Step, carry: Any, inward: bool) -> t
 
 
 def _joined(form: Any, carry: Any) -> Any:
-    """Return the union of two forms: a pass may start with None in place of some values."""
+    """Return the union of two forms, because a pass may start with None instead of some values."""
     if form is None or carry is None:
         return carry if form is None else form
     if isinstance(form, tuple):
@@ -103,7 +103,7 @@ def _made(form: Any, parts: list[Any]) -> Any:
 
 
 def _scalars(form: Any, value: Any) -> Iterator[Any]:
-    """Yield the scalars of `value`, which is laid out like `form`; zeros where it is None."""
+    """Yield the scalars of `value`, which is structured like `form`; zeros where it is None."""
     if isinstance(form, tuple):
         for part, each in zip(form, [None] * len(form) if value is None else value, strict=True):
             yield from _scalars(part, each)
@@ -119,7 +119,7 @@ def _scalars(form: Any, value: Any) -> Iterator[Any]:
 
 
 def _filled(form: Any, scalars: Iterator[Any]) -> Any:
-    """Return the value laid out like `form` from its scalars: the inverse of :func:`_scalars`."""
+    """Return a value structured like `form` from its scalars: the inverse of :func:`_scalars`."""
     if isinstance(form, tuple):
         return _made(form, [_filled(part, scalars) for part in form])
     if form is None:

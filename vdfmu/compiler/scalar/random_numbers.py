@@ -1,7 +1,8 @@
-"""Random numbers that a unit draws: the same on every platform, as plain numbers and in traced functions.
+"""Random numbers for units: the same on every platform, as plain numbers and in traced functions.
 
 The generator is MRG32k3a (L'Ecuyer, Operations Research 47, 1999): two recursions of order 3, with a period of 2^191.
-Their products are below 2^53, so exact in doubles. A unit keeps the six numbers of the generator as a sampled state::
+Their products are below 2^53, so they are exact in doubles. A unit keeps the six numbers of the generator as a sampled
+state::
 
     random = Sampled("1", 6, "state of the random numbers")
 
@@ -46,10 +47,10 @@ def uniform(state: Any, count: int) -> tuple[Any, Any]:
 
 
 def normal(state: Any, count: int) -> tuple[Any, Any]:
-    """Return numbers (count,) of mean 0 and standard deviation 1, nearly normal, and the next state (6,).
+    """Return nearly normal numbers (count,) of mean 0 and standard deviation 1, and the next state (6,).
 
-    Each is the sum of twelve uniform numbers less 6, at most 6, with a kurtosis of 2.9 instead of 3. A logarithm would
-    have other last bits on other platforms.
+    Each is the sum of twelve uniform numbers minus 6, so it is at most 6, with a kurtosis of 2.9 instead of 3. A
+    logarithm would differ in the last bits between platforms.
     """
     drawn, state = uniform(state, _OF_NORMAL * count)
     return drawn.reshape(count, _OF_NORMAL).sum(axis=1) - 0.5 * _OF_NORMAL, state

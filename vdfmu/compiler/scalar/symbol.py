@@ -1,4 +1,4 @@
-"""A scalar symbol that numpy treats as an opaque object, so that the equations trace as they are written.
+"""A scalar symbol that numpy treats as an opaque object, so that the equations can be traced as written.
 
 Bare ``casadi.SX`` scalars in numpy arrays lead to silent NaN on assignment into a float array, and to products that
 turn into SX matrices. A `Symbol` refuses ``float()`` unless it is constant, and ``bool()`` always.
@@ -23,8 +23,8 @@ from vdfmu.compiler.scalar.generic import clip, where
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
-"""Refusals since a list was set here. A method that catches a refusal takes another branch than on floats, so the
-caller of the trace raises the first refusal at the end."""
+"""Refusals since a list was set here. A method that catches a refusal would take a different branch than on floats, so
+the caller of the trace raises the first refusal at the end."""
 
 
 def refusal(error: Exception) -> Exception:
@@ -35,7 +35,7 @@ def refusal(error: Exception) -> Exception:
 
 
 _binary = ca.SX.binary
-"""Operation of two scalars. CasADi's operators take seven times as long, to find types."""
+"""Operation of two scalars. CasADi's operators take seven times as long, because they look up types."""
 
 
 def _sx(value: Any) -> ca.SX:
@@ -49,7 +49,7 @@ def _rint(x: Any) -> Any:
 
 
 def _log_to(base: float) -> Callable[[Any], Any]:
-    """Return the logarithm to a base, exact at whole powers, as the floor of a logarithm needs."""
+    """Return the logarithm to a base, exact at whole powers so that its floor is right."""
 
     def logarithm(x: Any) -> Any:
         whole = _rint(ca.log(x) / np.log(base))
@@ -92,7 +92,7 @@ _ARITHMETIC = partial(_binary, ca.OP_SUB), partial(_binary, ca.OP_DIV), operator
 
 
 class _Dispatched:
-    """Sends functions of numpy to the functions of symbols."""
+    """Dispatches functions of numpy to the functions of symbols."""
 
     __slots__ = ()
 
@@ -104,12 +104,12 @@ class _Dispatched:
 
 
 class Symbol(_Dispatched):
-    """One scalar expression. Arithmetic and the functions that numpy calls by name build larger expressions."""
+    """A scalar expression. Arithmetic, and functions that numpy calls by name, build larger expressions."""
 
     __slots__ = ("sx",)
 
     def __init__(self, sx: Any) -> None:
-        self.sx = sx if isinstance(sx, ca.SX) else ca.SX(sx)  # a copy takes half the time of a trace
+        self.sx = sx if isinstance(sx, ca.SX) else ca.SX(sx)  # a copy would take half the time of a trace
 
     def __repr__(self) -> str:
         text = str(self.sx)
@@ -124,7 +124,7 @@ class Symbol(_Dispatched):
         )
 
     def __eq__(self, other: object) -> Any:
-        return bool(self)  # raises: numpy and Python would take the identity of two objects for equality
+        return bool(self)  # raises, because numpy and Python would use the identity of objects instead
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
@@ -134,7 +134,7 @@ class Symbol(_Dispatched):
                 KernelError(
                     f"{self!r} has no value while equations are traced, so it cannot become a float. "
                     "Use numpy's functions, such as np.sin, instead of math's; of vdfmu.unit, interpolate for tables, "
-                    "solve, inv and expm for matrices, and zeros(shape, *like) for an array that it is put into"
+                    "solve, inv and expm for matrices, and zeros(shape, *like) for an array that receives it"
                 )
             )
         return float(self.sx)
@@ -204,11 +204,11 @@ class Symbol(_Dispatched):
 
 _NUMBERS = (float, int)
 ZERO = Symbol(0.0)
-"""Structural zero. To test its identity takes a tenth of the time of CasADi's folding."""
+"""Structural zero. Testing its identity takes a tenth of the time of CasADi's folding."""
 
 
 class SymbolArray(_Dispatched, np.ndarray):
-    """Array of symbols. Comparisons give an array of conditions for ``where``."""
+    """Array of symbols. Comparisons return an array of conditions for ``where``."""
 
 
 def _pairs(function: Callable[[ca.SX, ca.SX], ca.SX]) -> np.ufunc:
@@ -226,7 +226,7 @@ _ELEMENTWISE: Mapping[np.ufunc, np.ufunc] = {
     np.logaddexp: _pairs(lambda a, b: ca.fmax(a, b) + ca.log1p(ca.exp(-ca.fabs(a - b)))),
     np.sign: np.frompyfunc(lambda a: Symbol(ca.sign(_sx(a))), 1, 1),
 }  # fmt: skip
-"""Functions of numpy that compare objects, refuse them, or prefer the method of a float to the method of a symbol."""
+"""Functions of numpy that compare objects, refuse them, or prefer a float's method to the symbol's."""
 _COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal)
 
 
@@ -234,7 +234,7 @@ def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwarg
     """Call an elementwise function of numpy on symbols and their arrays."""
     if function is np.matmul and method == "__call__" and not kwargs:
         a, b = inputs
-        matrix, column = (a, b) if np.ndim(b) == 1 else (np.transpose(b), a)  # of a row, x @ W is W.T @ x
+        matrix, column = (a, b) if np.ndim(b) == 1 else (np.transpose(b), a)  # for a row, x @ W is W.T @ x
         if _is_large(matrix, column):
             return _with_symbols(from_sx(matrix_function(np.asarray(matrix, float))(to_sx(column))))
     if function in _COMPARISONS:
@@ -244,7 +244,7 @@ def _elementwise(function: np.ufunc, method: str, inputs: tuple[Any, ...], kwarg
     try:
         result = getattr(_ELEMENTWISE.get(function, function), method)(*map(_plain, inputs), **kwargs)
     except TypeError as error:
-        raise refusal(KernelError(f"np.{function.__name__} takes no symbols: {error}")) from None
+        raise refusal(KernelError(f"np.{function.__name__} does not accept symbols: {error}")) from None
     return _with_symbols(result)
 
 
@@ -255,7 +255,7 @@ def _of_arrays(function: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> 
             return _with_symbols(_REPLACED[function](*args, **kwargs))
         result = np.ndarray.__array_function__(np.empty(0), function, (np.ndarray,), args, kwargs)
     except TypeError as error:
-        raise refusal(KernelError(f"{function.__name__} of numpy takes no symbols: {error}")) from None
+        raise refusal(KernelError(f"{function.__name__} of numpy does not accept symbols: {error}")) from None
     return _with_symbols(result)
 
 
@@ -298,10 +298,10 @@ LOOKUP = "lookup_"
 
 
 def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
-    """Return the lookup of the row of `rows` (m, w) for an interval of `edges` (m + 1,). Its derivative is 0.
+    """Return the function that looks up the row of `rows` (m, w) by interval of `edges` (m + 1,); its derivative is 0.
 
-    A trace calls it for a table of any length. CasADi has no step function: its binary search finds the place,
-    and its linear interpolation is exact at integers.
+    A trace calls it for tables of any length. CasADi has no step function, but its binary search finds the place, and
+    its linear interpolation is exact at integers.
     """
     m, w = rows.shape
     if m == 1:  # interpolation needs two points
@@ -320,13 +320,13 @@ def lookup_function(edges: np.ndarray, rows: np.ndarray) -> ca.Function:
 MATRIX = "matrix_"
 """Part of the names of products with a matrix. CasADi puts ``fwd1_`` or ``adj1_`` before it for derivatives."""
 _LARGE = 2_048
-"""Fewest numbers of a matrix whose product is a call: 45 rows and columns. Smaller ones are scalar operations."""
+"""Smallest matrix whose product is a call, in numbers: 45 rows and columns. Smaller ones are scalar operations."""
 
 
 def _is_large(a: Any, b: Any) -> bool:
-    """Whether factors are a large matrix of numbers and a column.
+    """Return whether the factors are a large matrix of numbers and a column.
 
-    A column of states has scalar operations whatever the size: then the Jacobian of a linear system is of numbers.
+    For a column of states, operations are scalar whatever the size, so that a linear system's Jacobian has numbers.
     """
     if not (isinstance(a, np.ndarray) and a.dtype.kind in "fiu" and a.ndim == 2 and a.size >= _LARGE):
         return False
@@ -335,7 +335,7 @@ def _is_large(a: Any, b: Any) -> bool:
 
 
 def matrix_function(matrix: np.ndarray) -> ca.Function:
-    """Return the product of a matrix (m, n) with a column, which a trace calls: its sums would be m n operations."""
+    """Return the product of a matrix (m, n) with a column, which a trace calls because its sums are m n operations."""
     x = ca.MX.sym("x", matrix.shape[1])
     name = MATRIX + sha256(repr(matrix.shape).encode() + matrix.tobytes()).hexdigest()[:12]
     return ca.Function(name, [x], [ca.DM(matrix) @ x], {"never_inline": True})
@@ -363,12 +363,12 @@ def casadi_call(function: ca.Function, *arguments: Any) -> Any:
     function : casadi.Function
         ``function.expand()`` must be possible.
     *arguments : array_like
-        One for each input: () for 1 by 1, (m,) for m by 1, else (m, k). UsageError for other shapes.
+        One per input: () for 1 by 1, (m,) for m by 1, else (m, k). UsageError for other shapes.
 
     Returns
     -------
     array or tuple of arrays
-        The output or outputs, in such shapes.
+        The output or outputs, in the same form.
     """
     if len(arguments) != function.n_in():
         raise UsageError(f"{function.name()}: expected {function.n_in()} arguments, got {len(arguments)}.")

@@ -1,4 +1,4 @@
-"""Units: their declaration, their variables for a robot, and their traced functions."""
+"""Units: declaration, variables for a robot, and traced functions."""
 
 from vdfmu.compiler.scalar.generic import clip, interpolate, lookup, maximum, minimum, sgn, where, zeros
 from vdfmu.compiler.scalar.matrices import expm, inv, solve
@@ -20,7 +20,6 @@ from vdfmu.compiler.unit.declaration import (
     Switch,
     Terminal,
 )
-from vdfmu.compiler.unit.factories import casadi_unit, linear_unit, table_unit
 from vdfmu.compiler.unit.unit import Unit
 
 __all__ = [
@@ -40,12 +39,10 @@ __all__ = [
     "Terminal",
     "Unit",
     "casadi_call",
-    "casadi_unit",
     "clip",
     "expm",
     "interpolate",
     "inv",
-    "linear_unit",
     "lookup",
     "maximum",
     "minimum",
@@ -53,7 +50,6 @@ __all__ = [
     "seeded",
     "sgn",
     "solve",
-    "table_unit",
     "uniform",
     "where",
     "zeros",

@@ -32,11 +32,11 @@ from vdfmu.compiler.unit.declaration import (
 )
 
 ABOUT = ("version", "author", "copyright", "license")
-"""Attributes of a unit's class, and of a model description, in their order there."""
+"""Attributes of a unit's class and of a model description, in the order of the latter."""
 
 
 class Values:
-    """The values `sets` of an instance at the time `now` [s]; subclasses use others, and record reads and writes."""
+    """The values `sets` of an instance at the time `now` [s]; subclasses use other values, and record access."""
 
     def __init__(self, unit: Any) -> None:
         self.unit, self.now = unit, 0.0
@@ -65,37 +65,38 @@ class Values:
 
 
 class BaseUnit:
-    """A unit that cannot run in Python yet; see :class:`vdfmu.unit.Unit`."""
+    """A unit without the methods to run it in Python; see :class:`vdfmu.unit.Unit`."""
 
     backend: ClassVar[Literal["native", "python"]] = "native"
     """``"python"``: the methods cannot be traced; the FMU runs them in Python."""
     files: ClassVar[tuple[str, ...]] = ()
-    """Modules and data that the unit loads from the folder of its file; a Python FMU carries them."""
+    """Modules and data that the unit loads from its file's folder; a Python FMU contains them."""
     made_of: ClassVar[Mapping[str, bytes] | None] = None
-    """Name to content of ``unit.py`` and the files next to it, of a class that no file declares."""
+    """Name to content of ``unit.py`` and the files next to it, for a class that no file declares."""
     author: ClassVar[str | None] = None
-    """Author of the FMU, as `license`, `copyright` and `version`; None: it names none."""
+    """Author of the FMU; like `license`, `copyright` and `version` it is omitted if None."""
     license: ClassVar[str | None] = None
     copyright: ClassVar[str | None] = None
     version: ClassVar[str | None] = None
     terminals: ClassVar[tuple[Terminal, ...]] = ()
     elimination: ClassVar[tuple[str, ...]] = ()
-    """Order of elimination of the states by the solver; it decides the cost, not the result."""
+    """Order in which the solver eliminates the states; it affects the cost, not the result."""
     exchange: ClassVar[bool] = False
-    """Whether the native FMU has model exchange even without states. Written systems then use it for model exchange."""
+    """Whether the native FMU has model exchange even without states. Generated systems then use it for model
+    exchange."""
     chain: ClassVar[int | None] = None
-    """Number of joints from which on each joint calls its own functions, see :mod:`.joints`. None: never."""
+    """Number of joints from which each joint calls its own functions, see :mod:`.joints`. None: never."""
     sampled: ClassVar[bool | None] = None
-    """True: the unit samples its inputs, every ``period`` or once in each of its steps, and holds its outputs. False: a
-    law in continuous time, which a shorter communication step approximates better. None: not declared."""
+    """True if the unit samples its inputs, every ``period`` or once per step, and holds its outputs. False for a law in
+    continuous time, which a shorter communication step approximates better. None if not declared."""
     experiment_stop: ClassVar[float] = 1.0
     """End of the experiment of the FMU's reference results [s]."""
     declared: Mapping[str, Declared] = {}
-    """Variables by name: all of the class; on an instance, the variables for its robot."""
+    """Variables by name: all of the class, or on an instance those for its robot."""
     robot_fields: ClassVar[tuple[str, ...] | None] = None
-    """Fields of the :class:`RobotParameters`; empty: all; None: no parameters of the robot."""
+    """Fields of the :class:`RobotParameters`; empty for all, None without parameters of the robot."""
     in_use: Values
-    """The values that the methods read and set: those of the instance, or during a run others."""
+    """The values that the methods read and set: those of the instance or, during a run, others."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -144,12 +145,12 @@ class BaseUnit:
 
     @classmethod
     def needs_robot(cls) -> bool:
-        """Whether some variable has an element for each joint, or belongs to the robot."""
+        """Return whether some variable has an element for each joint, or belongs to the robot."""
         return cls.robot_fields is not None or any(JOINTS in d.shape or d.when for d in cls.declared.values())
 
     @classmethod
     def declared_for(cls, robot: Machine | None) -> dict[str, Declared]:
-        """Variables by name, without optional ones (`when`) that the robot does not have."""
+        """Return the variables by name, without optional ones (`when`) that the robot does not have."""
         return {name: d for name, d in cls.declared.items() if d.when is None or getattr(robot, d.when, False)}
 
     @classmethod
@@ -175,10 +176,10 @@ class BaseUnit:
         """Set the derivatives of the continuous states."""
 
     def update(self) -> None:
-        """Set the sampled states for the time until the next sample. A state that is not set keeps its value."""
+        """Set the sampled states until the next sample. A state that is not set keeps its value."""
 
     def events(self) -> None:
-        """Set the numbers of the events: one that rises above 0 is an event, and its ``at_<name>`` runs."""
+        """Set the event indicators. When one rises above 0, this is an event, and its ``at_<name>`` runs."""
 
     def balance(self) -> Any:
         """Return the residual of the equations in the order of the states, (n_x,): zero at the right derivatives.
@@ -189,18 +190,19 @@ class BaseUnit:
         raise NotImplementedError
 
     def requirements(self) -> Mapping[Any, tuple[str, Any]]:
-        """Return conditions on parameters beyond their limits.
+        """Return conditions on parameters in addition to their limits.
 
         Keys are the name of a parameter, or a tuple of names. Values are the condition as text and a number that is
-        above 0 if it holds, calculated from parameters alone, without choices. A scenario is refused before its run,
-        an FMU at its initialization.
+        positive if it holds, calculated only from parameters that are not choices. A scenario is rejected before its
+        run, an FMU at its initialization.
         """
         return {}
 
     def experiment(self) -> None:
         """Set the inputs for the time ``self.t`` of the experiment of the FMU's reference results.
 
-        Inputs of two indices stay: their names have a comma, and tables of FMI 2.0 do not allow it.
+        Inputs with two indices stay constant, because their names contain a comma, which tables of FMI 2.0 do not
+        allow.
         """
         phase = 0.0
         for name, declared in self.declared.items():
@@ -232,7 +234,7 @@ class BaseUnit:
             raise UnitError(f"{type(self).__name__}.{declared.name} exists only for a robot with {declared.when}")
 
     def fitting(self, declared: Declared, value: Any) -> Any:
-        """Return a value in the shape of a variable; UsageError if it does not fit."""
+        """Return a value in a variable's shape; UsageError if it does not fit."""
         where = f"{type(self).__name__}.{declared.name}"
         if declared.choices and (isinstance(declared, Choice) or isinstance(value, str)):
             if value not in declared.choices:
@@ -266,12 +268,12 @@ class BaseUnit:
 
 
 def unit_name(unit: type[BaseUnit]) -> str:
-    """Name of a unit in commands, systems and scenarios: its file if shipped, else its class as ``pd_controller``."""
+    """Return a unit's name in commands, systems and scenarios: its file if shipped, or its class, ``pd_controller``."""
     return unit.__module__.rpartition(".")[2] if is_shipped(unit) else snake_case(unit.__name__)
 
 
 def is_shipped(unit: type[BaseUnit]) -> bool:
-    """Whether a unit is a class of this package, found in its module; not a class made at run time."""
+    """Return whether a unit is a class in a module of this package, not one made at run time."""
     ours = unit.__module__.startswith(f"{__name__.partition('.')[0]}.")
     return ours and getattr(sys.modules[unit.__module__], unit.__name__, None) is unit
 
@@ -288,7 +290,7 @@ _TOLERANCE = (
 
 
 def _members(unit: type[BaseUnit]) -> Iterator[tuple[str, Any]]:
-    """Yield the attributes of a class in their order, and replace each `Variables` by its variables."""
+    """Yield the attributes of a class in order, with each `Variables` replaced by its variables."""
     for name, value in list(vars(unit).items()):
         if not isinstance(value, Variables):
             yield name, value

@@ -1,4 +1,4 @@
-"""Variables that the class of a unit declares, and the machine that it is for.
+"""Variables that a unit's class declares, and the machine for which it is made.
 
 For example::
 
@@ -37,16 +37,16 @@ JOINTS = _Joints()
 SOLVER_TOLERANCE = 1e-7
 """Default tolerance of the plant's solver, relative and absolute in SI units."""
 SOLVERS = ("adaptive", *(f"fixed_{count}" for count in range(1, 5)))
-"""Kinds of the solver: as many internal steps as the tolerance needs, or 1 to 4 in each communication step."""
+"""Kinds of the solver: as many internal steps as the tolerance requires, or 1 to 4 per communication step."""
 PHASES = ("start", "outputs", "derivatives", "update")
-"""The methods of every unit. `Declared.set_by` names one of them, or ``events``."""
+"""The methods of every unit. `Declared.set_by` is one of them or ``events``."""
 AT = "at_"
 """Start of the name of a method that runs at an event."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attributes:
-    """Attributes of FMI that the elements of a variable share, with their names and values in a model description."""
+    """FMI attributes shared by a variable's elements, with their names and values in a model description."""
 
     minimum: float | None = None
     maximum: float | None = None
@@ -57,7 +57,7 @@ class Attributes:
 
 
 class _OnInstance:
-    """Descriptor: itself on the class of a unit, its value on an instance."""
+    """Descriptor that is itself on a unit's class and its value on an instance."""
 
     @overload
     def __get__(self, unit: None, owner: type) -> Self: ...
@@ -71,7 +71,7 @@ class _OnInstance:
 class Declared(Attributes, _OnInstance):
     """A variable of a unit, an attribute of its class.
 
-    On an instance it is the variable's value: a number of shape ``()``, else an array.
+    On an instance it is the variable's value: a number for the shape ``()``, else an array.
 
     Parameters
     ----------
@@ -82,13 +82,13 @@ class Declared(Attributes, _OnInstance):
         ``()``, the default, is a scalar.
     text : str or sequence of str
         Its meaning, or one for each element. The text of an element is preceded by ``Joint 1:`` if it belongs to a
-        joint, and else followed by its indices.
+        joint, otherwise followed by its indices.
     start : number, array_like or function
         Start value, broadcast to the shape. A function is called with the parameters that its arguments name; an
         argument of any other name gets the robot.
     minimum, maximum : float, optional
     when : str, optional
-        Optional section of a robot file: for a robot without it, the unit does not have the variable.
+        Optional section of a robot file; without it in the robot, the unit does not have the variable.
     """
 
     causality: ClassVar[str] = "parameter"
@@ -131,14 +131,14 @@ class Declared(Attributes, _OnInstance):
 
 
 def constant(values: np.ndarray[Any, Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """Return a read-only copy in a shape; ValueError if it does not fit. A change of an element would be lost."""
+    """Return a copy in a shape, read-only as changes of its elements would be lost. ValueError if it does not fit."""
     copy = np.broadcast_to(values, shape).copy()
     copy.flags.writeable = False
     return copy
 
 
 class Input(Declared):
-    """A signal that the unit is given."""
+    """A signal that the unit receives."""
 
     causality = "input"
 
@@ -151,9 +151,9 @@ class Output(Declared):
 
 
 class State(Declared):
-    """A continuous state, an output as well. It has a :class:`Derivative`.
+    """A continuous state, which is also an output. It needs a :class:`Derivative`.
 
-    ``start`` sets it from parameters; without that method it starts at a parameter ``<name>_0``.
+    ``start`` sets it from parameters; without ``start`` its initial value is a parameter ``<name>_0``.
     """
 
     causality = "output"
@@ -162,10 +162,10 @@ class State(Declared):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sampled(State):
-    """A state that ``update`` sets every ``period``, a parameter of the unit [s]; it is held in between.
+    """A state that ``update`` sets every ``period``, a parameter of the unit [s], and that is held in between.
 
-    Its value holds from the sample on, so the unit is stepped before the units that read it. A `delayed` one reaches
-    them at the next communication point: that breaks a loop of sampled units.
+    Its value is valid from the sample on, so the unit is stepped before the units that read it. A `delayed` one reaches
+    them at the next communication point, which breaks a loop of sampled units.
 
     Parameters: see :class:`Declared`, and
 
@@ -178,16 +178,16 @@ class Sampled(State):
 
 
 class Held(State):
-    """A state that the methods of events set; it is held in between."""
+    """A state that methods of events set and that is held in between."""
 
     variability = "discrete"
 
 
 class Event(Output):
-    """A number, set by ``events``, whose rise above 0 is an event: then the method ``at_<name>`` sets states.
+    """An event indicator, set by ``events``: its rise above 0 is an event. The method ``at_<name>`` then sets states.
 
-    The solver ends an internal step there. The next event needs a fall to 0 or below first, and another rise. A number
-    that is above 0 at the start is no event.
+    The solver ends an internal step there. Before the next event the indicator must fall to 0 or below and rise
+    again. An indicator that is above 0 at the start is not an event.
     """
 
     set_by = "events"
@@ -207,7 +207,7 @@ class Derivative(Declared):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Parameter(Declared):
-    """A value that is fixed over a run, or `tunable` in it.
+    """A value that is fixed over a run, or `tunable` during it.
 
     Parameters: see :class:`Declared`.
     """
@@ -221,7 +221,7 @@ class Parameter(Declared):
 
 
 class _Named(Declared):
-    """An integer with names for its values 0, 1, .."""
+    """An integer whose values 0, 1, .. have names."""
 
     type = "Integer"
 
@@ -231,13 +231,13 @@ class _Named(Declared):
 
 
 class Choice(_Named):
-    """A fixed parameter with named values; on an instance it is the name. The first is the default."""
+    """A fixed parameter with named values, the first of which is the default; on an instance it is the name."""
 
     variability = "fixed"
 
 
 class Mode(_Named, Held):
-    """A held state with named values, an output: methods set it by name or number, and read the number.
+    """A held state with named values, which is an output. Methods set it by name or number, and read the number.
 
     It starts at the parameter ``<name>_0``, a `Choice`.
     """
@@ -254,7 +254,7 @@ class Switch(Declared):
 
 
 class Variables(dict[str, Declared]):
-    """Variables by name. A class that has them as an attribute declares them at that place, not the attribute."""
+    """Variables by name. As an attribute of a class they are declared at its place, instead of the attribute."""
 
     def __init__(self, variables: Mapping[str, Declared]) -> None:
         super().__init__(variables)
@@ -263,7 +263,7 @@ class Variables(dict[str, Declared]):
 
 
 class RobotParameters(_OnInstance):
-    """Parameters of the robot that the unit is for; on an instance, a robot.
+    """Parameters of the robot for which the unit is made; on an instance, a robot.
 
     Parameters
     ----------
@@ -277,9 +277,9 @@ class RobotParameters(_OnInstance):
 
 @dataclass(frozen=True)
 class Terminal:
-    """Variables of a unit that are connected together.
+    """Variables of a unit that are connected as a group.
 
-    Units are connected by joining their terminals of the same name, output to input, member by member.
+    Units are connected through their terminals of the same name, output to input, member by member.
 
     Attributes
     ----------
@@ -301,12 +301,12 @@ class Terminal:
 
 
 STRICT = 1e-300
-"""A requirement holds if its margin is 0 or more. It is subtracted where a margin of 0 must fail: it changes only 0."""
+"""Tiny number subtracted from a margin where 0 must fail, because a requirement holds if its margin is >= 0."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One number of a machine: the name of an array, and the index in it, from 0."""
+    """One number of a machine: the name of its array and its index in it, from 0."""
 
     field: str
     index: tuple[int, ...]
@@ -319,23 +319,23 @@ class Entry:
 
 @dataclass(frozen=True)
 class Requirement:
-    """One condition on parameters."""
+    """A condition on parameters."""
 
     expected: str
     """The condition as text."""
     parameters: tuple[Entry, ...]
-    """Its parameters. An error names the first."""
+    """The condition's parameters; an error names the first."""
     margin: Callable[[Any, Entry], Any] | None = None
-    """Function of a machine and the first parameter, or None if a unit calculates the margin."""
+    """Function of a machine and the first parameter that returns the margin, or None if a unit calculates it."""
 
 
 class Machine(Protocol):
     """A machine, such as :class:`vdfmu.arm.robot.Robot`: arrays of numbers, some of them parameters at run time."""
 
     reader: ClassVar[str]
-    """``module:function`` that makes a machine of the result of `to_dict`, and the name of the file in messages."""
+    """``module:function`` that makes a machine from the result of `to_dict` and a file name for messages."""
     flags: ClassVar[tuple[str, ...]]
-    """Attributes that say whether it has an option; a variable may depend on one."""
+    """Attributes that tell whether it has an option, on which a variable may depend."""
     joint_fields: ClassVar[tuple[str, ...]]
     """Arrays with one number for each joint."""
 
@@ -353,11 +353,11 @@ class Machine(Protocol):
         ...
 
     def constants(self) -> list[str]:
-        """Return the names of its numbers that are constants of every traced function."""
+        """Return the names of its numbers that are constants in every traced function."""
         ...
 
     def facts(self, entry: Entry) -> tuple[str, float, float, str]:
-        """Return unit of measurement, minimum, maximum and description of a number."""
+        """Return the unit of measurement, minimum, maximum and description of a number."""
         ...
 
     def values(self) -> Floats:
@@ -373,14 +373,14 @@ class Machine(Protocol):
         ...
 
     def symbolic(self) -> tuple[Any, Any]:
-        """Return a copy with symbols for run-time parameters, constants elsewhere; and the symbols, a casadi.SX."""
+        """Return a copy with symbols for run-time parameters and constants elsewhere, and the symbols, a casadi.SX."""
         ...
 
     def key(self) -> str:
-        """Return an identifier of its traced functions. Machines that differ in run-time parameters only share it."""
+        """Return an identifier of its traced functions, shared by machines that differ only in run-time parameters."""
         ...
 
-    def joint(self, i: int) -> Self:
+    def joint(self, i: int, /) -> Self:
         """Return the machine with only joint `i`, counted from 0."""
         ...
 
@@ -389,10 +389,10 @@ class Machine(Protocol):
         ...
 
     def to_dict(self, looks: bool = True) -> dict[str, Any]:
-        """Return it as plain lists, numbers and texts; with `looks` also data that no calculation uses."""
+        """Return it as plain lists, numbers and texts, with `looks` including data that no calculation uses."""
         ...
 
     @property
     def files(self) -> Mapping[str, str]:
-        """Name to text of the files that `to_dict` names; its reader takes them as a third argument."""
+        """Name to text of the files that `to_dict` names; its reader accepts them as a third argument."""
         ...

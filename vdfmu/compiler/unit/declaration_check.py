@@ -1,4 +1,4 @@
-"""Check of the declaration of a unit: all faults at once, each with file and line."""
+"""Checks the declaration of a unit and reports all faults at once, each with file and line."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LETTERS = "expected a letter, then letters, digits and single underscores"
 
 
 def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
-    """Check the declaration of a unit for a robot; UnitError with all problems, a line for each."""
+    """Check the declaration of a unit for a robot; UnitError with all problems, one per line."""
     problems = [*_of_unit(unit), *(_of_machine(unit, robot) if robot is not None else ())]
     for declared in unit.declared_for(robot).values():
         problems += [(declared.name, text) for text in _of_variable(declared, robot)]
@@ -46,7 +46,7 @@ def check_unit(unit: type[BaseUnit], robot: Machine | None) -> None:
 
 
 def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
-    """Yield the variable or method, and the fault, of variables that do not fit together."""
+    """Yield the variable or method, and the fault, of inconsistent variables."""
     if not re.fullmatch(_WORDS, unit.__name__):
         yield "", f"a unit cannot be named {unit.__name__}: {_LETTERS}"
     if not unit.declared and unit.robot_fields is None:
@@ -95,7 +95,7 @@ def _of_unit(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
 
 
 def _of_events(unit: type[BaseUnit]) -> Iterator[tuple[str, str]]:
-    """Yield the variable or method, and the fault, of events that are not whole."""
+    """Yield the variable or method, and the fault, of incomplete events."""
     events = {f"{AT}{name}": name for name, d in unit.declared.items() if isinstance(d, Event)}
     for method, name in events.items():
         if not callable(getattr(unit, method, None)):

@@ -14,17 +14,17 @@ from vdfmu.compiler.unit.declaration import Sampled
 from vdfmu.compiler.unit.trace import Call
 
 Pattern = npt.NDArray[np.bool_]
-"""(N, N): row `i` marks the positions on which position `i` depends."""
+"""Pattern (N, N), in which row `i` marks the positions on which position `i` depends."""
 
 
 def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
-    """Return three patterns over the whole memory of an `Interface`: variables, derivatives of the states, time.
+    """Return three patterns over the memory of an `Interface`: variables, derivatives of the states, and the time.
 
     The first holds for outputs and derivatives after initialization: inputs, continuous states and time. A continuous
-    state depends on itself. A sampled state depends on all that its unit reads for a sample, unless it is delayed.
-    The second holds during initialization: inputs, parameters and time. The third is like the first from one sample to
-    the next, while sampled states are held. A Python unit may depend on everything, except for states that start at
-    parameters.
+    state depends on itself. A sampled state depends on everything that its unit reads for a sample, unless it is
+    delayed. The second holds during initialization: inputs, parameters and time. The third is like the first from one
+    sample to the next, while sampled states are held. A Python unit may depend on everything, except for states that
+    start at parameters.
     """
     if interface.unit.backend == "python":
         between = np.ones((interface.size, interface.size), dtype=bool)
@@ -45,7 +45,7 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
     for name, declared in interface.unit.declared.items():
         if isinstance(declared, Sampled) and not declared.delayed and name in interface.groups:
             step[outputs] |= between[outputs, interface.groups[name]].any(axis=1, keepdims=True) & read
-    # clear the rows of variables that are set, and the columns of unknowns; sampled states are not knowns of FMI
+    # clear the rows of variables that are set, and the columns of unknowns; sampled states are not FMI knowns
     causality = np.array([v.causality for v in interface.memory])
     of_state = np.zeros(interface.size, dtype=bool)
     of_state[interface.states] = True
@@ -59,10 +59,10 @@ def patterns(interface: Any) -> tuple[Pattern, Pattern, Pattern]:
 
 
 def _after(interface: Any, calls: Sequence[Call]) -> Pattern:
-    """Return the pattern of positions after the calls on positions before them."""
+    """Return the pattern by which positions after the calls depend on positions before them."""
     pattern = np.eye(interface.size, dtype=bool)
-    written = np.zeros(interface.size, dtype=bool)  # by an earlier call; other rows are those of the identity
-    chosen = written.copy()  # by an earlier choice
+    written = np.zeros(interface.size, dtype=bool)  # from an earlier call; other rows are those of the identity
+    chosen = written.copy()  # from an earlier choice
     differs = _differs(interface, calls)
     for call in calls:
         direct, rows = _of_call(interface, call)
@@ -100,7 +100,7 @@ def _differs(interface: Any, calls: Sequence[Call]) -> npt.NDArray[np.bool_]:
 
 
 def _of_call(interface: Any, call: Call) -> tuple[Pattern, npt.NDArray[np.bool_]]:
-    """Return the pattern of the results of one call, and a mask of its results."""
+    """Return the pattern of one call's results, and a mask of its results."""
     pattern = np.zeros((interface.size, interface.size), dtype=bool)
     rows = np.zeros(interface.size, dtype=bool)
     function = interface.functions.casadi_function(call.function)

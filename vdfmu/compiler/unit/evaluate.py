@@ -1,4 +1,4 @@
-"""A unit on its memory: methods as traced functions or in plain numpy, linear model, conditions on parameters."""
+"""Evaluates a unit on its memory: methods as traced functions or in numpy, linear model, conditions on parameters."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ Conditions = list[tuple[Floats, float]]
 
 
 def holds(conditions: Conditions) -> bool:
-    """Whether the choices have these values."""
+    """Return whether the choices have these values."""
     return all(choice[0] == value for choice, value in conditions)
 
 
 class Evaluation:
-    """The methods of a unit. They read and set its `memory` in place, by default with the start values."""
+    """The methods of a unit, which read and set its `memory` in place; by default it has the start values."""
 
     start: Callable[[], None]
-    """Set the states of the start time."""
+    """Set the states at the start time."""
     outputs: Callable[[], None]
     derivatives: Callable[[], None]
     """Set the derivatives of the continuous states."""
     update: Callable[[], None]
     """Set the sampled states."""
     events: Callable[[], None]
-    """Set the numbers of the events, `levels`."""
+    """Set the event indicators, `levels`."""
     at_events: list[Callable[[], None]]
     """Set the states at each event."""
 
@@ -85,11 +85,11 @@ class Evaluation:
 
     @property
     def switches(self) -> bool:
-        """Whether the derivatives switch by time, as far as that is traced."""
+        """Whether the derivatives switch by time, as far as the trace shows it."""
         return self.interface.unit.backend == "native" and bool(self.interface.program.left)
 
     def left(self, t: float) -> float:
-        """Return the time [s] until the derivatives switch by time, with the inputs held; inf without switchings."""
+        """Return the time [s] until the derivatives switch by time, with held inputs; inf if they never do."""
         self.memory[-1] = t
         left = math.inf
         for conditions, function in self._left:
@@ -104,17 +104,17 @@ class Evaluation:
         return [(self.conditions(call), self.bound(call.function)) for call in calls]
 
     def bound(self, name: str, **buffers: Floats) -> KernelFunction:
-        """Return a function of the step or the time left on the memory, with rates of 0."""
+        """Return the function of the step or of the time left, bound to the memory, with rates of 0."""
         functions = self.interface.functions
         names = [n for n in functions.casadi_function(name).name_in() if n[:5] != "rate_" and n not in buffers]
         return functions.function(name, **{n: self.argument(n) for n in names}, **buffers)
 
     def conditions(self, call: Call) -> Conditions:
-        """Return the choices that a call is for, in place, and their values."""
+        """Return the choices to which a call applies, in place, and their values."""
         return [(self.argument(argument_name(choice)), float(value)) for choice, value in call.when]
 
     def takes(self, call: Call) -> bool:
-        """Whether a call is for the values of the unit's choices."""
+        """Return whether a call applies to the present values of the unit's choices."""
         return holds(self.conditions(call))
 
 
@@ -150,7 +150,7 @@ class Traced(Evaluation):
         copies = [(self.argument(call.group(name)), bound.results[name]) for name in new]
         conditions = self.conditions(call)
         if not conditions and not copies:
-            return lambda: bound.run()  # keeps `bound`, whose buffers it needs
+            return lambda: bound.run()  # keeps a reference to `bound`, whose buffers it needs
 
         def run_chosen() -> None:
             if holds(conditions):
@@ -162,7 +162,7 @@ class Traced(Evaluation):
 
 
 class Plain(Evaluation, Values):
-    """The methods themselves, in numpy, on the memory as their values."""
+    """The methods themselves, in numpy, with the memory as their values."""
 
     def __init__(self, interface: Interface, memory: Floats | None = None) -> None:
         super().__init__(interface, memory)
@@ -175,7 +175,7 @@ class Plain(Evaluation, Values):
         self.requirements = partial(run, unit, "requirements", self)
 
     def outputs(self) -> None:
-        """Set the outputs, and the numbers of the events."""
+        """Set the outputs and the event indicators."""
         self._outputs()
         if self.at_events:
             self.events()
@@ -223,9 +223,9 @@ def evaluation(interface: Interface, memory: Floats | None = None) -> Evaluation
 def state_space(
     unit: Evaluation, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
 ) -> StateSpace:
-    """Linearise a unit exactly at its memory; UsageError if it is not traced.
+    """Linearise a unit exactly at the values in its memory; UsageError if it is not traced.
 
-    `inputs` and `outputs` are groups, whose columns and rows come one after the other; default all, the states first
+    `inputs` and `outputs` are groups whose columns and rows are concatenated; the default is all, with the states first
     among the outputs.
     """
     table = unit.interface
@@ -236,7 +236,7 @@ def state_space(
     J = _jacobian(unit, ["x", *map(argument_name, inputs)])
     places = np.arange(table.size)
     x, x_dot = places[table.states], places[table.derivatives]
-    J[x, x] = 1.0  # of outputs that are states
+    J[x, x] = 1.0  # for outputs that are states
     u, y = (np.concatenate([x[:0], *(places[table.groups[g]] for g in gs)]) for gs in (inputs, outputs))
     signals = (
         [(table.memory[i].name, table.memory[i].unit or "1", float(unit.memory[i])) for i in part] for part in (x, u, y)
@@ -248,7 +248,7 @@ def state_space(
 
 
 def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
-    """Return the slopes of outputs and derivatives by some arguments for the present choices, (size, size)."""
+    """Return derivatives of outputs and rates with respect to some arguments at the present choices, (size, size)."""
     table, functions = unit.interface, unit.interface.functions
     J = np.zeros((table.size, table.size))
     for call in filter(unit.takes, (*table.program.derivatives, *table.program.outputs)):
@@ -268,7 +268,7 @@ def _jacobian(unit: Evaluation, names: Sequence[str]) -> Floats:
 
 
 def unmet(interface: Interface, memory: Floats) -> list[str]:
-    """Return an error for each condition that the parameters in a unit's memory violate, as native FMUs word it."""
+    """Return an error, worded as in native FMUs, for each condition that the parameters in a unit's memory violate."""
     checked: list[tuple[Requirement, float]] = []
     if interface.has_robot and interface.robot is not None:
         requirements = interface.robot.requirements()
@@ -304,7 +304,7 @@ def traced_margins(machine: Machine) -> list[ca.Function]:
 
 
 def traced_requirements(interface: Interface) -> tuple[list[Requirement], ca.Function | None]:
-    """Return the conditions of a unit, and the function of its groups to their margins, as in :func:`margins`."""
+    """Return the conditions of a unit, and the function from its groups to their margins, as in :func:`margins`."""
     if interface.unit.requirements is BaseUnit.requirements:
         return [], None
     unit = interface.unit(interface.robot)

@@ -1,8 +1,8 @@
-"""Events of units in a motion of their states: the time of the first, and the changes that it causes.
+"""Events of units during a motion of their states: the time of the first, and the changes that it causes.
 
-A number of an event that changes its sign ends the motion there: a rise above 0 is an event, and a fall lets the next
-rise be one. The numbers are evaluated at the points of the motion and at the tops of parabolas through three points, so
-two changes between two points may be missed.
+The motion ends where an event indicator changes its sign: a rise above 0 is an event, and after a fall the next rise
+can be one. The indicators are evaluated at the points of the motion and at the vertices of parabolas through three
+points, so two changes between two points may be missed.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from vdfmu.compiler.unit.declaration import AT
 from vdfmu.compiler.unit.evaluate import Evaluation
 
 PARTS = 8
-"""Parts of an interval, at whose ends the numbers are evaluated."""
+"""Number of parts of an interval at whose ends the event indicators are evaluated."""
 MOST_ROUNDS = 100
-"""Rounds of events at one time, each the cause of the next."""
+"""Longest chain of events at one time, each caused by the one before."""
 MOST_CHANGES = 1_000
-"""Changes of sign in one motion, of some 3 ms each; native FMUs allow ten times as many."""
+"""Largest number of changes of sign in one motion, which take some 3 ms each; native FMUs allow ten times as many."""
 _LEAST = np.finfo(float).tiny
 
 Motion = Callable[[float, Floats, Floats], Floats]
-"""Returns the states (m, n_x) at times (m,) of a motion from a time and a state."""
+"""Returns the states (m, n_x) at times (m,) of a motion, given its start time and state."""
 Level = Callable[[float, Floats], Floats]
-"""Returns a level for each event at a time and a state, above 0 if its number has changed its sign."""
+"""Returns a level per event at a time and a state, which is above 0 if the event indicator has changed its sign."""
 
 
 def margin(t: float) -> float:
-    """Time before and after a switching at `t` [s] within which it may be, by rounding: 18 units in the last place."""
+    """Return the rounding uncertainty [s] of a switching time `t`: 18 units in the last place."""
     return 4e-15 * abs(t) + 1e-17
 
 
@@ -43,7 +43,7 @@ def parts_of(times: Sequence[float]) -> Floats:
 
 
 def steps_of(advance: Callable[[float, float], None], x: Floats) -> Motion:
-    """Return the motion of the states `x`, which `advance` moves in place from a time by a duration [s]."""
+    """Return the motion of the states `x`, which `advance` moves in place from a time over a duration [s]."""
 
     def motion(t: float, start: Floats, times: Floats) -> Floats:
         x[:] = start
@@ -59,7 +59,7 @@ def steps_of(advance: Callable[[float, float], None], x: Floats) -> Motion:
 def first_change(
     motion: Motion, level: Level, t: float, x: Floats, times: Floats, states: Floats
 ) -> tuple[float, Floats] | None:
-    """Return the time just behind the first change of sign, and the state there; None if there is no change.
+    """Return the time just after the first change of sign, and the state there; None if there is no change.
 
     The motion is at `x` at the time `t`, where no sign has changed, and at `states` (m, n_x) at `times` (m,).
     """
@@ -78,7 +78,7 @@ def first_change(
 
 
 def _tops(points: Sequence[tuple[float, Floats]], levels: Sequence[Floats]) -> Iterator[float]:
-    """Yield times between three points where the parabolas through their levels have tops above 0."""
+    """Yield times between three points where the parabolas through their levels have maxima above 0."""
     a, b, c = (time for time, _ in points)
     for low, middle, high in zip(*levels, strict=True):
         bend = ((high - middle) / (c - b) - (middle - low) / (b - a)) / (c - a)
@@ -90,11 +90,11 @@ def _tops(points: Sequence[tuple[float, Floats]], levels: Sequence[Floats]) -> I
 def _located(
     motion: Motion, level: Level, begin: float, start: Floats, end: float, state: Floats
 ) -> tuple[float, Floats]:
-    """Return time and state just behind the first change between two times, by false position (Illinois)."""
+    """Return time and state just after the first change between two times, by false position (Illinois)."""
     low, below, above, side, k = begin, level(begin, start).max(), level(end, state).max(), 0, 0
     while end - low > (close := 2.0 * margin(end)):
         k += 1
-        # each third time bisection, because a level may jump; always without a line, between infinite levels
+        # every third iteration bisects, because a level may jump, and so do all between infinite levels
         straight = below < 0.0 and k % 3 and np.isfinite(above - below)
         middle = end - above * (end - low) / (above - below) if straight else 0.5 * (low + end)
         middle = float(min(max(middle, low + 0.5 * close), end - 0.5 * close))
@@ -111,10 +111,10 @@ def _located(
 
 
 class UnitEvents:
-    """Events of units whose states a solver moves.
+    """Events of units whose states a solver integrates.
 
     `place` sets a time [s] and states (n_x,) in the units, and the inputs that follow from them. `states` returns the
-    states. `above` (n,) is whether each number was above 0; it decides the future as the states do.
+    states. `above` (n,) is whether each event indicator was above 0; like the states it determines the future.
     """
 
     def __init__(
@@ -132,11 +132,11 @@ class UnitEvents:
         return bool(self._methods)
 
     def begin(self) -> None:
-        """Take the numbers as they are in the units: those above 0 are no events."""
+        """Start from the present event indicators; those already above 0 are not events."""
         self.above = self._numbers() > 0.0
 
     def move(self, motion: Motion, t: float, x: Floats, times: Floats) -> Iterator[Floats]:
-        """Yield the state at each of the times (m,) of a motion from `x` at `t`; KernelError if events do not end."""
+        """Yield the state at the times (m,) of a motion from `x` at `t`; KernelError if events do not end."""
         x = self.take(t, x)
         changes = 0
         while len(times):
@@ -157,7 +157,7 @@ class UnitEvents:
                 times = times[1:]
 
     def take(self, t: float, x: Floats) -> Floats:
-        """Let the events of a time happen, and those that they cause; return the states then."""
+        """Handle the events at a time, and those that they cause; return the states after them."""
         for _ in range(MOST_ROUNDS if self._methods else 0):
             above = self._numbers_at(t, x) > 0.0
             rising = np.flatnonzero(above & ~self.above)

@@ -18,9 +18,9 @@ from vdfmu.compiler.unit.trace import Symbols, argument_name, run, state_slices
 class ImplicitEquations:
     """The right-hand side of a unit and its linearisation, as expressions.
 
-    ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states, if the unit has one;
-    else the identity and the Jacobian. `Ef_t` is E times the derivative along inputs that change at `rates`, and time.
-    `order` is the order of elimination.
+    ``E`` and ``EJ`` are the derivatives of the balance with respect to derivatives and states if the unit has a
+    balance, else the identity and the Jacobian. `Ef_t` is E times the derivative along time and the inputs, which
+    change at `rates`. `order` is the order of elimination.
     """
 
     def __init__(self, record: Symbols) -> None:
@@ -58,28 +58,28 @@ class ImplicitEquations:
             self.EJ, self.E, self.Ef_t = linear(self.x_dot, *at, *self.rates.values())
 
     def step(self, name: str, derivatives: ca.Function) -> ca.Function:
-        """One Rodas4 step, inputs linear in time, and its local error relative to the tolerance, by component.
+        """One Rodas4 step with inputs linear in time, and its local error relative to the tolerance, by component.
 
-        It calls functions that are traced once: `derivatives`, and further ones with its name as prefix.
+        It calls functions that are traced once: `derivatives`, and others with its name as prefix.
         """
         n_x, h = self.x.numel(), ca.SX.sym("h")
         rates = {f"rate_{key}": rate for key, rate in self.rates.items()}
         stages = stage_equations(h, self.E, self.EJ, self.Ef_t, self.order, n_x, name)
         used = {**self.inputs, **rates, "h": h}
-        # the Jacobian needs most of the derivative at the start
+        # the Jacobian shares most of the derivative at the start
         made = {"factors": stages.factors, "x_dot": ca.densify(self.x_dot)}
         started = ca.cse([*made.values()])
         start = ca.Function(f"{name}_start", list(used.values()), started, list(used), list(made))
         if stages.carried:
             derivatives = self._balance(f"{name}_balance", stages)
-        elif not derivatives.n_in():  # constant rates: CasADi makes no call without arguments
+        elif not derivatives.n_in():  # for constant rates, because CasADi makes no call without arguments
             derivatives = ca.Function(f"{name}_rate", [self.x], [ca.densify(self.x_dot)], ["x"], ["x_dot"])
 
         sizes = {key: value.numel() for key, value in self.inputs.items()}
         return solver_step(name, sizes, list(self.rates), start, derivatives, stages)
 
     def _balance(self, name: str, stages: Stages) -> ca.Function:
-        """Residual of a stage, in explicit rows the derivative, as a function of carried unknowns and inputs."""
+        """Residual of a stage, or the derivative in explicit rows, as a function of carried unknowns and inputs."""
         assert self._residual is not None
         y = ca.SX.sym("y", len(stages.carried))
         x_dot = ca.SX(self.x.numel(), 1)
@@ -111,7 +111,7 @@ def solver_step(
     """Return the function of a step, see :meth:`ImplicitEquations.step`.
 
     `sizes` are those of the arguments of the derivatives, of which `inputs` have rates. `start` returns the factors and
-    the derivative at the start of the step. `derivatives` is the right-hand side, or the balance if rows carry y.
+    the derivative at the start of the step. `derivatives` is the right-hand side, or the balance if y is carried.
     """
     vectors = StepVectors(name, stages)
     time, rates = vectors.symbol("time"), {key: vectors.symbol(f"rate_{key}", sizes[key]) for key in inputs}
@@ -122,7 +122,7 @@ def solver_step(
     n_x = sizes["x"]
     x, x_new, error = (vectors.symbol(name, n_x) for name in ("x", "x_new", "error"))
     tolerance = vectors.symbol("tolerance")
-    nominal = 1.0  # SI unit, of every state
+    nominal = 1.0  # SI unit of every state
     ratio = error / (tolerance * (nominal + ca.fmax(ca.fabs(x), ca.fabs(x_new))))
     norm = ca.sqrt(ca.sumsqr(ratio) / n_x)
     size = vectors.made("size", [x, x_new, error, tolerance], [norm, ratio])
@@ -143,14 +143,14 @@ def solver_step(
 
 
 def elimination_order(unit: BaseUnit) -> list[str]:
-    """Return the names of the states in the order of their elimination."""
+    """Return the names of the states in the order of elimination."""
     where = state_slices(unit)
     first = [name for name in type(unit).elimination if name in where]
     return [*first[:-1], *(name for name in where if name not in ("", *first)), *first[-1:]]
 
 
 def _jacobian(results: ca.SX, arguments: ca.SX) -> ca.SX:
-    """Differentiate row by row, in reverse. By columns the Jacobian of an arm has a sixth more operations."""
+    """Differentiate row by row, in reverse mode. By columns an arm's Jacobian has a sixth more operations."""
     return ca.jacobian(results, arguments, {"helper_options": {"ad_weight": 1.0}})
 
 

@@ -1,6 +1,6 @@
 """The variables of a unit for one robot, and their positions in its memory.
 
-FMI 2.0 has scalars; positions are their value references. FMI 3.0 has arrays of elements that are alike.
+FMI 2.0 has scalars, whose positions are their value references. FMI 3.0 has arrays of similar elements.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Array(NamedTuple):
     """One variable of FMI 3."""
 
     name: str
-    """The group, ``q``, of an array; the structured name, ``offset[2,1]``, of a scalar."""
+    """The group of an array, ``q``; the structured name of a scalar, ``offset[2,1]``."""
     first: int
     """Position of the first element, and the value reference in FMI 3."""
     shape: tuple[int, ...]
-    """Empty for a scalar. The elements are in row-major order."""
+    """Shape, empty for a scalar. The elements are in row-major order."""
 
     @property
     def size(self) -> int:
@@ -50,13 +50,13 @@ class Array(NamedTuple):
 
 
 class Interface:
-    """Variables of one unit in the order of their value references, 0, 1, ..., and its memory.
+    """Variables of a unit in the order of their value references, 0, 1, ..., and its memory.
 
     The memory holds the variables, the derivatives of the continuous states, and the time. A group's variables are
-    adjacent: its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all wrong
-    start values, and UnitError for a wrong declaration, or joints without a robot.
+    adjacent, so its values are a slice of the memory. Iteration is over the variables. Raises one UsageError for all
+    wrong start values, and UnitError for a wrong declaration, or joints without a robot.
 
-    `start` are start values by variable, instead of the declaration's. A unit without joints needs no `robot`.
+    `start` are start values by variable that replace declared ones. A unit without joints needs no `robot`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Interface:
     states, derivatives, sampled : slice
         Positions of the continuous states, of their derivatives in the same order, and of the sampled states.
     events : slice
-        Positions of the numbers of the events.
+        Positions of the event indicators.
     has_states, is_sampled, has_exchange, has_robot : bool
         Whether the unit has continuous states, sampled states, model exchange in a native FMU, and all run-time
         parameters of the robot.
@@ -92,7 +92,7 @@ class Interface:
         self.implementation = "ModelExchange" if unit.exchange else "CoSimulation"  # kind of component in SSP
 
     def _declared_as(self, kind: type[Declared]) -> slice:
-        """Positions of the variables that are declared as a kind, which are adjacent."""
+        """Return the positions of the variables declared as a kind, which are adjacent."""
         places = [i for i, v in enumerate(self) if isinstance(self.unit.declared.get(v.group), kind)]
         return slice(places[0], places[-1] + 1) if places else slice(0, 0)
 
@@ -147,14 +147,14 @@ class Interface:
 
     @cached_property
     def arguments(self) -> dict[str, slice]:
-        """Argument of traced functions to its positions: groups, ``p`` of a robot, ``x``, ``x_dot`` and ``t``."""
+        """Arguments of traced functions to their positions: groups, ``p`` of a robot, ``x``, ``x_dot`` and ``t``."""
         slices = {argument_name(group): where for group, where in self.groups.items()}
         if self.robot is not None and self.has_robot:
             slices["p"] = slice(len(self) - len(self.robot.entries()), len(self))
         return slices | {"x": self.states, "x_dot": self.derivatives, "t": slice(self.time, self.size)}
 
     def find(self, name: str) -> Variable:
-        """Variable of a name. UsageError for an unknown name; the message lists near names."""
+        """Return the variable of a name. UsageError that lists similar names for an unknown name."""
         if name in self.reference:
             return self.variables[self.reference[name]]
         group = name.split("[")[0]
@@ -162,11 +162,11 @@ class Interface:
         raise UsageError(f"{self.name} has no variable {name!r}. There are: {', '.join(near)}.")
 
     def start_values(self) -> np.ndarray:
-        """Start values in the order of the value references; outputs are 0 until they are calculated."""
+        """Return start values in the order of the value references; outputs are 0 until they are calculated."""
         return np.array([0.0 if v.start is None else float(v.start) for v in self])
 
     def memory_of(self, values: Mapping[str, Any]) -> np.ndarray:
-        """Memory with the start values, except for variables that are in `values`."""
+        """Return the memory with the start values, except for variables in `values`."""
         memory = np.zeros(self.size)
         memory[: len(self)] = self.start_values()
         for name, value in values.items():
@@ -174,7 +174,7 @@ class Interface:
         return memory
 
     def step_dependencies(self, position: int) -> list[int]:
-        """Positions on which an output or derivative depends after initialization: inputs, states, time.
+        """Return the positions on which an output or derivative depends after initialization: inputs, states, time.
 
         See :func:`~vdfmu.compiler.unit.dependencies.patterns`.
         """
@@ -185,7 +185,7 @@ class Interface:
         return np.flatnonzero(self.patterns[2][position]).tolist()
 
     def start_dependencies(self, position: int) -> list[int]:
-        """Positions on which it depends during initialization: inputs, parameters, time."""
+        """Return the positions on which it depends during initialization: inputs, parameters, time."""
         return np.flatnonzero(self.patterns[1][position]).tolist()
 
     @cached_property
@@ -198,8 +198,8 @@ class Interface:
         """Variables of FMI 3 in the order of their positions.
 
         A group is an array if it is complete and its elements differ only in start value and description. Other groups
-        are scalars: parameters of a robot if some are folded, and groups with several units, as ``q`` of an arm with
-        revolute and prismatic joints or ``F_e``, because an array of FMI 3 has one unit.
+        are scalars: parameters of a robot of which some are folded, and groups with several units, such as ``F_e`` or
+        ``q`` of an arm with revolute and prismatic joints, because an array of FMI 3 has one unit.
         """
         arrays: list[Array] = []
         for group, members in groupby(enumerate(self.memory), lambda item: item[1].group):
@@ -212,7 +212,7 @@ class Interface:
         return tuple(arrays)
 
     def _shape(self, group: str, variables: tuple[Variable, ...]) -> tuple[int, ...]:
-        """Shape of a group as an array; empty for scalars."""
+        """Return the shape of a group as an array; empty for scalars."""
         if group not in self.unit.declared and hasattr(self.robot, group):
             shape = np.shape(getattr(self.robot, group))
         else:
@@ -223,18 +223,18 @@ class Interface:
 
     @cached_property
     def owners(self) -> tuple[int, ...]:
-        """Position to the index in :attr:`arrays` of the variable it belongs to."""
+        """Position to the index in :attr:`arrays` of its variable."""
         return tuple(i for i, array in enumerate(self.arrays) for _ in range(array.size))
 
     def array_description(self, array: Array) -> str:
-        """Return the description of an array: of its elements, without indices."""
+        """Return the description of an array: that of its elements without indices."""
         text = self.memory[array.first].description
         return general_description(text) if array.shape else text
 
 
 @cached_per_command
 def interface_of(unit: type[BaseUnit], robot: Machine | None) -> Interface:
-    """Return the variables of a unit for a robot, with the start values of its declaration; made once in each job."""
+    """Return the variables of a unit for a robot, with the declared start values; made once per job."""
     return Interface(unit, robot)
 
 

@@ -1,6 +1,6 @@
-"""The trace of a long arm, for which the methods of a unit run on arms of one joint.
+"""Traces a unit for a long arm by running its methods on arms of one joint.
 
-Joints with the same trace share its functions, see :mod:`vdfmu.compiler.functions.chain`.
+Joints with the same trace share its functions; see :mod:`vdfmu.compiler.functions.chain`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from vdfmu.compiler.unit.trace import Fixed, Symbols, argument_name, run, state_
 
 
 def is_long(unit: type[BaseUnit], robot: Machine | None) -> bool:
-    """Whether each joint of an arm calls its own functions, because there are many joints.
+    """Return whether each joint of an arm calls its own functions, because there are many joints.
 
-    Only methods of this package are known to exchange values between joints exclusively by passes.
+    Only methods of this package are known to exchange values between joints exclusively through passes.
     """
     if robot is None or unit.chain is None or robot.n < unit.chain:
         return False
@@ -35,7 +35,7 @@ def is_long(unit: type[BaseUnit], robot: Machine | None) -> bool:
 
 
 def chain_trace(unit: type[BaseUnit], robot: Machine, name: str, phase: str, fixed: Fixed) -> PartChain:
-    """Return the trace of a method for a long arm. ChainError if its joints do not determine how the arm calculates."""
+    """Return the trace of a method for a long arm. ChainError if that cannot be built from its joints."""
     arm = _Arm(unit(robot), phase, fixed)
     kind_of: dict[str, int] = {}
     texts: dict[str, int] = {}
@@ -62,7 +62,7 @@ def chain_trace(unit: type[BaseUnit], robot: Machine, name: str, phase: str, fix
 def chain_step(
     unit: type[BaseUnit], robot: Machine, name: str, derivatives: ca.Function, chain: PartChain
 ) -> ca.Function:
-    """Return one step of the solver of a long arm, see :meth:`.implicit.ImplicitEquations.step`.
+    """Return one step of the solver for a long arm; see :meth:`.implicit.ImplicitEquations.step`.
 
     `chain` is the balance of the arm.
     """
@@ -128,7 +128,7 @@ class _Arm:
         return record, PartTrace(inputs, results, shared, passes)
 
     def _made(self, record: Symbols, returned: Any) -> Iterator[tuple[str, str, ca.SX, bool]]:
-        """Yield group, name and column of each result, and whether each joint has its own."""
+        """Yield the group, name and column of each result, and whether each joint has its own."""
         if self._phase == "balance":
             rows = to_sx(returned)
             for state, where in state_slices(record.unit).items():
@@ -143,7 +143,7 @@ class _Arm:
             yield f"made_{declared.name}", whole, to_sx(value), _of_joints(declared)
 
     def outputs(self, record: Symbols) -> dict[str, int]:
-        """Return the sizes of the results, as :meth:`Symbols.expressions` has them."""
+        """Return the sizes of the results, as in :meth:`Symbols.expressions`."""
         if self._phase == "balance":
             return {"residual": self._states[""].stop}
         names = [name for _, name, *_ in self._made(record, None)]

@@ -1,4 +1,4 @@
-"""Units from files of users."""
+"""Loads units from users' files."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ LARGEST_SOURCE = 2**24
 
 @cached_per_command
 def load_units(file: Path) -> dict[str, type[Unit]]:
-    """Return the units that a Python file declares, by name, without classes such as ``_Common``. The file is run.
+    """Run a Python file and return the units that it declares, by name, without classes such as ``_Common``.
 
-    UsageError if the file does not exist. UnitError if it fails, declares no unit, or has a name twice. CodeNotRunError
-    within `vdfmu.base.trust.reading_only`, if its text is correct.
+    UsageError if the file does not exist. UnitError if it fails, declares no unit, or uses a name twice.
+    CodeNotRunError within `vdfmu.base.trust.reading_only`, if its text is correct.
     """
     if not file.is_file():
         raise UsageError(f"{file}: there is no such file.")
@@ -53,7 +53,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
     }
     units = {unit_name(unit): unit for unit in classes}
     if not units:
-        raise UnitError(f"{file} declares no unit: a class that is derived from vdfmu.unit.Unit.")
+        raise UnitError(f"{file} declares no unit. Derive a class from vdfmu.unit.Unit.")
     if double := [unit.__name__ for unit in classes if units[unit_name(unit)] is not unit]:
         raise UnitError(f'{file}: {double[0]} must be the name of one unit, got two. Name them, name="MyUnit".')
     if twice := [problem for unit in units.values() for problem in _twice(path, unit)]:
@@ -62,7 +62,7 @@ def load_units(file: Path) -> dict[str, type[Unit]]:
 
 
 def _run(file: Path, path: Path, name: str) -> ModuleType:
-    """Run a file as a module of a name; `file` is its path in messages."""
+    """Run a file as a module of this name; `file` is its path in messages."""
     spec = spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -70,7 +70,7 @@ def _run(file: Path, path: Path, name: str) -> ModuleType:
     before, ran = set(sys.modules), False
     sys.modules[name] = module
     sys.path.insert(0, folder)
-    # Python takes bytecode for that of a source of the same second and size
+    # Python would use bytecode of a source of the same second and size
     writes_none, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         spec.loader.exec_module(module)
@@ -86,8 +86,7 @@ def _run(file: Path, path: Path, name: str) -> ModuleType:
         sys.dont_write_bytecode = writes_none
         if folder in sys.path:
             sys.path.remove(folder)
-        # forget modules in the folder of the file: another unit may have modules of the same names, or these may be
-        # edited
+        # forget modules in the file's folder: another unit may have modules of the same names, or these may be edited
         for other in set(sys.modules) - before - ({name} if ran else set[str]()):
             if str(getattr(sys.modules[other], "__file__", None) or "").startswith(folder + os.sep):
                 del sys.modules[other]
@@ -95,13 +94,13 @@ def _run(file: Path, path: Path, name: str) -> ModuleType:
 
 
 def _twice(path: Path, unit: type[Unit]) -> Iterator[str]:
-    """Yield an error for each class or member of it with two declarations: the second replaces the first silently."""
+    """Yield an error for each class or member declared twice, because the second would silently replace the first."""
     places: dict[str, list[int]] = {}
     for line, name in declarations(path.read_text(encoding="utf-8"), unit.__name__):
         places.setdefault(name, []).append(line)
     if len(of_class := places.get("", [])) > 1:
-        places = {"": of_class}  # members of both classes are there twice as well
+        places = {"": of_class}  # then members of both classes are duplicates as well
     for name, lines in places.items():
         if len(lines) > 1 and (not name or name in unit.declared or callable(getattr(unit, name, None))):
             head = f"{unit.__name__}: {name}" if name else f"class {unit.__name__}"
-            yield f"{path}, line {lines[1]}: {head} is there twice, first in line {lines[0]}. Rename one of them."
+            yield f"{path}, line {lines[1]}: {head} is declared twice, first in line {lines[0]}. Rename one of them."

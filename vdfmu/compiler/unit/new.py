@@ -1,4 +1,4 @@
-"""New files of units: a first unit with its test, and the examples."""
+"""Makes new files of units: a first unit with its test, and the examples."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FORMS = re.compile(r"[A-Z][A-Za-z0-9]*|[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def new_unit(name: str, out: Path | None = None) -> tuple[Path, Path]:
-    """Write the file of a new unit that builds, and its test that passes; return both.
+    """Write the file of a new unit, which can be built, and its test, which passes; return both.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def copy_examples(folder: Path) -> list[Path]:
 
 
 def _class_and_file(name: str, out: Path | None) -> tuple[str, Path]:
-    """Return the name of a unit's class and its file; UsageError if they cannot have it."""
+    """Return the name of a unit's class and its file; UsageError if they cannot have this name."""
     if not _FORMS.fullmatch(name):
         raise UsageError(
             f"name: expected CamelCase or snake_case of letters and digits, MyFilter or my_filter, got {name!r}."
@@ -70,7 +70,7 @@ def _class_and_file(name: str, out: Path | None) -> tuple[str, Path]:
 
 
 def _write_new(files: Mapping[Path, bytes]) -> None:
-    """Write new files into a folder; make it if necessary."""
+    """Write new files to a folder, which is made if necessary."""
     if there := [str(file) for file in files if file.exists()]:
         verb = "exists and is" if len(there) == 1 else "exist and are"
         raise UsageError(f"{' and '.join(there)} {verb} not replaced. Choose another name.")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def source_file(unit: type) -> Path | None:
-    """Return the file of a unit; None if it was typed in."""
+    """Return the file of a unit; None if it was typed interactively."""
     try:
         file = Path(inspect.getsourcefile(unit) or "")
     except (OSError, TypeError):
@@ -18,7 +18,7 @@ def source_file(unit: type) -> Path | None:
 
 
 def shown(unit: type) -> str:
-    """Return the file of a unit, relative to the current folder if inside; the unit's name if it was typed in."""
+    """Return a unit's file, relative to the current folder if inside, or its name if it was typed interactively."""
     file = source_file(unit)
     if file is None:
         return unit.__name__

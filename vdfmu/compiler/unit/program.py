@@ -1,7 +1,8 @@
-"""Program of a unit: short lists of calls of traced functions on its memory.
+"""The program of a unit: short lists of calls of traced functions on its memory.
 
-Arguments and results of a function are groups of variables. Further groups are ``p``, the robot's run-time parameters,
-``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable ``x`` is ``own_x_``.
+Arguments and results of a function are groups of variables. Other groups are ``p``, the robot's run-time parameters,
+``x`` and ``x_dot``, the continuous states and their derivatives, and ``t``, the time. A variable named ``x`` becomes
+``own_x_``.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ from vdfmu.compiler.unit.variable import scalar_variables
 
 
 class Program:
-    """Lists of calls of the methods `start`, `outputs`, `derivatives` and `update`, and of two further functions.
+    """Lists of calls of the methods `start`, `outputs`, `derivatives` and `update`, and of two other functions.
 
-    `step` makes one step of the solver. Besides groups it takes `h`, `tolerance` and ``rate_<input>``, and returns
-    `x_new`, `norm` and `ratio`. `left` returns the time until the derivatives switch, if they switch by time.
+    `step` makes one step of the solver. Besides groups its arguments are `h`, `tolerance` and ``rate_<input>``; it
+    returns `x_new`, `norm` and `ratio`. `left` returns the time until the derivatives switch, if they switch by time.
 
-    `events` sets the numbers of the events, which are outputs too. `at_events` has the calls of the method of each.
+    `events` sets the event indicators, which are also outputs. `at_events` has the calls of each event's method.
     """
 
     def __init__(self, functions: UnitFunctions) -> None:
@@ -57,8 +58,8 @@ class Program:
 class UnitFunctions(Functions):
     """The traced functions of a unit for the structure of a robot.
 
-    `cache`: see :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of units of the package are cached:
-    others may come from any module.
+    `cache`: see :class:`~vdfmu.compiler.functions.traced.Functions`. Only functions of the package's units are cached,
+    because others may come from any module.
     """
 
     def __init__(self, unit: type[BaseUnit], robot: Machine | None, cache: Path | None | str = "default") -> None:
@@ -83,7 +84,7 @@ class UnitFunctions(Functions):
 
     @cached_property
     def _related(self) -> dict[str, tuple[str, str]]:
-        """Function to its kind, and the derivatives that it belongs to."""
+        """Function to its kind, and to the derivatives to which it belongs."""
         return {
             self.related(call.function, kind): (kind, call.function)
             for call in self.calls["derivatives"]
@@ -95,7 +96,7 @@ class UnitFunctions(Functions):
         return [*self._traced, *self._related]
 
     def related(self, derivatives: str, kind: str) -> str:
-        """Name of the step, the jacobian or the time left that belongs to a function of derivatives."""
+        """Name of the step, the jacobian or the time left for a function of derivatives."""
         return f"{self.name}_{kind}{derivatives.removeprefix(f'{self.name}_derivatives')}"
 
     @cached_property
@@ -108,14 +109,14 @@ class UnitFunctions(Functions):
             digest.update(sha256(content).digest())
         for variable in scalar_variables(self.unit, self.robot):
             digest.update(repr(variable).encode())
-        for name in self._traced:  # this checks the methods of Python FMUs too
+        for name in self._traced:  # this also checks the methods of Python FMUs
             if self.unit.backend == "native":
                 digest.update(self.casadi_function(name).serialize().encode())
         return digest.hexdigest()
 
     @property
     def identity(self) -> str:
-        """Text that differs between traced functions that differ."""
+        """A text that differs if the traced functions differ."""
         return f"{self.name} {self._key} {self.digest}"
 
     @property
@@ -127,7 +128,7 @@ class UnitFunctions(Functions):
         if path is None:
             if self.unit.backend == "native":
                 return {}
-            raise UnitError(f"{self.unit.__name__} must be in a file, because a Python FMU carries it.")
+            raise UnitError(f"{self.unit.__name__} must be in a file, because a Python FMU contains it.")
         contents: dict[str, bytes] = {}
         for name in ("unit.py", *self.unit.files):
             try:
@@ -171,14 +172,14 @@ class UnitFunctions(Functions):
             return traced_function(name, record.symbols, record.expressions())
 
     def _chain_step(self, name: str, derivatives: str) -> ca.Function:
-        """Trace the step of the solver of a long arm."""
+        """Trace the solver's step for a long arm."""
         assert self.robot is not None
         _, call = self._traced[derivatives]
         chain = chain_trace(self.unit, self.robot, f"{name}_residual", "balance", dict(call.when))
         return chain_step(self.unit, self.robot, name, self.casadi_function(derivatives), chain)
 
     def switches(self, derivatives: str) -> bool:
-        """Whether derivatives switch by time; UnitError if the time cannot be found."""
+        """Return whether derivatives switch by time; UnitError if the time cannot be determined."""
         return (
             self.unit.backend == "native" and "t" in self._traced[derivatives][1].reads and self._left(derivatives)[0]
         )

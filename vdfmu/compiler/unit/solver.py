@@ -1,4 +1,4 @@
-"""Motion of the states of a unit: steps of Rodas4 in FMUs, scipy for references; both between samples."""
+"""Integrates the states of a unit between samples: with Rodas4 in FMUs, with scipy for references."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from vdfmu.compiler.unit.events import UnitEvents, margin, parts_of, steps_of
 
 TOLERANCE = 1e-12
 _MOST_CALLS = 1_000_000
-"""Limit of calls of the right-hand side, ten times that of the shipped robots. Unusual values might never end."""
+"""Limit of calls of the right-hand side, ten times what shipped robots need. Odd values might need any number."""
 _CLOSE = 1e-9
-"""Distance from a sample, relative to the period, within which a time is regarded as that of the sample."""
+"""Distance from a sample, relative to the period, within which a time counts as the sample's."""
 MINIMUM_STEP = 1e-12
-"""Smallest internal step [s]: 1e4 times rounding of a time of about 1 s."""
+"""Smallest internal step [s]: 1e4 times the rounding error of times around 1 s."""
 MAXIMUM_STEPS = 1_000_000
-"""Internal steps, rejected ones too, in one call: 10 s of the six-joint arm at 150 rad/s take 300,000."""
+"""Limit of internal steps per call, including rejected ones: 10 s of the six-joint arm at 150 rad/s take 300,000."""
 FIRST_STEP = 1e-4
-"""Step that is tried first [s]."""
+"""First step to try [s]."""
 _ADVICE = "Check its inputs and the gains behind them, its start and its parameters, or loosen the tolerance."
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 
 
 _KEPT = 20
-"""How often LSODA gets the same Jacobian. It requests one about every 20 steps; those of arms can be reused for 10
+"""How often LSODA gets the same Jacobian. It requests one about every 20 steps; that of an arm can be reused for 10
 ms."""
 _DIFFERENCE = 1.5e-8
-"""Step of finite differences, relative to 1 + the size of a state: the square root of rounding."""
+"""Step of finite differences, relative to 1 + the state's magnitude: the square root of the machine precision."""
 
 
 class _RunawayError(ArithmeticError):
-    """No end of the motion can be found."""
+    """The motion cannot be integrated to its end."""
 
 
 class Solver:
-    """Moves the states of a unit in its memory, with the inputs held. The first sample is at `start` [s]."""
+    """Integrates the states of a unit in its memory with held inputs. The first sample is at `start` [s]."""
 
     def __init__(self, unit: Evaluation) -> None:
         self.unit, self.start = unit, 0.0
@@ -104,7 +104,7 @@ class Solver:
 class Slopes:
     """The Jacobian of a right-hand side f(t, x) by differences, as LSODA requests it.
 
-    It decides the iterations of a step, not the error. So an old one is reused until a step fails. Then LSODA requests
+    It affects the iterations of a step, not the error, so an old one is reused until a step fails. Then LSODA requests
     it again at the same or an earlier time.
     """
 
@@ -123,7 +123,7 @@ class Slopes:
 
 
 class ScipySolver(Solver):
-    """Moves the states by scipy, within a relative and absolute tolerance. States that run away become NaN.
+    """Integrates the states with scipy within a relative and absolute tolerance. States that diverge become NaN.
 
     `drive` sets the inputs at a time [s], if they change.
     """
@@ -135,7 +135,7 @@ class ScipySolver(Solver):
         self.tolerance, self._drive, self._calls = tolerance, drive, 0
 
     def sample(self, t: float) -> None:
-        """Update the sampled states by the inputs at `t` [s]."""
+        """Update the sampled states with the inputs at `t` [s]."""
         self._drive(t)
         super().sample(t)
 
@@ -172,7 +172,7 @@ class ScipySolver(Solver):
         self._calls += 1
         self._drive(t)
         rate = self.unit.rate(t, x)
-        if self._calls > _MOST_CALLS or not math.isfinite(rate @ rate):  # the square: one call
+        if self._calls > _MOST_CALLS or not math.isfinite(rate @ rate):  # a sum of squares takes one call
             raise _RunawayError
         return rate
 
@@ -181,9 +181,9 @@ class Integrator(Solver):
     """The solver of FMUs, Rodas4.
 
     It keeps the local error of every internal step below `tolerance` times (1 SI unit + the state's magnitude), in the
-    root mean square over all states. Or the unit's `solver` fixes the number of internal steps, whatever their error.
-    The memory and the step to try next, `h` [s], restore the solver to the bit.
-    `steps` and `rejected` count internal steps since the start.
+    root mean square over all states. Alternatively the unit's `solver` fixes the number of internal steps, whatever
+    their error. The memory and the step to try next, `h` [s], restore the solver exactly. `steps` and `rejected` count
+    internal steps since the start.
     """
 
     def __init__(self, unit: Evaluation) -> None:
@@ -201,7 +201,8 @@ class Integrator(Solver):
         """Move the state from `t` to `t + duration` [s] with the inputs held.
 
         KernelError if the state is no longer finite or, under error control, the tolerance cannot be met at the
-        smallest step, or `MAXIMUM_STEPS` do not reach the end. The message has time and state. The memory is as before.
+        smallest step, or `MAXIMUM_STEPS` do not reach the end. The message names the time and the state, and the memory
+        is unchanged.
         """
         x, x_new, norm = self.x, self._x_new, self._norm
         self._tolerance[0] = self.tolerance
@@ -216,7 +217,7 @@ class Integrator(Solver):
             tried += 1
             rest, left, close = duration - done, self.unit.left(t + done), margin(t + done)
             whole = rest <= (ahead := left - close if left > 2.0 * close else left + close)
-            rest = rest if whole else ahead  # a switching is approached, then crossed
+            rest = rest if whole else ahead  # the time of a switching is approached, then crossed
             h = self.h
             last = h >= rest * (1.0 - 1e-10)
             if last:
@@ -232,7 +233,7 @@ class Integrator(Solver):
                 self.steps += 1
                 done = duration if last and whole else done + h
                 x[:] = x_new
-                # a step cut short by the communication point says little about the next: it never shrinks h
+                # a step cut short by the communication point says little about the next, so it never shrinks h
                 grown = h * min(_GROW, max(factor, _SHRINK))
                 self.h = max(grown, self.h) if last and h < self.h else grown
             else:
@@ -255,7 +256,7 @@ class Integrator(Solver):
                 raise KernelError(failure)
 
     def _advance_fixed(self, step: Callable[[], None], fixed: int, t: float, duration: float) -> None:
-        """Take `fixed` internal steps of one length: the same work in each communication step."""
+        """Make `fixed` internal steps of equal length, so that every communication step takes the same work."""
         before, time, size, done = self.x.copy(), self.unit.argument("t"), duration / fixed, 0.0
         for k in range(1, fixed + 1):
             to = k * size if k < fixed else duration
@@ -284,8 +285,8 @@ class Integrator(Solver):
 def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator[tuple[float, float, bool]]:
     """Yield the parts of the time from `t` to `end` between switchings: start, end, and whether a switching is crossed.
 
-    `left` returns the time until the next switching. Move the states to the end of a part before taking the next part.
-    The part across a switching is so short that a straight line is exact.
+    `left` returns the time until the next switching. Move the states to the end of a part before requesting the next
+    one. The part across a switching is short enough that a straight line is exact.
     """
     while t < end:
         rest, close = left(t), margin(t)
@@ -298,7 +299,7 @@ def switchings(left: Callable[[float], float], t: float, end: float) -> Iterator
 def samples(unit: Evaluation, start: float, t: float, end: float) -> Iterator[tuple[float, float, bool]]:
     """Yield the parts of the time from `t` to `end` between samples: start, end, and whether a sample is at the start.
 
-    A sample at `end` belongs to the next move. A unit without sampled states has one part.
+    A sample at `end` belongs to the next move. Without sampled states there is one part.
     """
     if not unit.interface.is_sampled:
         yield t, end, False

@@ -1,4 +1,4 @@
-"""Traces of a unit's methods: their reads, writes and choices, and their expressions."""
+"""Traces a unit's methods: their reads, writes, choices and expressions."""
 
 from __future__ import annotations
 
@@ -30,53 +30,53 @@ Fixed = Mapping[str, int]
 _MEMORY = "Keep a value for the next call in a Sampled state, and within a call in a local variable"
 _TAKEN = CALLED.union(
     "p x x_dot t h tolerance norm ratio factors given made w null jac hess"
-    # keywords of C, and what it defines that traced functions use
+    # keywords of C, and definitions of C that traced functions use
     " auto bool break case char const continue default do double else enum extern false float for goto if inline int"
     " long register restrict return short signed sizeof static struct switch true typedef typeof union unsigned void"
     " volatile while NAN INFINITY NULL memcpy".split()
 )
 _FORMS = re.compile(r"[svw]\d+|(own|d|bar|rate)_.*|.*_(new|out)")
-"""Other names that traced functions use for other purposes, by their forms."""
+"""Patterns of other names that traced functions use."""
 
 
 def argument_name(name: str) -> str:
-    """Name of a variable as an argument or result of traced functions; some names have other uses there."""
+    """Return a variable's name as an argument or result of traced functions, where some names have other uses."""
     return f"own_{name}_" if name in _TAKEN or _FORMS.fullmatch(name) else name
 
 
 class Call(NamedTuple):
-    """A traced function, with groups of variables as arguments and results: a method of a unit for some choices."""
+    """A traced function, a unit's method for some choices, with groups of variables as arguments and results."""
 
     function: str
     when: tuple[tuple[str, int], ...]
-    """Choices and their values with which it runs."""
+    """The choices, with their values, for which it runs."""
     reads: tuple[str, ...]
     """Variables, ``p`` for the robot's parameters and ``t`` for the time."""
     sets: tuple[str, ...]
 
     def group(self, name: str) -> str:
-        """Group of an argument or a result."""
+        """Return the group of an argument or a result."""
         return name[:-4] if name[-4:] == "_new" and name[:-4] in self.sets else name
 
 
 def _may_set(phase: str, declared: Declared) -> bool:
-    """Whether a method may set a variable."""
+    """Return whether a method may set a variable."""
     if phase.startswith(AT):
         return isinstance(declared, State) and not isinstance(declared, Sampled)
     return isinstance(declared, Sampled) if phase == "update" else declared.set_by == phase
 
 
 class _ForkError(Exception):
-    """A method reads a choice whose value is not fixed."""
+    """A method has read a choice whose value is not fixed."""
 
     def __init__(self, choice: Declared) -> None:
         self.choice = choice
 
 
 class Recording(Values):
-    """Record of the reads and writes of a method, on the values of the instance.
+    """Record of a method's reads and writes, on the values of the instance.
 
-    `phase` is the method, `fixed` the choices that it may read, `reads` has the arguments of its traced function.
+    `phase` is the method, `fixed` the choices that it may read, `reads` are the arguments of its traced function.
     """
 
     def __init__(self, unit: BaseUnit, phase: str, fixed: Fixed) -> None:
@@ -104,7 +104,7 @@ class Recording(Values):
         return self.value(declared)
 
     def write(self, declared: Declared, value: Any) -> None:
-        """Take the value of a variable that the method may set."""
+        """Store the value of a variable that the method may set."""
         if not _may_set(self.phase, declared):
             raise refusal(UnitError(f"{self.phase}() must not set {declared.name}, {_kind(declared)}"))
         super().write(declared, value)
@@ -113,7 +113,7 @@ class Recording(Values):
             raise UnitError(f"{declared.name} is {result} at the start values, expected finite numbers")
 
     def keep(self, name: str) -> None:
-        """Raise for an attribute that a trace would not see."""
+        """Raise an error for an attribute that a trace would miss."""
         if self.unit.backend != "python":
             raise refusal(
                 UnitError(f"{self.phase}() sets {name}, which {type(self.unit).__name__} does not declare. {_MEMORY}")
@@ -156,7 +156,7 @@ class _RobotPart:
 
 
 class Symbols(Recording):
-    """Record of a method that runs on symbols, which are new or those of another record.
+    """Record of a method that runs on symbols, either new ones or those of another record.
 
     `symbols` are columns of the variables read, of ``x``, the continuous states, ``x_dot``, ``p`` and ``t``.
     """
@@ -185,7 +185,7 @@ class Symbols(Recording):
         return array.view(SymbolArray) if shape else array[()]
 
     def write(self, declared: Declared, value: Any) -> None:
-        """Take the value of a variable; arrays that are read again are arrays of symbols."""
+        """Store the value of a variable; arrays that are read again are arrays of symbols."""
         super().write(declared, value)
         array = self.sets[declared.name]
         if isinstance(array, np.ndarray) and array.dtype == object:
@@ -208,7 +208,7 @@ class Symbols(Recording):
         return part if fields else self._robot
 
     def expressions(self) -> dict[str, ca.SX]:
-        """Return the variables set, as columns; continuous states as ``x``, derivatives as ``x_dot``."""
+        """Return the set variables as columns; continuous states are ``x``, derivatives ``x_dot``."""
         results: dict[str, ca.SX] = {}
         parts: dict[str, dict[str, ca.SX]] = {"x": {}, "x_dot": {}}
         where = state_slices(self.unit)
@@ -229,7 +229,7 @@ class Symbols(Recording):
 
 
 def state_slices(unit: BaseUnit) -> dict[str, slice]:
-    """Continuous state to its place in ``x``; ``""`` to the whole."""
+    """Continuous state to its place in ``x``; ``""`` to all of them."""
     slices: dict[str, slice] = {}
     end = 0
     for declared in unit.declared.values():
@@ -247,13 +247,13 @@ def _kind(declared: Declared) -> str:
         "Sampled": "a sampled state",
         "Held": "a held state",
         "Mode": "a mode",
-        "Event": "the number of an event",
+        "Event": "an event indicator",
     }
     return names.get(type(declared).__name__, f"a {type(declared).__name__.lower()}")
 
 
 def calls_of(unit: BaseUnit, phase: str, fixed: Fixed) -> Iterator[Call]:
-    """Yield the call of a method for each value of the choices that it reads; nothing if it sets nothing.
+    """Yield a method's call for each combination of the choices that it reads; nothing if it sets nothing.
 
     The name of its function follows from unit, method and `fixed` choices. UnitError for a method that fails, or that
     does not set a variable that it must set.
@@ -284,7 +284,7 @@ def _choice_name(choice: Declared, value: int) -> str:
 
 
 def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:
-    """Raise if a second run of a method has another result: its trace would be one case of many."""
+    """Raise an error if a second run of a method has another result, because its trace would be one case of many."""
     again = Recording(unit, phase, first.fixed)
     run(unit, phase, again)
     for name, value in first.sets.items():
@@ -296,7 +296,7 @@ def _check_repeatable(unit: BaseUnit, phase: str, first: Recording) -> None:
 
 
 def _check_complete(unit: BaseUnit, phase: str, fixed: Fixed, sets: Mapping[str, Any]) -> None:
-    """Raise if a method does not set a variable that it must set."""
+    """Raise an error if a method does not set a variable that it must set."""
     missing = [name for name, d in unit.declared.items() if d.set_by == phase and name not in sets]
     if missing:
         choices = [
@@ -331,10 +331,10 @@ def run(unit: BaseUnit, phase: str, values: Values) -> Any:
 
 
 def _call(method: Callable[[], Any], file: Path | None) -> Any:
-    """Call a method. Raise errors of values and symbols even if the method catches them.
+    """Call a method, and raise errors of values and symbols even if the method catches them.
 
-    The same holds for errors of types and attributes in the code of `file` and the files next to it: numpy and other
-    libraries raise them for unknown objects, such as symbols.
+    Errors of types and attributes raised in `file` and the files next to it are unexpected; numpy and other libraries
+    also raise them for unknown objects such as symbols.
     """
     refused: list[Exception] = []
     token, tracer = refusals.set(refused), sys.gettrace()
@@ -345,7 +345,7 @@ def _call(method: Callable[[], Any], file: Path | None) -> Any:
         return look if os.path.dirname(frame.f_code.co_filename) == str(file.parent if file else "") else None
 
     try:
-        if file is not None and PACKAGE not in file.parents and tracer is None:  # else a debugger needs its place
+        if file is not None and PACKAGE not in file.parents and tracer is None:  # otherwise a debugger needs its place
             sys.settrace(look)
         with np.errstate(all="ignore"):
             result = method()
@@ -374,8 +374,8 @@ def _fail(unit: BaseUnit, phase: str, error: Exception, reason: str, symbols: bo
     where = f"{shown(type(unit))}, line {lines[-1]}" if lines else shown(type(unit))
     ours = "<", str(PACKAGE), sys.prefix, sys.base_prefix
     if str(file).startswith(ours) and (laws := [each for each in frames if not each.filename.startswith(ours)]):
-        where = f"{laws[-1].filename}, line {laws[-1].lineno}"  # a law of a drive, which a unit of the package calls
-    if symbols:  # the error of a symbol that is compared has its fix already
+        where = f"{laws[-1].filename}, line {laws[-1].lineno}"  # a law of a drive, called by a unit of the package
+    if symbols:  # the error of a compared symbol already contains the fix
         reason += ("" if "Write it with" in reason else _WAY_OUT) + _OTHER_WAY_OUT
     method = f"{phase}() of {type(unit).__name__} {'cannot be traced' if symbols else 'fails'}"
     raise UnitError(f"{where}: {method}: {reason}.") from None

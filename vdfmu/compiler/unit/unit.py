@@ -1,4 +1,4 @@
-"""The base class of units as users see it: a :class:`BaseUnit` that also runs in Python."""
+"""The public base class of units: a :class:`BaseUnit` that also runs in Python."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ class Solution(NamedTuple):
 
 
 class Unit(BaseUnit):
-    """Base of all units. A subclass declares variables and overrides some of the four methods.
+    """Base class of all units. A subclass declares variables and overrides some of the four methods.
 
-    Its docstring is the unit's description: the first line says what it is, the rest is for its page.
+    Its docstring describes the unit: the first line is its description, the rest is shown on its page.
 
     Parameters
     ----------
     robot : Robot, optional
-        Robot of a unit that has variables for joints, or :class:`RobotParameters`.
+        Robot, for a unit with variables per joint or :class:`RobotParameters`.
     **values : array_like
-        Parameters and inputs instead of their start values.
+        Values of parameters and inputs that replace their start values.
 
     Raises
     ------
@@ -54,14 +54,14 @@ class Unit(BaseUnit):
     def simulate(
         self, inputs: Mapping[str, Signal] | None = None, *, stop: float, step: float = 1e-3, tolerance: float = 1e-9
     ) -> Solution:
-        """Run the unit from time 0 by scipy, with the parameters and inputs that are set.
+        """Run the unit from time 0 with scipy, with the parameters and inputs that are set.
 
         Parameters
         ----------
         inputs : mapping of str to value or function of time, optional
-            Inputs that change, or are to have another value.
+            Inputs that vary, or that have a value other than the one set.
         stop, step : float [s]
-            End, and time from one row to the next.
+            End time, and interval between rows.
         tolerance : float
             Tolerance of the continuous states, relative and absolute.
 
@@ -115,7 +115,7 @@ class Unit(BaseUnit):
         return Solution(t, {group: np.array(row).reshape(-1, *shapes[group]) for group, row in rows.items()})
 
     def linearize(self, *, x: npt.ArrayLike | None = None, t: float = 0.0) -> StateSpace:
-        """Return the linear model at the inputs and parameters that are set, and a state.
+        """Return the linear model at the inputs and parameters that are set and at a state.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
-"""Declared variables of a unit as the scalars of FMI 2.0 for a robot.
+"""A unit's declared variables as FMI 2.0 scalars for a robot.
 
-FMI names are structured and count from 1. Python indices count from 0; `Variable.name` is where the two meet.
+FMI names are structured and count from 1, Python indices count from 0; only `Variable.name` converts between them.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ _ORDER = (Input, State, Sampled, Held, Mode, Output, Event)
 def scalar_variables(unit: type[BaseUnit], robot: Machine | None) -> list[Variable]:
     """Variables of a unit in the order of their value references.
 
-    Inputs, states (continuous, sampled, held), outputs, numbers of events, parameters, parameters of the robot.
+    The order is inputs, states (continuous, sampled, held), outputs, event indicators, parameters, robot's parameters.
     """
     groups = [d for d in unit.declared_for(robot).values() if not isinstance(d, Derivative)]
     groups.sort(key=lambda d: _ORDER.index(type(d)) if type(d) in _ORDER else len(_ORDER))

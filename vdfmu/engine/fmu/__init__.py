@@ -1,1 +1,1 @@
-"""One FMU: its description, its variables, its calls. The only place that calls FMI's functions."""
+"""One FMU: its description, its variables and its calls. FMI's functions are called only in this package."""

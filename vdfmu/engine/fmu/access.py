@@ -1,4 +1,4 @@
-"""Values between the memory of the master and the calls of FMUs: other types, and arrays as a whole."""
+"""Moves values between the master's memory and the calls of FMUs: converts types, and handles whole arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vdfmu.engine.package.system import Value
 Call = tuple[Any, tuple[Any, ...], str]
 """An FMI function, its prepared arguments, and its name for messages."""
 Ends = tuple[NDArray[Any], NDArray[np.intp], NDArray[Any], NDArray[np.intp]]
-"""Target and places in it, source and places in it, of a copy."""
+"""Ends of a copy: the target and places in it, the source and places in it."""
 DTYPES: dict[str, Any] = {
     "Real": np.float64,
     "Integer": np.int64,
@@ -27,18 +27,18 @@ DTYPES: dict[str, Any] = {
 """Types of the kinds of variables in the master; texts and binary values are ``bytes``."""
 KINDS = tuple(DTYPES)
 TEXTS = ("String", "Binary")
-"""Kinds that tables of results do not contain and that iterations cannot improve."""
+"""Kinds that are not in tables of results and that iterations cannot improve."""
 
 
 def held(kind: str, value: Any) -> Any:
-    """Return a value as the master holds it."""
+    """Return a value in the form that the master stores."""
     if kind == "String":
         return str(value).encode("utf-8", "surrogateescape")
     return bytes(value) if kind == "Binary" else value
 
 
 def shown(kind: str, number: Any) -> Value:
-    """Return the value of a number or ``bytes`` in the master: the inverse of `held`."""
+    """Return the value of a number or ``bytes`` stored in the master: the inverse of `held`."""
     if kind == "String":
         return number.decode("utf-8", "surrogateescape")
     return number if kind == "Binary" else number.item()
@@ -50,15 +50,15 @@ def shown_all(kind: str, numbers: NDArray[Any]) -> list[Value]:
 
 
 def shared(kind: Any, values: NDArray[Any]) -> Any:
-    """Return an array of a type of ctypes in the memory of `values`."""
+    """Return an array of a ctypes type that shares the memory of `values`."""
     return (kind * values.size).from_buffer(values)
 
 
 class Transfer:
-    """Variables of one type of an FMU between a window of the master's memory and the memory of a call.
+    """Moves an FMU's variables of one type between a window of the master's memory and the memory of a call.
 
-    Both are the same memory if type and order agree. An array of FMI 3.0 is got and set as a whole, with values from
-    `values_of` for the elements outside of the window.
+    If type and order agree, both are the same memory. FMI 3.0 gets and sets whole arrays; elements outside of the
+    window have values from `values_of`.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ class Transfer:
     dtype : type
         Type in the memory of the call.
     values_of, failure : callables
-        Return the values of all elements of a variable by its value reference, and the error of a call by its name and
-        the reason.
+        Return the values of all elements of a variable, given its value reference, and the error of a call, given its
+        name and the reason.
     """
 
     def __init__(
@@ -98,12 +98,12 @@ class Transfer:
         """Whether the memory holds known values."""
         self.direct = ordered and np.dtype(dtype) == values.dtype
         self.sizes = np.zeros(size, np.uintp)
-        """Sizes of binary values."""
+        """Sizes of the binary values."""
         if self.direct:
             self.memory = values[places[0] : places[0] + len(places)]
             return
         self.memory = np.zeros(size, dtype)
-        """Memory that the call reads or fills."""
+        """Memory that the call reads or writes."""
         self._slots: dict[int, tuple[bytes, Any]] = {}
         """Texts and binary values by place: the content, and the copy whose address is in the memory."""
         if self.partial:
@@ -111,7 +111,7 @@ class Transfer:
             self._put(range(len(rest)), rest)
 
     def around(self, function: Callable[..., int]) -> Callable[..., int]:
-        """Return the function of a call, wrapped to move the values."""
+        """Return the call's function, wrapped to move the values."""
         if self.direct:
             return function
 
@@ -128,7 +128,7 @@ class Transfer:
 
     @property
     def ends(self) -> Ends:
-        """Ends of the copy that `move` makes."""
+        """The ends of the copy made by `move`."""
         call, master = (self.memory, self._places), (self._values, self._where)
         return (*call, *master) if self.verb == "Set" else (*master, *call)
 
@@ -144,7 +144,7 @@ class Transfer:
                 self._values[i] = string_at(int(address), int(size)) if address else b""
             return
         if self.native == "UInt64":
-            self._refuse(received > np.iinfo(np.int64).max, received, "2^63 - 1 at most, the limit of the master")
+            self._refuse(received > np.iinfo(np.int64).max, received, "at most 2^63 - 1, the limit of the master")
         self._values[self._where] = received
 
     def _bring(self) -> None:
@@ -155,7 +155,7 @@ class Transfer:
             self._refuse(bad, sent, f"a value of type {self.native}")
 
     def _put(self, places: Any, values: Any) -> None:
-        """Put values into the memory of the call; a text keeps its address until its variable changes."""
+        """Write values to the memory of the call. A text keeps its address until its variable changes."""
         if self._kind not in TEXTS:
             with np.errstate(over="ignore"):  # Float32 overflows to infinity
                 self.memory[places] = values

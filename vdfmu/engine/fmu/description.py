@@ -34,7 +34,7 @@ from vdfmu.engine.rules import Finding, breach, finding, fmpy_finding
 
 KINDS = ("CoSimulation", "ModelExchange", "ScheduledExecution")
 _UNIT = "resources/unit.py"
-"""Member of a Python FMU of this project with the code of a user's unit."""
+"""Member of this project's Python FMUs that contains the code of a user's unit."""
 _TRUE = {"true", "1"}
 _SAMPLED, _CONTINUOUS = (f".//{{urn:org.vdfmu.sampled}}{tag}" for tag in ("Sampled", "Continuous"))
 _CHOICES = "{urn:org.vdfmu.choices}"
@@ -50,9 +50,9 @@ class Description:
     guid: str
     once_per_process: bool
     variables: Mapping[str, FmuVariable]
-    """Arrays by their elements."""
+    """The variables, arrays as their elements."""
     step_dependencies: Mapping[str, frozenset[str] | None]
-    """Names on which each output depends in the steps; None means all, if the FMU states no dependencies."""
+    """Names on which each output depends in the steps. None means all, because the FMU states no dependencies."""
     initial_dependencies: Mapping[str, frozenset[str] | None]
     """The same during initialization, for each initial unknown."""
     version: FmiVersion = FMI_2
@@ -63,19 +63,19 @@ class Description:
     serializes_state: bool = False
     """Whether its saved state can be written to bytes."""
     interpolates_inputs: bool = False
-    """Whether it ramps real inputs over a step by their derivatives."""
+    """Whether it accepts derivatives of real inputs, to ramp them over a step."""
     updates_inputs: bool = False
     """Whether its real inputs can be set in intermediate updates of co-simulation (FMI 3.0)."""
     derives_outputs: bool = False
-    """Whether it gives derivatives of its outputs by time."""
+    """Whether it provides time derivatives of its outputs."""
     derives_unknowns: bool = False
-    """Whether it gives directional derivatives."""
+    """Whether it provides directional derivatives."""
     states: tuple[tuple[int, int, int], ...] = ()
     """Value references of its continuous states and of their derivatives, and their lengths."""
     varies_steps: bool = True
-    """Whether its steps may differ in length."""
+    """Whether its steps may vary in length."""
     event_mode: bool = False
-    """Whether the master can handle its events of co-simulation."""
+    """Whether it has events of co-simulation that the master can handle."""
     exchange: bool = False
     """Whether it is for model exchange."""
     sizes: tuple[int, int] = (0, 0)
@@ -87,31 +87,31 @@ class Description:
     step: float | None = None
     """Step [s] of the default experiment."""
     tool: str = ""
-    """The tool that made it, as it says."""
+    """The tool that made it, as stated in the FMU."""
     period: str = ""
     """Parameter with the time between samples of its discrete outputs, from an annotation of this project. They are
-    states that change by the inputs at the start of a step; directional derivatives are for the next sample."""
+    states that change at the start of a step with its inputs; directional derivatives refer to the next sample."""
     samples: bool | None = None
-    """Whether it samples its inputs, from the same annotation: every `period`, else once in each of its steps. None if
-    it does not declare whether it is sampled or continuous."""
+    """Whether it samples its inputs, from the same annotation: every `period`, else once per step. None if it does not
+    declare whether it is sampled or continuous."""
 
     @property
     def sampled(self) -> list[FmuVariable]:
-        """The sampled states of an FMU that names their period."""
+        """The sampled states, if the FMU names their period."""
         return [v for v in self.named("output") if self.period and v.variability == "discrete"]
 
     @property
     def recordable(self) -> list[FmuVariable]:
-        """The outputs; without outputs the local variables."""
+        """The outputs, or the local variables if there are no outputs."""
         return self.named("output") or self.named("local")
 
     @property
     def names(self) -> list[str]:
-        """The variables as the FMU names them: scalars, and arrays as a whole."""
+        """The variables as in the FMU: scalars, and arrays as a whole."""
         return [*(v.name for v in self.variables.values() if v.length == 1), *self.shapes]
 
     def elements(self, name: str, index: Sequence[int] = ()) -> list[FmuVariable]:
-        """Return a variable, or the elements of an array, or of a part of it; empty if the name is unknown."""
+        """Return a variable, the elements of an array or those of a part of it; empty if the name is unknown."""
         if name not in self.shapes:
             return [self.variables[name]] if name in self.variables else []
         shape, start = self.shapes[name], tuple(i - 1 for i in index)
@@ -131,9 +131,9 @@ class Description:
 
 
 def is_own(unit: Archive) -> bool:
-    """Whether this user built an FMU here, to the byte, and without a unit's own Python code in it.
+    """Return whether this user built exactly these bytes here, and without a user's Python unit in the FMU.
 
-    Only this decides which code runs in this process; all other FMUs run in a process of their own.
+    Only such FMUs run in this process; all others run in a separate process.
     """
     return _UNIT not in unit and built_as(unit.file) is not None
 
@@ -147,11 +147,11 @@ def library_name(identifier: str, version: FmiVersion) -> str:
 def inspect_description(
     unit: Archive, source: str, implementation: str = "any", sizes: Mapping[str, Value] | None = None
 ) -> tuple[Description | None, list[Finding]]:
-    """Read an FMU as far as possible, with all problems; None if the model description cannot be understood.
+    """Read an FMU as far as possible and return all problems; None if the model description cannot be understood.
 
     `source` is its name in messages, `implementation` the type of FMU in the SSD. `sizes` replace start values of
-    structural parameters and so decide the shapes of arrays. The cache keeps a description without problems, by all
-    that decides it.
+    structural parameters and so determine the shapes of arrays. A description without problems is cached under
+    everything that determines it.
     """
     try:
         xml, sizes = unit.read("modelDescription.xml"), sizes or {}
@@ -211,16 +211,16 @@ def _inspect(
         problems.append(finding("FMI017", text))
     try:
         return _describe(model, root, source, wanted[:1] == ["ModelExchange"]), problems
-    except (ValueError, TypeError, AttributeError):  # text against the schema
+    except (ValueError, TypeError, AttributeError):  # the text violates the schema
         if not problems:
             raise
         return None, problems
 
 
 def _complete(model: ModelDescription, root: Any) -> None:
-    """Add to fmpy's description of FMI 1.0 the parts that FMI 2.0 states elsewhere."""
+    """Complete fmpy's description of FMI 1.0 with the parts that FMI 2.0 states elsewhere."""
     items = {item.get("name"): item for item in root.iterfind("ModelVariables/ScalarVariable")}
-    # fmpy gives the value of the original, without the sign
+    # fmpy returns the value of the original, without the sign
     model.modelVariables = [v for v in model.modelVariables if items[v.name].get("alias") != "negatedAlias"]
     variables = {v.name: v for v in model.modelVariables}
     for v in model.modelVariables:
@@ -244,7 +244,7 @@ def _describe(model: ModelDescription, root: Any, source: str, exchange: bool) -
     rates = [v for v in derived if v.derivative is not None]
     part: Any = (model.modelExchange if exchange else model.coSimulation) or CoSimulation()
     experiment = model.defaultExperiment or DefaultExperiment()
-    # a parameter of this name would be overruled at set-up
+    # a parameter of this name would be overridden at set-up
     own_tolerance = any(v.name == "tolerance" and v.causality == "parameter" for v in model.modelVariables)
     relative = {
         v.get("name")
@@ -298,7 +298,7 @@ def _positive(text: str | None) -> float | None:
 
 
 def _declared(root: Any, exchange: bool, *flags: str) -> bool:
-    """Whether an FMU declares an ability by one of the flags of FMI 2.0 and 3.0; FMPy reads few of these."""
+    """Return whether an FMU declares a capability by a flag of FMI 2.0 or 3.0; FMPy reads few of these flags."""
     parts = root.iterfind("ModelExchange" if exchange else "CoSimulation")
     return any(part.get(flag) in _TRUE for part in parts for flag in flags)
 

@@ -1,4 +1,4 @@
-"""An FMU of a run, of any version of FMI."""
+"""An FMU instance of a run, of any version of FMI."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ Starts = Sequence[tuple[FmuVariable, Value]]
 """Variables and their new values."""
 _Access = tuple[NDArray[Any], list[int], list[Call]]
 _PASSED = ("ok", "warning", "discard", "pending")
-"""Status of messages in freeInstance that are not a failure; the call itself returns no status."""
+"""Highest status of messages in freeInstance that is not a failure; the call itself returns no status."""
 _UPDATES = 1000
-"""Most updates of discrete states at an event."""
+"""Largest number of updates of discrete states at an event."""
 _DRIFT = 1e-9
-"""Relative error of a clock that adds up 10 million steps: each sum rounds by 2^-53 at most."""
+"""Relative error of a time that is the sum of 10 million steps: each addition rounds by at most 2^-53."""
 _MAKING = threading.Lock()
-"""Held while pythonfmu makes an instance: it changes ``sys.path`` and runs a script, for all threads."""
+"""Lock held while pythonfmu makes an instance, because it changes ``sys.path`` and runs a script for all threads."""
 
 
 class Instance(Library):
     """An instance of an FMU; `vdfmu.engine.fmu.versions` has its classes for each version of FMI."""
 
     sized: bool
-    """Whether functions with arrays receive the number of their values."""
+    """Whether functions with arrays accept the number of their values."""
     end_name = "Terminate"
     """Function that terminates a simulation."""
     derivatives_name = slopes_name = state_name = deserialize = ""
-    """Functions that get the derivatives of states and of outputs, the word for the state of an FMU in names of
-    functions, and the function that makes a state of bytes."""
+    """Functions that get the derivatives of states and of outputs, the word for the FMU state in names of functions,
+    and the function that makes a state from bytes."""
     dtypes: dict[str, Any] = {}  # noqa: RUF012
-    """NumPy types by the types in the names of the functions."""
+    """NumPy types by the type in a function's name."""
     module: Any
     """Module of fmpy with the types of the version."""
 
@@ -60,14 +60,14 @@ class Instance(Library):
     step: tuple[c_double, c_double]
     """Start and length of the last step [s]."""
     updates = False
-    """Whether the inputs follow lines, by intermediate updates."""
+    """Whether the inputs are ramped by intermediate updates."""
     _values: dict[int, list[Value]] | None = None
 
     def line(self, time: float) -> None:
-        """Set the inputs that follow lines to their values at a time."""
+        """Set the ramped inputs to their values at a time."""
 
     def kind_of(self, name: str) -> Any:
-        """Return a type of FMI in ctypes by its name, such as ``Boolean``."""
+        """Return the ctypes type of an FMI type by its name, such as ``Boolean``."""
         return getattr(self.module, self.prefix + name)
 
     # ------------------------------------------------------------------ for each version of FMI
@@ -85,7 +85,7 @@ class Instance(Library):
         raise NotImplementedError
 
     def updated(self) -> tuple[bool, bool, float]:
-        """Update the discrete states; return whether to do it again, whether the simulation ends, and the next event.
+        """Update the discrete states; return whether to repeat that, whether the simulation ends, and the next event.
 
         The time of the next event is infinite if there is none [s].
         """
@@ -96,7 +96,7 @@ class Instance(Library):
         return self.description.sizes
 
     def check_end(self, begin: float, size: float, end: float) -> None:
-        """Check the time [s] at which a step from `begin` ended, as reported; CosimError if it is not in the step."""
+        """Check the reported time [s] at which a step from `begin` ended; CosimError if it is not within the step."""
         close = _DRIFT * (abs(begin) + size)
         if not begin - close <= end <= begin + size + close:
             step = f"the step from t = {begin:.9g} s to t = {begin + size:.9g} s"
@@ -126,19 +126,19 @@ class Instance(Library):
         return run, (), "setRealInputDerivatives"
 
     def slopes(self, variables: Sequence[FmuVariable], values: Floats) -> Call:
-        """Return the call that gets the derivatives of real outputs by time into `values`, in place."""
+        """Return the call that writes the time derivatives of real outputs to `values`, in place."""
         places = range(len(variables))
         moved = Transfer("Get", variables, places, values, np.float64, self._last_set, self._failure)
         orders = [(c_int * len(moved.references))(*([1] * len(moved.references)))]
         return self._call_of(moved, self.slopes_name, c_double, orders)
 
     def set_time(self, time: float) -> None:
-        """Set the time of a model-exchange component, and the inputs that follow lines."""
+        """Set the time of a model-exchange component, and its ramped inputs."""
         self.call("SetTime", c_double(time))
         self.line(time)
 
     def transfer(self, name: str, values: Floats) -> None:
-        """Get or set states, their derivatives or event indicators, in place, by the name of the function."""
+        """Get or set states, their derivatives or event indicators in place, by the function of this name."""
         if values.size:
             self.call(name, shared(c_double, values), values.size)
 
@@ -182,13 +182,13 @@ class Instance(Library):
             self.in_event = False
 
     def saved_state(self) -> c_void_p:
-        """Return a copy of the FMU state, to be freed with `free_state`."""
+        """Return a copy of the FMU state, which must be freed with `free_state`."""
         state = c_void_p()
         self.call(f"Get{self.state_name}", byref(state))
         return state
 
     def restore_state(self, state: c_void_p) -> None:
-        """Take the instance back to a saved state."""
+        """Restore a saved state."""
         self.call(f"Set{self.state_name}", state)
         self.stage = "initialized"
         self.box.ended.pop(self.name, None)
@@ -211,9 +211,9 @@ class Instance(Library):
     def derivative(
         self, unknowns: Sequence[int], size: int, knowns: Sequence[int], seeds: Floats
     ) -> Callable[[], Floats]:
-        """Return the function of the directional derivatives of unknowns, (k, size), for seeds of the knowns, (k, m).
+        """Return a function from seeds of the knowns, (k, m), to directional derivatives of unknowns, (k, size).
 
-        Variables are given by their references. The function returns the same array each time.
+        Variables are given by their value references. The function returns the same array each time.
         """
         arrays = np.zeros((len(seeds), size)), np.array(seeds, np.float64)
         head = [part for each in (unknowns, knowns) for part in ((c_uint * len(each))(*each), len(each))]
@@ -231,7 +231,7 @@ class Instance(Library):
         return calculate
 
     def get_all(self, variables: Sequence[FmuVariable]) -> list[Value]:
-        """Get many variables with one call for each type."""
+        """Get many variables with one call per type."""
         values: list[Value] = [0] * len(variables)
         for numbers, places, calls in self._accesses("Get", tuple(variables)):
             self.run(calls)
@@ -241,7 +241,7 @@ class Instance(Library):
         return values
 
     def set_all(self, values: Starts) -> None:
-        """Set many variables with one call for each type."""
+        """Set many variables with one call per type."""
         arrays = [(variable, value) for variable, value in values if variable.length > 1]
         for reference, elements in groupby(arrays, lambda pair: pair[0].reference):
             last = self._last_set(reference)
@@ -253,7 +253,7 @@ class Instance(Library):
             self.run(calls)
 
     def _accesses(self, verb: str, variables: tuple[FmuVariable, ...]) -> list[_Access]:
-        """Return memory, places in `variables` and calls of each kind, kept unless they hold elements of arrays."""
+        """Return memory, places in `variables` and calls of each kind; cached unless there are elements of arrays."""
         key = verb, *map(id, variables)
         if key in self._kept:
             return self._kept[key][1]
@@ -310,7 +310,7 @@ class Instance(Library):
         return transfers
 
     def between_events(self, variable: FmuVariable) -> bool:
-        """Whether a variable is got or set between events; event mode excludes clocked ones and discrete inputs."""
+        """Return whether a variable is read or set between events; clocked ones and discrete inputs need event mode."""
         held = variable.causality not in ("output", "local") and variable.variability == "discrete"
         return not self.event_mode or not (variable.clocks or held)
 
@@ -318,7 +318,7 @@ class Instance(Library):
         return CosimError(self.name, call, self.box.time, reason)
 
     def _last_set(self, reference: int) -> list[Value]:
-        """Return the values of all elements of an input or parameter, as last set."""
+        """Return the values last set of all elements of an input or parameter."""
         if self._values is None:
             self._values = {}
             for v in self.description.variables.values():
@@ -330,7 +330,7 @@ class Instance(Library):
     def instantiate(self) -> None:
         """Create the instance."""
         self._kept: dict[tuple[str | int, ...], tuple[tuple[FmuVariable, ...], list[_Access]]] = {}
-        """Accesses by the identities of their variables."""
+        """Accesses by the ids of their variables."""
         boxes[self.token] = (self.name, self.box)
         if self.python:
             with _MAKING, watched_slave(self.folder / "resources"):
@@ -346,7 +346,7 @@ class Instance(Library):
         try:
             self._make()
         except Exception as error:
-            if type(error) is not Exception:  # fmpy raises a plain one if there is no instance, and none for FMI 1.0
+            if type(error) is not Exception:  # fmpy raises a bare exception without an instance, and none for FMI 1.0
                 raise
         if not self.fmu.component:
             self.stage = "failed"
@@ -406,4 +406,4 @@ class Instance(Library):
 
 
 _unfreed: list[Instance] = []
-"""Instances after a fatal error. They may not be freed and may still use their callbacks."""
+"""Instances after a fatal error: they must not be freed, and may still use their callbacks."""

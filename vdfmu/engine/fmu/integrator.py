@@ -19,19 +19,19 @@ from vdfmu.engine.fmu.access import Call
 from vdfmu.engine.fmu.variables import FmuVariable
 
 TOLERANCE = 1e-6
-"""Default relative tolerance; the absolute tolerance is the product with the nominal values of the states."""
+"""Default relative tolerance. The absolute tolerance is its product with the nominal values of the states."""
 _STIFF = 200
-"""Explicit steps in a communication step after which the method becomes implicit."""
+"""Number of explicit steps in a communication step after which the method becomes implicit."""
 _DIFFERENCE = 1e-6
-"""Size of differences, relative to sizes and nominal values."""
+"""Increment of finite differences, relative to the values and nominal values."""
 _EVENTS = 1000
-"""Most events in a communication step."""
+"""Largest number of events in a communication step."""
 _MOST = 10_000_000
-"""Most continuous states, and most event indicators: 80 MB each."""
+"""Largest number of continuous states and of event indicators: 80 MB each."""
 
 
 def excess_of(states: int, indicators: int) -> str:
-    """Return the numbers of states and of event indicators, with their limit, if there is no memory for them."""
+    """Return a text with the numbers of states and event indicators and their limit if either exceeds it."""
     text = f"{states} continuous states and {indicators} event indicators; expected {_MOST} at most of each"
     return text if max(states, indicators) > _MOST else ""
 
@@ -39,8 +39,8 @@ def excess_of(states: int, indicators: int) -> str:
 class ModelExchangeIntegrator:
     """Integrates the states of a component over communication steps, after its initialization.
 
-    The method is DOP853, or Radau once a communication step takes many steps. A change of sign of an event indicator is
-    located by bisection to rounding; the event is at the first time after the change.
+    The method is DOP853, and Radau once a communication step takes many steps. A change of sign of an event indicator
+    is located by bisection down to rounding, and the event is at the first time after the change.
     """
 
     def __init__(self, instance: Any, tolerance: float | None) -> None:
@@ -137,7 +137,7 @@ class ModelExchangeIntegrator:
         return high
 
     def differences(self, time: float, inputs: Sequence[FmuVariable], outputs: Sequence[FmuVariable]) -> Floats:
-        """Return the derivatives of rates and outputs by states and inputs, by central differences."""
+        """Return the derivatives of rates and outputs with respect to states and inputs, by central differences."""
         instance, n = self.instance, self._x.size
         instance.leave_event()
         self.instance.transfer("GetContinuousStates", self._x)

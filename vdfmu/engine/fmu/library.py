@@ -19,14 +19,14 @@ from vdfmu.engine.fmu.description import Description
 from vdfmu.engine.fmu.messages import STATUS, LogMessage, MessageBox, taken_error
 
 Watch = Callable[[str, str, Any], Any]
-"""Wraps a function to note component and call before it runs."""
+"""Wraps a function so that it notes the component and the call before it runs."""
 _tokens = itertools.count(1)
 _LOADING = threading.Lock()
-"""Held while fmpy loads a library: it changes the working folder of the process, for all threads."""
+"""Lock held while fmpy loads a library, because it changes the process's working folder for all threads."""
 
 
 def status_of(function: Callable[..., int], *arguments: Any) -> int:
-    """Return the status of a call by fmpy, which raises statuses above warning."""
+    """Return the status of a call through fmpy, which raises an exception for statuses above warning."""
     try:
         return function(*arguments)
     except FMICallException as error:
@@ -34,16 +34,16 @@ def status_of(function: Callable[..., int], *arguments: Any) -> int:
 
 
 class Library:
-    """The functions of an FMU, unpacked in `folder`.
+    """The functions of an FMU that is unpacked in `folder`.
 
     `fmu` is fmpy's instance. Its methods with FMI's names receive arguments that are prepared once. After a fatal error
     no instance of the same FMU is called again, not even to free it (FMI 2.0, table of statuses). `corrupt`, shared by
-    the units of a run, has the sources of such FMUs. `watch` wraps everything that runs code of the FMU: its functions
-    and the loading.
+    the units of a run, contains the sources of such FMUs. `watch` wraps everything that runs the FMU's code: its
+    functions and the loading.
     """
 
     kinds: tuple[Any, Any]
-    """Classes of fmpy for co-simulation and for model exchange."""
+    """fmpy's classes for co-simulation and for model exchange."""
     prefix = ""
     """Prefix of the functions."""
 
@@ -70,8 +70,8 @@ class Library:
         )
         try:
             self.fmu = _loaded(watch(name, "load", load) if watch else load)
-        except Exception as error:  # of fmpy, which raises plain ones
-            lacks = f"the library does not have a function of FMI {description.version.name}: "
+        except Exception as error:  # fmpy raises bare exceptions
+            lacks = f"the library lacks a function of FMI {description.version.name}: "
             reason = f"{lacks if isinstance(error, AttributeError) else ''}{error.__context__ or error}"
             raise CosimError(name, "load", box.time, reason) from None
         self.mend(self.fmu)
@@ -80,26 +80,26 @@ class Library:
 
     @staticmethod
     def mend(fmu: Any) -> None:
-        """Correct functions that fmpy declares wrongly."""
+        """Fix functions that fmpy declares wrongly."""
 
     def let_go(self) -> None:
-        """Release the references of the library of a Python FMU to the data of its instances.
+        """Release the references that a Python FMU's library holds to the data of its instances.
 
-        Otherwise pythonfmu 0.7.0 releases the data when the library is unloaded or the process ends, after freeing it.
+        Otherwise pythonfmu 0.7.0 releases the data, already freed, when the library is unloaded or the process ends.
         """
         with suppress(AttributeError):  # another wrapper
             self.fmu.dll.finalizePythonInterpreter()
 
     def symbol(self, name: str) -> str:
-        """Return the name of an FMI function in the library, by its name without prefix."""
+        """Return the name in the library of an FMI function, given without its prefix."""
         return self.prefix + name
 
     def function(self, name: str) -> Any:
-        """Return fmpy's method of an FMI function, by its name without prefix; it accepts ctypes arguments."""
+        """Return fmpy's method for an FMI function, given without its prefix; the method accepts ctypes arguments."""
         return getattr(self.fmu, self.prefix + name)
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Call a function with ctypes arguments; CosimError when its status is above warning."""
+        """Call a function with ctypes arguments; CosimError if its status is above warning."""
         self.run([(self.function(name), (self.fmu.component, *arguments), name)])
 
     def run(self, calls: Sequence[Call]) -> None:
@@ -113,7 +113,7 @@ class Library:
                 self.judge(status, name)
 
     def judge(self, status: int, call: str) -> None:
-        """Accept a warning, or a step that ends the simulation on request of the unit; else raise CosimError."""
+        """Accept a warning, or a step with which the unit ends the simulation; else raise CosimError."""
         if status == 1 or (status == 2 and call == "doStep" and self.has_ended()):
             return
         version = self.description.version.name
@@ -135,17 +135,17 @@ class Library:
         return f"{error.reason}; it logged: {' '.join(error.logged)}" if error.logged else error.reason
 
     def has_ended(self) -> bool:
-        """Whether the unit has discarded a step to end the simulation; sets `MessageBox.ended`."""
+        """Return whether the unit has discarded a step to end the simulation; sets `MessageBox.ended`."""
         return False
 
     @property
     def dead(self) -> bool:
-        """Whether the FMU has had a fatal error."""
+        """Return whether the FMU has had a fatal error."""
         return self.description.source in self._corrupt
 
 
 def watch_calls(fmu: Any, name: str, prefix: str, watch: Watch) -> None:
-    """Wrap the functions of fmpy's instance of the component `name`, so that all methods of the instance use them."""
+    """Wrap the functions of the component's instance of fmpy, so that all of its methods use the wrapped ones."""
     for each in dir(fmu):
         if each.startswith(prefix) or each == "freeLibrary":
             call = each.removeprefix(prefix)
@@ -159,4 +159,4 @@ def _loaded(load: Callable[[], Any]) -> Any:
         try:
             return load()
         finally:
-            os.chdir(here)  # fmpy stays in the folder of a library that it cannot load
+            os.chdir(here)  # fmpy does not leave the folder of a library that it cannot load

@@ -19,9 +19,9 @@ from vdfmu.base.text import shown
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _LENGTH = 10_000
-"""Bytes of a message that are kept."""
+"""Number of bytes kept of a message."""
 _FAILURE = re.compile("error|fatal|discard", re.IGNORECASE)
-"""Part of the category that marks an error, even if the status is lower."""
+"""Part of a category that marks an error, even if the status is lower."""
 EVENT = "event"
 """Status of a message that reports an event: its text is the name of the event, its time that of the event."""
 _SAID = re.compile(r".*: event (\S+) at t = (\S+) s")
@@ -42,7 +42,7 @@ class LogMessage(NamedTuple):
     text: str
 
     def __str__(self) -> str:
-        named = not self.unit or self.text.startswith(f"{self.unit}: ")  # some units name themselves
+        named = not self.unit or self.text.startswith(f"{self.unit}: ")  # some units include their own name
         return self.text if named else f"{self.unit}: {self.text}"
 
 
@@ -76,10 +76,10 @@ class EventLog:
 class MessageBox:
     """Collects the messages of the units of a run.
 
-    `pending` holds the messages since the last `flush`. The master flushes after each step, so these explain a failure.
-    `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each message, by
-    default the logger ``vdfmu.engine.run``. `take` receives each event, by default that of `events`. An event of a step
-    that is undone is removed from `pending` with its messages.
+    `pending` holds the messages since the last `flush`. The master flushes after each step, so the pending messages
+    explain a failure. `ended` maps units that have ended the simulation to the time of the end [s]. `log` receives each
+    message, by default the logger ``vdfmu.engine.run``. `take` receives each event, by default that of `events`. An
+    event of a step that is undone is removed from `pending` with its messages.
     """
 
     def __init__(self, log: Callable[[LogMessage], None] | None, limit: int = 10_000) -> None:
@@ -89,7 +89,8 @@ class MessageBox:
         self.events = EventLog()
         self.take: Callable[[LogMessage], None] | None = None
         self.clock, self.waiting = c_double(), c_int()
-        """Memory that compiled steps share: the communication point [s], and whether a message came since `flush`."""
+        """Memory shared with compiled steps: the communication point [s], and whether there was a message since
+        `flush`."""
         self._log = log or _log
         self._limit = limit
 
@@ -103,7 +104,7 @@ class MessageBox:
         self.clock.value = time
 
     def add(self, message: LogMessage) -> None:
-        """Take a message; between two flushes only the last `limit` are certain to be kept."""
+        """Receive a message. Between two flushes at least the last `limit` messages are kept."""
         self.waiting.value = 1
         self.pending.append(message)
         if len(self.pending) >= 2 * self._limit:
@@ -126,15 +127,15 @@ class MessageBox:
             self._log(message)
 
     def reason(self, unit: str) -> str:
-        """Return the reason that a unit gave since the last flush: its errors, else warnings, else its last message."""
+        """Return the reason that a unit logged since the last flush: errors, else warnings, else its last message."""
         messages = [m for m in self.pending if m.unit == unit and m.status != EVENT]
         failed = [m for m in messages if m.status not in ("ok", "warning") or _FAILURE.search(m.category)]
         worst = failed or [m for m in messages if m.status == "warning"]
         text = " ".join(" ".join(m.text.split()) for m in worst)
         if not worst:
             return "the unit gave no reason" + (f"; its last message: {messages[-1].text.strip()}" if messages else "")
-        text = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", text)  # prefix of pythonfmu
-        # the error that quotes the message names unit and call already
+        text = re.sub(r"Fatal py exception encountered: \[\w+\] \w+ ?", "", text)  # pythonfmu's prefix
+        # the error that quotes the message already names the unit and the call
         text = re.sub(rf"^{re.escape(unit)}: \w+( at t = \S+ s)? failed: ", "", text)
         return text or "the unit gave no reason"
 
@@ -150,7 +151,7 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
         message += f" ... ({len(text) - _LENGTH} bytes more)"
     label = STATUS[status] if 0 <= status < len(STATUS) else str(status)
     entry = boxes.get(token or 0)
-    if entry is None:  # from fmpy's own instance: its proxy has one receiver for the process, now this function
+    if entry is None:  # from fmpy's own instance: its proxy library has one receiver per process, now this function
         print(f"[{label.upper()}] {message}")
         return
     name, box = entry
@@ -162,8 +163,8 @@ def on_message(token: int | None, status: int, category: bytes, text: bytes) -> 
 
 
 # Python FMUs. The library that pythonfmu puts into each FMU reports the text of an exception without its place, and not
-# even the text if the slave has logged in the same call. Slaves run in the interpreter of this process. So their calls
-# are wrapped and note the exception. During the creation no call can be wrapped yet, so its lines are traced.
+# even the text if the slave has logged in the same call. Because slaves run in this process's interpreter, their calls
+# can be wrapped to note the exception. During the creation no call can be wrapped yet, so its lines are traced.
 
 _CALLS = (
     "setup_experiment",
@@ -197,7 +198,7 @@ def taken_error() -> PythonError | None:
 
 @contextmanager
 def watched_slave(resources: Path) -> Generator[None]:
-    """Watch the creation of a slave from the files in a folder, then all of its calls."""
+    """Watch the creation of a slave from the files in a folder, and then all of its calls."""
 
     def lines(frame: Any, event: str, value: Any) -> Any:
         if event == "exception":
@@ -213,9 +214,9 @@ def watched_slave(resources: Path) -> Generator[None]:
         yield
     finally:
         sys.settrace(before)
-    taken_error()  # exceptions that the slave has caught
+    taken_error()  # exceptions that the slave itself has caught
     for slave in _subclasses(getattr(sys.modules.get("pythonfmu"), "Fmi2Slave", None)):
-        for name in () if slave.__module__.startswith("vdfmu.") else _CALLS:  # errors of this package have their places
+        for name in () if slave.__module__.startswith("vdfmu.") else _CALLS:  # errors of this package name their place
             method = getattr(slave, name, None)
             if method is not None and not hasattr(method, "_watched"):
                 setattr(slave, name, _watched(method))
@@ -241,7 +242,7 @@ def _watched(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _note(error: BaseException, slave: Any, resources: str) -> None:
-    """Note an exception, and take the messages of the slave: with these the library loses the exception."""
+    """Note an exception, and remove the messages of the slave, because with them the library loses the exception."""
     queue: list[Any] = getattr(slave, "log_queue", [])
     logged = [" ".join(str(message.msg).split()) for message in queue]
     trace = "".join(traceback.format_exception(error)).rstrip()

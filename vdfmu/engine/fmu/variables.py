@@ -18,11 +18,11 @@ from vdfmu.base.standards import MASTER_VERSIONS
 from vdfmu.engine.package.system import UnitFactor, Value
 
 INTEGERS = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
-"""Integer types of FMI 3.0; numpy's have the same names in small letters."""
+"""Integer types of FMI 3.0; numpy's have the same names in lower case."""
 RANGES = {"Integer": (-(2**31), 2**31 - 1)} | {
     name: (int(np.iinfo(name.lower()).min), min(int(np.iinfo(name.lower()).max), 2**63 - 1)) for name in INTEGERS
 }
-"""Least and largest value of integer types; UInt64 is limited by the master."""
+"""Smallest and largest value of integer types; UInt64 is limited by the master."""
 _TYPES = {"Float32": "Real", "Float64": "Real", **dict.fromkeys(INTEGERS, "Integer")}
 """Types of FMI 3.0 that the master treats as a type of FMI 2.0."""
 
@@ -48,7 +48,7 @@ def feeds(source: str, sink: str) -> bool:
 
 
 class Clock(NamedTuple):
-    """A clock of FMI 3.0: variability of the interval, interval (NaN if not declared) and first tick [s]."""
+    """A clock of FMI 3.0: variability of its interval, its interval (NaN if not declared) and its first tick [s]."""
 
     variability: str
     interval: float
@@ -61,7 +61,7 @@ class Clock(NamedTuple):
 
     @property
     def asked(self) -> bool:
-        """Whether the component states the interval."""
+        """Whether the component determines the interval."""
         return self.variability in ("calculated", "tunable", "changing", "countdown")
 
 
@@ -83,10 +83,9 @@ class FmuVariable:
     """A scalar variable of an FMU, or an element of an array of FMI 3.0.
 
     `type` is Real, Integer, Enumeration, Boolean, String or Binary, `native` the type in the names of its functions,
-    `items` the items of an enumeration or of a choice of a unit, `nominal` the size of its values in its unit if
-    stated, `limits` the least and the largest value. `index` is its position among the `length` elements of the array,
-    row by row. `reference` and `clocks` are value references, of itself and of its clocks. `clock` holds the properties
-    of a clock.
+    `items` the items of an enumeration or of a unit's choice, `nominal` its nominal value if stated, `limits` the
+    smallest and the largest value. `index` is its position among the `length` elements of the array, row by row.
+    `reference` is its value reference, `clocks` are those of its clocks. `clock` has the properties of a clock.
     """
 
     name: str
@@ -119,7 +118,7 @@ class FmuVariable:
 
     @cached_property
     def domain(self) -> Domain:
-        """Its type and limits, for an integer those of its number of bits too."""
+        """Its type and limits; an integer is also limited by its number of bits."""
         low, high = self.limits
         if self.type == "Integer":
             least, most = RANGES[self.native]
@@ -128,17 +127,17 @@ class FmuVariable:
 
     @property
     def size(self) -> float:
-        """The nominal value, by default 1 (FMI)."""
+        """The nominal value, 1 by default (FMI)."""
         return self.nominal or 1.0
 
     @property
     def settable(self) -> bool:
-        """Whether FMI lets the value be set before initialization mode."""
+        """Whether FMI allows the value to be set before initialization mode."""
         return self.causality == "input" or (self.variability != "constant" and self.initial in {"exact", "approx"})
 
 
 def _limits_of(variable: Any) -> tuple[float, float]:
-    """Return the limits of fmpy's variable, else of its type; infinite if neither can be read."""
+    """Return the limits of fmpy's variable, or of its type; infinite if neither can be read."""
     limits = [-math.inf, math.inf]
     for k, name in enumerate(("min", "max")):
         text = getattr(variable, name)
@@ -160,10 +159,10 @@ def read_variables(
     clocks: Mapping[str, Any],
     names: Mapping[str, Mapping[str, int]],
 ) -> dict[str, FmuVariable]:
-    """Return the variables of fmpy's description by their names, arrays by their elements.
+    """Return the variables of fmpy's description by name, arrays as their elements.
 
-    `relative` has the names of relative quantities, `clocks` the elements of clocks, and `names` names of the values
-    of integers, each by variable.
+    `relative` contains the names of relative quantities, `clocks` the elements of clocks by variable, and `names` the
+    names of integers' values by variable.
     """
     version = MASTER_VERSIONS[str(model.fmiVersion)]
     variables: dict[str, FmuVariable] = {}
@@ -197,7 +196,7 @@ def read_variables(
 
 
 def _elements(text: str | None, length: int) -> list[str | None]:
-    """Return the text of each element, from the text of an array or from a text for all."""
+    """Return the text of each element, from an array's text or from one text for all."""
     parts: list[str | None] = [None] if text is None else [*text.split()]
     return parts if len(parts) == length else [parts[0] if parts else None] * length
 

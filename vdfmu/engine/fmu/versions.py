@@ -1,4 +1,4 @@
-"""Instances of FMUs of FMI 1.0, 2.0 and 3.0."""
+"""Instances of FMUs in FMI 1.0, 2.0 and 3.0."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vdfmu.engine.package.system import Value
 
 try:
     from fmpy.logging import addLoggerProxy
-except Exception:  # no proxy library for this platform: messages come without their arguments
+except Exception:  # without a proxy library for this platform messages lack their arguments
     addLoggerProxy = None
 
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
@@ -31,7 +31,7 @@ _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
 
 @fmi2.fmi2CallbackLoggerTYPE
 def _RECEIVER(token: int | None, instance: bytes | None, *message: Any) -> None:
-    if token not in boxes:  # FMI 1.0 passes the instance, unknown while it is made
+    if token not in boxes:  # FMI 1.0 passes the instance, which is unknown while it is made
         token = next((key for key, (name, _) in boxes.items() if name.encode() == instance), token)
     on_message(token, *message)
 
@@ -52,7 +52,7 @@ class Instance2(Instance):
         # pythonfmu passes its text as the format, without arguments: a percent sign must not be formatted
         if addLoggerProxy is not None and not self.python:
             addLoggerProxy(byref(callbacks))
-        # FMPy's container would log every call to its units, in a millisecond a step; it reports errors in any case
+        # FMPy's container would log every call of its units, a millisecond per step; it reports errors in any case
         self.fmu.instantiate(callbacks=callbacks, loggingOn=self.description.identifier != "container_fmu")
 
     def prepare(self, tolerance: float | None, start: float, stop: float, values: Starts) -> None:
@@ -82,7 +82,7 @@ class Instance2(Instance):
             del self.box.pending[before:]  # messages of these calls do not explain the discarded step
             return False
         status_of(self.function("GetRealStatus"), self.fmu.component, _LAST_SUCCESSFUL_TIME, byref(time))
-        if not math.isnan(time.value):  # else it does not report the time
+        if not math.isnan(time.value):  # otherwise it does not report the time
             begin, size = self.step
             self.check_end(begin.value, size.value, time.value)
         self.box.ended[self.name] = time.value
@@ -99,7 +99,8 @@ class Instance2(Instance):
 class Instance1(Instance2):
     """An instance of an FMU of FMI 1.0 for co-simulation.
 
-    It has no initialization mode. Values that are set before the first value is read come before its initialization.
+    FMI 1.0 has no initialization mode, so the instance is initialized when a value is first read, after all values set
+    before.
     """
 
     kinds = fmi1.FMU1Slave, fmi1.FMU1Model
@@ -160,11 +161,11 @@ class Instance1(Instance2):
 _EVENT, _END, _EARLY = range(3)
 """Output flags of doStep."""
 _CLOSE = 1e-9
-"""Part of a step that an early return may omit by rounding."""
+"""Fraction of a step by which an early return may miss the end because of rounding."""
 _RETURNS = 1000
-"""Most early returns from a communication step."""
+"""Largest number of early returns in a communication step."""
 _KEEP = True
-"""Argument of doStep: no state from before the step is restored."""
+"""Argument of doStep: no state before the step will be restored."""
 _CHANGED = 2
 """Value of fmi3IntervalQualifier."""
 
@@ -186,11 +187,11 @@ class Instance3(Instance):
     module = fmi3
 
     _begin, _end, _at, _held = math.nan, 0.0, 0.0, 0.0
-    """Start and end of a step, its last update, and the time on the line at which the inputs are held [s]."""
+    """Start and end of a step, its last update, and the time whose values on the ramp the inputs hold [s]."""
     _piece, _late = math.inf, 0.0
-    """Length of the last internal step [s], and the value of `_lag` up to the last update."""
+    """Length of the last internal step [s], and `_lag` up to the last update."""
     _opening = _piece, _late
-    """Both at the start of the step."""
+    """Both of them at the start of the step."""
     _failed: CosimError | None = None
     """Error of an intermediate update."""
 
@@ -223,7 +224,7 @@ class Instance3(Instance):
     def _simulation_call(self, clock: c_double, size: c_double) -> Call:
         step = self.function("DoStep")
         self.flags, self.reached = (c_ubyte * 4)(), c_double()
-        """Answers of doStep: output flags, of which an FMU may set any bit, and the last successful time [s]."""
+        """Results of doStep: output flags, in which an FMU may set any bit, and the last successful time [s]."""
         flags = (c_bool.from_buffer(self.flags, i) for i in (_EVENT, _END, _EARLY))
         self._answers = *map(byref, flags), byref(self.reached)
 
@@ -236,7 +237,7 @@ class Instance3(Instance):
         return do_step, (self.fmu.component, clock, size, _KEEP), "doStep"
 
     def complete(self, status: int, clock: c_double, size: c_double) -> int:
-        """Complete a step by its status, `flags` and time `reached`; return the last status."""
+        """Complete a step, given its status, `flags` and the time `reached`; return the last status."""
         if self._failed is not None:
             raise self._failed
         begin, end, any_flag = clock.value, clock.value + size.value, c_uint32.from_buffer(self.flags)
@@ -257,7 +258,7 @@ class Instance3(Instance):
         raise self._failure("doStep", f"it returned early {_RETURNS} times in a step, the last at t = {begin:.9g} s")
 
     def _run_line(self, begin: float, end: float) -> None:
-        """Begin a step with inputs on lines; a repeated step begins as before."""
+        """Begin a step with ramped inputs; a repeated step begins as before."""
         if begin != self._begin:
             self._begin, self._opening = begin, (self._piece, self._late + self._lag(self._end))
         self._piece, self._late = self._opening
@@ -280,7 +281,7 @@ class Instance3(Instance):
         return (time - self._at) * (0.5 * (self._at + time) - self._held)
 
     def _hold(self, length: float) -> None:
-        """Set the inputs for an internal step of a guessed length, so that their integral is the line's.
+        """Set the inputs for an internal step of a guessed length, so that their integral equals the ramp's.
 
         The value also corrects the error of the previous guess.
         """
@@ -288,7 +289,7 @@ class Instance3(Instance):
         self.line(self._held)
 
     def _answered(self, flags: Any, last: float, done: bool) -> bool:
-        """Evaluate the output flags of a step; False if more than a rounding error of the step remains."""
+        """Evaluate the output flags of a step; return False if more of the step remains than a rounding error."""
         self.event_needed = bool(flags[_EVENT])
         if flags[_END]:
             self.box.ended[self.name] = last
@@ -297,7 +298,7 @@ class Instance3(Instance):
             return True
         if not self.event_mode:
             raise self._failure("doStep", f"it returned early, at t = {last:.9g} s, without permission")
-        if self.event_needed:  # alone: other components may be ahead
+        if self.event_needed:  # it alone: other components may be ahead
             self.box.event(self.name, last)
             self.enter_event()
             if any(self.clocks([v.reference for v in self.description.named("output") if v.clock])):

@@ -1,4 +1,4 @@
-"""Check of a model description: schema, internal references, and the rules in fmpy."""
+"""Check of a model description: its schema, its internal references, and fmpy's rules."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REFERENCES = "extra/org.fmi-standard.fmi-ls-ref/"
 MANIFEST = "fmi-ls-manifest.xml"
 """Name of the manifest of a layered standard, in its folder."""
 _SCHEMAS = {"1": "fmi1/fmi", "2": "fmi2/fmi2", "3": "fmi3/fmi3"}
-"""Start of the path of the schema in fmpy by version of FMI."""
+"""Start of the schema's path in fmpy by version of FMI."""
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _CAUSALITIES = {
     "constant": ("output", "local"),
@@ -65,10 +65,10 @@ _TYPE_ATTRIBUTES = (
 
 
 def description_faults(root: Any) -> tuple[list[Finding], Any]:
-    """Return all breaches of the schema and of rules, and fmpy's description, None after a breach of the schema.
+    """Return all violations of the schema and the rules, and fmpy's description, None if the schema is violated.
 
     fmpy stops at the first dangling reference. These are found here and removed from `root`, so that fmpy can report
-    everything else. A breach of the schema ends the check.
+    everything else. A violation of the schema ends the check.
     """
     version = str(root.get("fmiVersion"))
     faults = schema_faults(root, f"{_SCHEMAS[version[0]]}ModelDescription.xsd", DESCRIPTION)
@@ -95,12 +95,12 @@ def _schema(name: str) -> Any:
 
 
 def schema_faults(root: Any, name: str, where: str) -> list[Finding]:
-    """Return the breaches of a schema of fmpy, such as ``fmi2/fmi2ModelDescription.xsd``."""
+    """Return the violations of one of fmpy's schemas, such as ``fmi2/fmi2ModelDescription.xsd``."""
     return schema_breaches(_schema(name), root, "FMI003", where)
 
 
 def variables_of(root: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield two elements of each variable: its own, and that with the attributes of its type, the same in FMI 3.0."""
+    """Yield two elements per variable: its own, and the one with the attributes of its type, which FMI 3.0 merges."""
     for item in root.iterfind("ModelVariables/*"):
         if item.get("name") is not None:
             yield item, next((c for c in item if item.tag == "ScalarVariable" and c.tag in _TYPES), item)
@@ -114,7 +114,7 @@ def types_of(root: Any) -> dict[str, Any]:
 
 
 def _restore_lines(model: Any, root: Any) -> None:
-    """Set the line numbers of the file in fmpy's objects: the text that fmpy read may have other lines."""
+    """Set the file's line numbers in fmpy's objects, because the text that fmpy read may have other lines."""
     for variable, (item, _) in zip(model.modelVariables, variables_of(root), strict=False):
         variable.sourceline = item.sourceline
     for name, path in _UNKNOWNS.get(str(root.get("fmiVersion"))[0], {}).items():
@@ -127,7 +127,7 @@ def _restore_lines(model: Any, root: Any) -> None:
 
 
 def _rules(model: Any) -> list[Finding]:
-    """Return fmpy's findings, without its faulty ones on aliases of FMI 3.0 in the model structure."""
+    """Return fmpy's findings, without its wrong ones on aliases of FMI 3.0 in the model structure."""
     everything = model.modelVariables
     aliases = [v for v in everything if v.alias is not None]
     model.modelVariables = [v for v in everything if v.alias is None]
@@ -171,7 +171,7 @@ class _Dangling:
                 self.fault("FMI004", item, f"declaredType {declared!r} is not defined; define it in TypeDefinitions")
             kind = types.get(declared or "")
             if declared is not None and (kind is None or kind.tag == "ClockType"):
-                del value.attrib["declaredType"]  # fmpy has no types of clocks
+                del value.attrib["declaredType"]  # fmpy does not read types of clocks
             if self.version != "1":
                 self._causality(item, value)
                 self._display_unit(item, value, kind)

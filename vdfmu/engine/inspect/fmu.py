@@ -1,4 +1,4 @@
-"""Check of an FMU: contents, rules of FMI, libraries, and a run."""
+"""Check of an FMU: its contents, the rules of FMI, its libraries, and a run."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from vdfmu.engine.rules import Finding, Findings, breach, can_run, finding, line
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 BUILD = "sources/buildDescription.xml"
 _SHOWN = 5
-"""Most missing source files in a message."""
+"""Largest number of missing source files in a message."""
 _VERSION = re.compile(r"[12]\.0|3\.0(\.\d+)?")
 """fmiVersion: fixed texts in FMI 1.0 and 2.0, with an optional third number in FMI 3.0."""
-NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; mend them first")
-RUN_ANYWAY = finding("RUN006", "run in spite of its problems (--run-anyway)")
+NOT_RUN = finding("RUN006", "not run: code of a file with problems is not run; fix them first")
+RUN_ANYWAY = finding("RUN006", "run despite its problems (--run-anyway)")
 _XML_FOLDERS = ("terminalsAndIcons/", "sources/", "extra/")
 _MAGIC = {
     ".so": (b"\x7fELF",),
@@ -54,12 +54,12 @@ _PE = {0x14C: "x86", 0x1C0: "arm", 0x8664: "x86_64", 0xAA64: "aarch64"}
 
 @dataclass(frozen=True)
 class _FmuContents:
-    """Contents of an FMU: its members, and the roots of its XML files by name."""
+    """Contents of an FMU: its members, and the root elements of its XML files by name."""
 
     names: list[str]
     roots: Mapping[str, Any]
     misbuilt: Mapping[str, str]
-    """Messages on libraries for another processor in the folder of this platform."""
+    """Messages about libraries for another processor in the folder of this platform."""
 
 
 def store(archive: Archive, source: str, folder: Path) -> Path:
@@ -118,7 +118,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
         findings.report("FMI002", f"{DESCRIPTION}: {got}; expected 1.0, 2.0 or 3.0", root)
         return findings, standard
     if version == "1.0" and root.find("Implementation") is None:
-        text = "FMI 1.0 for model exchange: fmpy runs it, the master of vdfmu takes FMI 1.0 for co-simulation only"
+        text = "FMI 1.0 for model exchange: fmpy runs it, but vdfmu's master runs FMI 1.0 only for co-simulation"
         findings.report("RUN008", text, root)
     broken, mended = _rules(unit)
     findings.add(broken)
@@ -135,7 +135,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
             text = "expected an FMU for CoSimulation or ModelExchange, got one for ScheduledExecution"
             findings.report("RUN007", text, root)
     elif version != "1.0" and "coSimulation" not in kinds:
-        findings.report("FMI019", "no co-simulation: a master needs it; other importers bring a solver", root)
+        findings.report("FMI019", "no co-simulation: it needs an importer with a solver, such as vdfmu's master", root)
     if not any("'DefaultExperiment'" in problem for problem in findings.problems):  # by the schema
         findings.entries += _experiment(description)
     _binaries(unit, description, kinds, findings)
@@ -143,7 +143,7 @@ def _examine(path: Path, name: str, outer: Archive | None) -> tuple[Findings, st
 
 
 def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
-    """Return the breaches of the schema and of the rules of the standard, and fmpy's description of the rest."""
+    """Return the violations of the schema and of the standard's rules, and fmpy's description of the rest."""
     root = unit.roots[DESCRIPTION]
     ours = _variable_faults(root)
     if TERMINALS in unit.roots:
@@ -155,7 +155,7 @@ def _rules(unit: _FmuContents) -> tuple[Findings, Any]:
     notes = [] if references is None else related_notes(references)
     build = _build_faults(root, unit.roots.get(BUILD), unit.names)
     problems, description = description_faults(root)
-    if description is None:  # breaches of the schema hide all others
+    if description is None:  # violations of the schema hide all others
         return Findings(problems), None
     return Findings([*problems, *ours, *build, *notes]), description
 
@@ -185,7 +185,7 @@ def _experiment(description: Any) -> list[Finding]:
 
 
 def _read(path: Path, label: str, findings: Findings, outer: Archive | None) -> _FmuContents:
-    """Read the contents of an FMU; report and skip refused XML."""
+    """Read the contents of an FMU; report and skip invalid XML."""
     with Archive(path, label, outer) as archive:
         findings.entries += archive.notes
         if DESCRIPTION not in archive:
@@ -233,7 +233,7 @@ def _binaries(unit: _FmuContents, description: Any, kinds: list[str], findings: 
 
 
 def _architecture(data: bytes) -> str | None:
-    """Return the processor of an ELF or PE library; None if the header does not state it."""
+    """Return the processor of an ELF or PE library, or None if the header does not state it."""
     try:
         if data.startswith(b"\x7fELF"):
             (number,) = struct.unpack_from("<H" if data[5] == 1 else ">H", data, 18)
@@ -248,7 +248,7 @@ def _architecture(data: bytes) -> str | None:
     return None
 
 
-# ------------------------------------------------------------------ rules of FMI outside of fmpy
+# ------------------------------------------------------------------ rules of FMI that fmpy does not check
 
 
 def _variable_faults(root: Any) -> list[Finding]:
@@ -273,7 +273,7 @@ def _stated(value: Any, types: Mapping[str, Any]) -> ChainMap[str, str]:
 
 
 def _nominal_fault(text: str | None) -> str:
-    """Return the fault of a nominal value; importers scale tolerances by it."""
+    """Return the fault of a nominal value, with which importers scale tolerances."""
     if text is None or _number(text) is None or (math.isfinite(float(text)) and float(text)):
         return ""
     return f"nominal is {text}; expected a finite number other than 0"
@@ -295,7 +295,7 @@ _PURPOSES = ("smoke-test", "validation", "uncertainty-analysis")
 
 
 def related_notes(root: Any) -> list[Finding]:
-    """Return the breaches of FMI-LS-REF, a draft, in its manifest."""
+    """Return violations of the draft FMI-LS-REF in its manifest."""
     faults: list[tuple[str, Any]] = []
     if root.tag != "fmiReferences":
         faults.append((f"{REFERENCES}{MANIFEST}: expected the root fmiReferences, got {root.tag!r}", root))
@@ -313,7 +313,7 @@ def related_notes(root: Any) -> list[Finding]:
 
 
 def _range_fault(stated: Mapping[str, str]) -> str:
-    """Return the fault if min <= start <= max does not hold."""
+    """Return a fault unless min <= start <= max."""
     low, high = (_number(stated.get(name)) for name in ("min", "max"))
     if low is not None and high is not None and low > high:
         return f"min {stated['min']} is above max {stated['max']}"
@@ -327,7 +327,7 @@ def _range_fault(stated: Mapping[str, str]) -> str:
 
 
 def _number(text: str | None) -> float | None:
-    """Return the number in a text, integers exactly; None for text against the schema."""
+    """Return the number in a text, integers exactly; None if the text violates the schema."""
     for read in (int, float):
         with suppress(ValueError):
             return None if text is None else read(text)
@@ -335,7 +335,7 @@ def _number(text: str | None) -> float | None:
 
 
 def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[Finding]:
-    """Return the faults of variables of FMI 2.0 with a common value reference (2.2.7)."""
+    """Return the faults of FMI 2.0 variables that share a value reference (2.2.7)."""
     shared: dict[tuple[str, str], list[tuple[Any, Any]]] = {}
     for item, value in variables_of(root):
         base = "Integer" if value.tag == "Enumeration" else value.tag
@@ -353,7 +353,7 @@ def _alias_faults(root: Any, types: Mapping[str, Any]) -> list[Finding]:
         constant = [item.get("variability") == "constant" for item, _ in aliases]
         starts = [value.get("start") for _, value in aliases if value.get("start") is not None]
         if any(constant) and not all(constant):
-            fault("a constant shares it with constants only")
+            fault("a constant may share it only with constants")
         elif any(constant) and len({s if (number := _number(s)) is None else number for s in starts}) > 1:
             fault(f"constants must have the same start value, they have {', '.join(starts)}")
         elif not any(constant) and len(starts) > 1:
@@ -384,13 +384,13 @@ def _build_faults(root: Any, build: Any, names: Collection[str]) -> list[Finding
     text = f"{where}: lists source files that are not in sources/: {shown}"
     stripped = not any(name.startswith("sources/") and name != BUILD for name in names)
     if stripped and any(name.startswith("binaries/") for name in names):
-        text += "; without sources, it can be run by its binaries only"
+        text += "; without sources it runs only with its binaries"
         return [finding("FMI024", text, (where, 0))]
     return [finding("FMI014", text, (where, 0))]
 
 
 def _terminal_faults(terminals: Any, root: Any) -> list[Finding]:
-    """Return the names in terminals without a variable in the model description."""
+    """Return the names in terminals that are not variables of the model description."""
     names = {each.get("name") for item, _ in variables_of(root) for each in (item, *item.iterfind("Alias"))}
     return [
         finding("FMI015", f"{line_of(item)}: {item.tag}: {DESCRIPTION} has no variable {item.get(attribute)!r}", item)

@@ -25,7 +25,7 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.rules import Finding, Findings, finding, one_line
 
 FORMAT = 1
-"""Version of the structure of `Report`; it changes when a key changes its meaning or is removed."""
+"""Version of the structure of `Report`. It increases when a key changes its meaning or is removed."""
 _ENDINGS = (".fmu", ".ssp", ".ssd")
 
 
@@ -38,11 +38,11 @@ class Report(Findings):
     kind: str = ""
     """``FMU``, ``SSP`` or ``SSD``."""
     standard: str | None = None
-    """Such as ``FMI 3.0``; None if the file cannot be read."""
+    """The standard, such as ``FMI 3.0``; None if the file cannot be read."""
 
     @classmethod
     def of(cls, findings: Findings, path: Path, kind: str, standard: str | None = None) -> Report:
-        """Return the report on a file, with each finding once, as one line."""
+        """Return the report on a file with each finding once, as one line."""
         lines = list(dict.fromkeys(map(one_line, findings.entries)))
         return cls(lines, findings.compared, findings.ran, str(path), kind, standard)
 
@@ -146,7 +146,7 @@ def _pack(ssd: Path, package: Path) -> None:
     for value in re.findall(rb"""source\s*=\s*["']([^"']+)["']""", members[DEFAULT]):
         name = posixpath.normpath(unquote(html.unescape(value.decode(errors="replace"))))
         if name in members or not is_inside(name):
-            continue  # the check reports sources outside
+            continue  # the check reports sources outside the folder
         file = (home / name).resolve()
         if len(file.name) < 256 and file.is_file() and file.is_relative_to(home):
             members[name] = file.read_bytes()
@@ -154,7 +154,7 @@ def _pack(ssd: Path, package: Path) -> None:
 
 
 def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> tuple[Findings, str | None]:
-    """Check every SSD of a package; if there are no faults, run the default SSD and the FMUs with reference results.
+    """Check every SSD of a package. Without faults, run the default SSD and the FMUs with reference results.
 
     `folder` is for its FMUs. For `anyway` see `note_run`. Returns the standard too, such as ``SSP 1.0``.
     """
@@ -193,7 +193,7 @@ def check_package(path: Path, folder: Path, run: bool, anyway: bool = False) -> 
 
 
 def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Path]) -> Findings:
-    """Check an SSD, and each of its FMUs that is not yet `stored`, despite other faults."""
+    """Check an SSD and, even if there are faults, each of its FMUs that is not yet `stored`."""
     system, problems = read_system(path, variant)
     findings, units = Findings([*problems]), dict[str, list[Finding]]()
     with Archive(path, path.name) as archive:
@@ -213,7 +213,7 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
         findings.entries += system.faults
         try:
             checked = check_system(system, algorithm=master_of(system))
-            new = cast("list[Finding]", [*checked.notes])  # all are findings without set values
+            new = cast("list[Finding]", [*checked.notes])  # without set values all are findings
         except SspError as error:
             new = [*error.problems, *error.notes]
         starts = tuple(f"{c.name}: {c.source}: " for c in system.components if units.get(c.source))
@@ -225,11 +225,11 @@ def _check_variant(path: Path, variant: str, folder: Path, stored: dict[str, Pat
 
 
 _OF_UNIT = ("FMI", "PKG")
-"""Rules that the check of an FMU covers, too."""
+"""Rules that the check of an FMU covers too."""
 
 
 def _same_names(heads: Mapping[str, Any]) -> list[Finding]:
-    """Return notes on SSDs of a package with equal names."""
+    """Return notes on SSDs of a package that have the same name."""
     users: dict[str, list[str]] = {}
     for file, root in heads.items():
         users.setdefault("" if root is None else root.get("name") or "", []).append(file)
@@ -239,7 +239,7 @@ def _same_names(heads: Mapping[str, Any]) -> list[Finding]:
 
 
 def _head(archive: Archive, label: str, name: str) -> tuple[Any, Findings]:
-    """Return the root of an SSD, None if it cannot be read, and notes on its version and icons."""
+    """Return the root of an SSD, or None if it cannot be read, and notes on its version and icons."""
     try:
         root = parse_xml(archive.read(name), f"{label}: {name}")
     except SspError:

@@ -1,4 +1,4 @@
-"""Run of foreign code in a check: ten steps, and the trials of extras, in another process."""
+"""Runs foreign code for a check in another process: ten steps, and the trials of extras."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ from vdfmu.engine.rules import Finding, Findings, finding
 
 STEPS = 10
 SECONDS = 60.0
-"""Time limit of the short run, with the start of Python and the preparation of the unit."""
+"""Time limit of the short run [s], including the start of Python and the preparation of the unit."""
 NAMING = 10.0
-"""Last part of it [s] without calls of a package's components, so that a hanging component can be named."""
+"""Final part of this time [s] in which no component of a package is called, so that a hanging one can be named."""
 MEMORY = 4 * 2**30
 """Limit of the address space of the process [byte], on Linux; Python and fmpy take 0.3 GiB."""
 FILE_SIZE = 2**30
@@ -50,25 +50,25 @@ FILE_SIZE = 2**30
 _PATIENCE = 2.0
 """Time [s] to end isolated components after the time limit or Ctrl-C."""
 _ANSWER_LIMIT = 16 * 2**20
-"""Limit of the text of findings [byte]."""
+"""Size limit for the text of findings [byte]."""
 _ANSWER = "findings.json"
 _PHASE = "phase.txt"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FULL_NOTICE = "vdfmu: no space left in the temporary folder"
-"""Last line of the error output of a process without space."""
+"""Last line of the error output of a process that ran out of disk space."""
 _MOST = 20
-"""Most messages of a unit, from the first."""
+"""Largest number of messages of a unit; the first ones are kept."""
 _TEXT = 1000
-"""Most characters of a message."""
+"""Longest message [characters]."""
 
 
 def run_apart(
     path: Path, kind: str = "FMU", module: str = "vdfmu.engine.inspect.trial", task: str = f"a run of {STEPS} steps"
 ) -> Findings:
-    """Run code of a file in another process that may crash or hang: an FMU or a package for ten steps.
+    """Run code of a file in another process, which may crash or hang: ten steps of an FMU or a package.
 
-    `kind` is ``FMU``, or ``SSP`` for a package, despite the name of the file. `module` runs there and calls
-    :func:`serve`, `task` is its work in messages. StorageError if the temporary folder is full.
+    `kind` is ``FMU``, or ``SSP`` for a package, whatever the file's name. `module` runs in that process and calls
+    :func:`serve`; `task` names its work in messages. StorageError if the temporary folder is full.
     """
     findings = Findings(ran=True)
     with temporary_folder("vdfmu_check_") as folder:
@@ -92,7 +92,7 @@ def run_apart(
         except (ValueError, TypeError, KeyError) as error:  # cut off, or written by the unit
             findings.report("RUN002", f"the findings of {task} cannot be read: {error}")
             answered = True
-    if whole:  # a fault at the end of the process is no finding
+    if whole:  # a fault at the end of the process is not a finding
         return findings
     if code is None:
         findings.report("RUN002", f"{phase} did not end within {SECONDS:g} s")
@@ -109,7 +109,7 @@ def run_apart(
 
 
 def _encoded(findings: Findings, whole: bool) -> dict[str, Any]:
-    """Return findings for JSON, with rules by number; `whole` if no more follow."""
+    """Return findings for JSON, with rules by number; `whole` if no others follow."""
     entries = [(each.rule.number, each, each.file, each.line) for each in findings.entries]
     return {"entries": entries, "compared": findings.compared, "ran": findings.ran, "whole": whole}
 
@@ -121,7 +121,7 @@ def _decoded(values: Any) -> Findings:
 
 
 def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
-    """Run a module in a process group; return exit code, None after the time limit, and the end of its error output."""
+    """Run a module in a process group; return its exit code, None after the time limit, and its last error output."""
     process = started(module, *arguments, talks=False)
     assert process.stderr is not None
     listener = Listener(process.stderr)
@@ -136,13 +136,13 @@ def _contained(module: str, *arguments: str) -> tuple[int | None, str]:
 
 
 class _Said:
-    """Logger for FMPy: keeps the first messages of a unit above a warning."""
+    """Logger for FMPy that keeps the first messages of a unit with a status above warning."""
 
     def __init__(self) -> None:
         self.messages: list[str] = []
 
     def __call__(self, *arguments: Any) -> None:
-        """Keep a message; its status is after one argument in FMI 3.0, after two in FMI 1.0 and 2.0."""
+        """Keep a message. Its status is the second argument in FMI 3.0, and the third in FMI 1.0 and 2.0."""
         status, _, message = arguments[-3:]
         if status not in (0, 1) and len(self.messages) <= _MOST:
             text = message if isinstance(message, str) else message.decode(errors="replace")
@@ -150,10 +150,10 @@ class _Said:
             self.messages.append(text if len(self.messages) < _MOST else f"more than {_MOST} messages")
 
     def stay(self) -> None:
-        """Receive the messages of FMI 1.0 and 2.0 from now on, from the default callbacks of FMPy."""
+        """From now on receive the messages of FMI 1.0 and 2.0 through FMPy's default callbacks."""
         fmi1.defaultCallbacks.logger = fmi1.fmi1CallbackLoggerTYPE(self)
         fmi2.defaultCallbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self)
-        with contextlib.suppress(ImportError, OSError):  # as FMPy: the library exists for some platforms
+        with contextlib.suppress(ImportError, OSError):  # as in FMPy: the library exists for some platforms
             from fmpy.logging import addLoggerProxy
 
             addLoggerProxy(ctypes.byref(fmi1.defaultCallbacks))
@@ -161,9 +161,9 @@ class _Said:
 
 
 class Phase:
-    """Notes the task of this process and the call of a unit in it, for the process that reports a crash.
+    """Notes this process's task and current call of a unit, for the process that reports a crash.
 
-    `report` takes the findings so far. The file stays mapped, because a unit may close files.
+    `report` accepts the findings so far. The file stays mapped, because a unit may close files.
     """
 
     def __init__(self, path: Path, report: Callable[[Findings], None]) -> None:
@@ -183,7 +183,7 @@ class Phase:
         self._memory[:] = text.encode(errors="replace")[:_TEXT].ljust(_TEXT, b"\0")
 
     def watch(self, unit: str, call: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function of a unit that is noted while it runs."""
+        """Return a function of a unit, wrapped so that it is noted while it runs."""
 
         def watched(*arguments: Any) -> Any:
             self._note(f"{call} of {self._task}")
@@ -196,13 +196,13 @@ class Phase:
 
 
 def _refuse_negative(call: str) -> None:
-    """Raise for a logged call of fmpy with a status below 0: fmpy accepts it."""
+    """Raise an error for a logged call with a status below 0, which fmpy accepts."""
     if match := re.fullmatch(r"(\w+)\(.*\) -> (-\d+)", call, re.DOTALL):
         raise FMICallException(function=match[1], status=int(match[2]))
 
 
 def _run_unit(path: Path, phase: Phase) -> Findings:
-    """Make ten steps of an FMU, and the trials that extras add, such as of its reference results and declared calls."""
+    """Make ten steps of an FMU, and the trials that extras add, for example of reference results and declared calls."""
     said = _Said()
     description = fmpy.read_model_description(str(path), validate=False)
     part = description.coSimulation or description.modelExchange
@@ -235,7 +235,7 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
             fmu_instance=fmu,
         )
         fmu.freeInstance()
-    except Exception as error:  # of a foreign unit, so any
+    except Exception as error:  # of a foreign unit, so of any kind
         _raise_if_full(error)
         text = f"{STEPS} steps of {step:g} s failed: {'; '.join([*said.messages, str(error)])}"
         return Findings([finding("RUN001", text)])
@@ -250,7 +250,7 @@ def _run_unit(path: Path, phase: Phase) -> Findings:
 
 
 def _not_finite(results: npt.NDArray[Any]) -> list[Finding]:
-    """Return a note on each signal of a run with values that are not finite, with the first time."""
+    """Return a note on each signal of a run with values that are not finite, with the first such time."""
     notes: list[Finding] = []
     for name in (results.dtype.names or ())[1:]:
         rows = results[name].reshape(len(results), -1)
@@ -267,13 +267,13 @@ def _raise_if_full(error: Exception) -> None:
 
 
 def master_of(system: FlatSystem) -> str:
-    """Return the master algorithm of a system, by default the algorithm for any system, even with loops."""
+    """Return the master algorithm of a system; the default suits any system, even with loops."""
     return system.experiment.algorithm or DELAYED
 
 
 def _run_system(path: Path, deadline: float) -> Findings:
-    """Make ten steps of a system; at `deadline`, of `monotonic`, a hanging call is ended."""
-    from vdfmu.engine.run.once import simulate  # only systems need a master
+    """Make ten steps of a system; a call that hangs at `deadline`, in `monotonic` time, is ended."""
+    from vdfmu.engine.run.once import simulate  # only systems need the master
 
     system = load_ssp(path)
     experiment = system.experiment
@@ -282,7 +282,7 @@ def _run_system(path: Path, deadline: float) -> Findings:
     step = experiment.step or min(steps, default=1e-3)
     count = STEPS
     if experiment.stop is not None and not steps:
-        # fewer steps, not shorter ones: periods of samples fit the step
+        # fewer steps instead of shorter ones, because sample periods fit the step
         step = min(step, experiment.stop - start)
         count = min(STEPS, int((experiment.stop - start) / step + 1e-6))
     try:
@@ -304,12 +304,12 @@ def _run_system(path: Path, deadline: float) -> Findings:
 
 
 def serve(check: Callable[[str, Path, float, Phase], Findings], *arguments: str) -> None:
-    """Check in this process with the arguments from `run_apart`, and write the findings for it.
+    """Run the check in this process with the arguments from `run_apart`, and write the findings for it.
 
-    `check` takes the kind, the path, the deadline of a call by `monotonic`, and the note of the task.
+    `check` accepts the kind, the path, the deadline of a call in `monotonic` time, and the note of the task.
     """
     kind, path, deadline, folder, unpacked, task = arguments
-    tempfile.tempdir = folder  # so files of a crashed process are removed with the folder
+    tempfile.tempdir = folder  # so that a crashed process's files are removed with the folder
 
     def answer(findings: Findings, whole: bool) -> None:
         Path(folder, _ANSWER).write_text(json.dumps(_encoded(findings, whole)), encoding="utf-8")

@@ -1,1 +1,1 @@
-"""Systems of FMUs linearised: their matrices, the margins of their loops, and how disturbances grow along a run."""
+"""Linearised systems of FMUs: matrices, margins of loops, and the growth of disturbances along a run."""

@@ -1,4 +1,4 @@
-"""Stability of a run: the loops along it, their place nearest to instability, and the growth of disturbances."""
+"""Stability of a run: its loops, the place nearest to instability, and the growth of disturbances."""
 
 from __future__ import annotations
 
@@ -25,29 +25,30 @@ from vdfmu.engine.results.recorder import Tap
 from vdfmu.engine.run.isolated import Isolated, LostProcessError
 
 _HARM = 50.0
-"""Growth of disturbances, beyond growth at the rate `SLOW`, of an unstable run. Vibration lets them grow for a while,
-and so do the ends of a motion, because friction falls with speed."""
+"""Growth of disturbances, relative to growth at the rate `SLOW`, from which a run is unstable. They grow for a while in
+vibrations, and at the ends of a motion because friction falls with speed."""
 _NOTABLE = 1.01
-"""Growth of disturbances to be reported."""
+"""Growth of disturbances from which it is reported."""
 _ROWS, _FEWEST = 200, 60
-"""Approximately the most and fewest rows that are linearised. Half of those left may be used ahead of their time."""
+"""Approximately the largest and smallest number of linearised rows. Up to half of the remaining ones may be used
+early."""
 _SHARE, _SMALL, _GROWN = 0.25, 0.02, 0.05
-"""Largest change of the loops from row to row, as a share of the margin, but at least of the second value; and
+"""Largest change of the loops from row to row, relative to the margin or to the second value if that is larger; and
 largest uncertainty of the logarithm of a growth because its rate changes."""
 _SHRINK, _GROW = 0.25, 1.5
-"""Limits of the next gap between rows, relative to the last."""
+"""Limits of the next gap between rows, relative to the last gap."""
 _MINIMA, _NEAR, _HALVINGS = 4, 2.0, 4
-"""Most minima of the margins along the run to refine, the largest of them relative to the least, and halvings of the
-time around each."""
+"""Largest number of minima of the margins along the run that are refined, the largest of them relative to the smallest,
+and the number of halvings of the time around each."""
 _FINE = 1000
-"""Times for the growth; rates are linear between rows."""
+"""Number of times for the growth; rates are linear between rows."""
 
 
 class Growth(NamedTuple):
     """The largest growth of disturbances along a run, from `begin` to `end` [s]."""
 
     exponent: float
-    """Logarithm of their growth, beyond growth at the rate `above`."""
+    """Logarithm of their growth, relative to growth at the rate `above`."""
     begin: float
     end: float
     rate: float
@@ -59,7 +60,7 @@ class Growth(NamedTuple):
 
     @property
     def unstable(self) -> bool:
-        """Whether disturbances grow by a factor of `_HARM`; e-fold if they last."""
+        """Whether disturbances grow by the factor `_HARM`, or by e if they still grow at the end."""
         return bool(self.exponent > (1.0 if self.lasts else math.log(_HARM)))
 
     @property
@@ -69,10 +70,10 @@ class Growth(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """The place of loops nearest to instability."""
+    """The time and loop nearest to instability."""
 
     modulus: float
-    """Smallest modulus margin; 0 if a mode grows that is not slow."""
+    """Smallest modulus margin; 0 if a mode grows that is not slow, see `vdfmu.engine.linear.loops`."""
     time: float
     name: str
     """The input that opens this loop; without a margin, the state with the largest participation in the growth."""
@@ -89,21 +90,21 @@ class Late(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Loops at a time [s] of a run."""
+    """The loops at a time [s] of a run."""
 
     time: float
     matrix: Floats
-    """All matrices of the system as one, see `LinearSystem.whole`."""
+    """All matrices of the system as one; see `LinearSystem.whole`."""
     rate: float
     """Largest rate of a mode [1/s]."""
     loop: Loop | None
-    """None if the loops have no margins."""
+    """The opened loops; None if they have no margins."""
 
 
 class Along:
     """The loops of a run at times along it, opened at some inputs.
 
-    `system` is at any of these times, `rows` have times [s] and matrices, see `LinearSystem.whole`.
+    `system` is the linear system at any of these times; `rows` are times [s] and matrices, see `LinearSystem.whole`.
     """
 
     def __init__(self, system: LinearSystem, opened: Sequence[str], rows: Iterable[tuple[float, Floats]] = ()) -> None:
@@ -114,9 +115,9 @@ class Along:
         self.rows = [self.pose(time, M) for time, M in rows]
 
     def part(self, M: Floats) -> LinearSystem:
-        """Return only the loops of a system with this matrix."""
+        """Return only the loops of the system with these matrices."""
         acts = (M != 0.0).tobytes()
-        if acts not in self._parts:  # most are alike
+        if acts not in self._parts:  # most times share their structure
             system = self.system.with_whole(M)
             places = system.on(self.opened)
             self._parts[acts] = system.part(places), system.in_whole(places)
@@ -136,10 +137,10 @@ class Along:
 
     @cached_property
     def poses(self) -> list[Pose]:
-        """The loops at the rows, and between rows nearest to instability.
+        """The loops at the rows, and between the rows nearest to instability.
 
-        Matrices of the system are linear between two rows. In most systems all values in between do occur, such as the
-        slopes of friction at all speeds.
+        The matrices are interpolated linearly between two rows. In most systems all values in between do occur, such as
+        the slopes of friction at all speeds.
         """
         poses = [*self.rows]
         for loop, time in _minima(poses):
@@ -168,7 +169,7 @@ class Along:
         return Margins(modulus, gain, phase, delay, self.rate)
 
     def growth(self, begin: float, end: float, above: float = SLOW) -> Growth:
-        """Return the largest growth of disturbances beyond a rate [1/s], of a run from `begin` to `end` [s]."""
+        """Return the largest growth of disturbances above a rate [1/s] in a run from `begin` to `end` [s]."""
         growth = growth_of([pose.time for pose in self.poses], [pose.rate for pose in self.poses], begin, end, above)
         inside = [pose for pose in self.poses if growth.begin <= pose.time <= growth.end]
         fastest = max(inside or self.poses, key=lambda pose: pose.rate)
@@ -176,7 +177,7 @@ class Along:
         return growth._replace(rate=rate, state=state)
 
     def nearest(self) -> Nearest | None:
-        """Return the place of the loops nearest to instability; None without margins, see `lacking`."""
+        """Return the time and loop nearest to instability; None without margins, see `lacking`."""
         if self.poses[0].loop is None:
             return None
         pose = min(self.poses, key=lambda pose: (_modulus(pose).min(), -pose.rate))
@@ -186,7 +187,7 @@ class Along:
         return Nearest(modulus, pose.time, name if modulus else fastest_mode(self.part(pose.matrix))[1])
 
     def delay(self) -> Late | None:
-        """Return the smallest delay margin of the sampled loops; None of continuous ones, or without margins."""
+        """Return the smallest delay margin of sampled loops; None for continuous loops or without margins."""
         loops = [(pose.time, pose.loop) for pose in self.poses if pose.loop is not None and pose.loop.sampled]
         if not loops:
             return None
@@ -206,12 +207,12 @@ class Along:
 
 
 def growth_of(at: Sequence[float], of_rows: Sequence[float], begin: float, end: float, above: float = SLOW) -> Growth:
-    """Return the largest growth of a run from `begin` to `end` [s] by the rates [1/s] at rows; its state is empty."""
+    """Return the largest growth in a run from `begin` to `end` [s], given rates [1/s] at rows; its state is empty."""
     times, rates = np.array(at), np.array(of_rows)
     bounds = distinct(np.linspace(begin, max(end, times[-1]), _FINE), times[times >= begin])
     rate = np.interp(bounds, times, np.maximum(rates, -1e9))
     steps = np.diff(bounds) * ((rate[1:] + rate[:-1]) / 2.0 - above)
-    most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no steps
+    most, run, first, place = -np.inf, 0.0, 0, (0, len(steps))  # a run that fails at once has no step
     for k, step in enumerate(steps.tolist()):
         if run < 0.0 or not k:
             run, first = 0.0, k
@@ -228,7 +229,7 @@ def _modulus(pose: Pose) -> Floats:
 
 
 def _minima(poses: Sequence[Pose]) -> list[tuple[int, float]]:
-    """Return loops and times of the least minima over the run of their margins."""
+    """Return the loops and times of the smallest minima of their margins over the run."""
     if poses[0].loop is None:
         return []
     modulus = np.array([_modulus(pose) for pose in poses])
@@ -251,19 +252,19 @@ class _ChosenRows:
         return min(max(k, self._next), self.n if k <= self.n else math.inf, *later[:1])
 
     def go_on(self, change: float) -> None:
-        """Choose the next row, from the change between the last two; 1 is the largest wanted."""
+        """Choose the next row from the change between the last two, where 1 is the largest allowed."""
         self._left = max(self._left - 1, 1)
         gap = self._gap * min(max(1.0 / max(change, 1e-3), _SHRINK), _GROW)
         self._gap = min(max(gap, (self.n - self.row) / (4.0 * self._left), 1.0), max(self.n / _FEWEST, 1.0))
         self._next = math.ceil(self.row + self._gap)
 
     def stop(self) -> None:
-        """Choose no more rows."""
+        """Stop choosing rows."""
         self._next = math.inf
 
 
 def _change(before: Pose, after: Pose) -> float:
-    """Return the change of loops between two poses; 1 is the largest wanted."""
+    """Return the change of loops between two poses, where 1 is the largest allowed."""
     growing = max(before.rate, after.rate) > 0.0
     change = abs(after.rate - before.rate) * (after.time - before.time) / _GROWN if growing else 0.0
     if before.loop is not None and after.loop is not None:
@@ -275,11 +276,11 @@ def _change(before: Pose, after: Pose) -> float:
 class Poses(Tap):
     """Linearises the loops of a run at some of its rows.
 
-    Loops are opened at the inputs `opened`, by default at connected inputs named `group`, at any component, else at the
-    inputs of :func:`~vdfmu.engine.linear.system.cut`. `alternative` is a second linearisation at the same states,
-    with the parameters in `without` by component, such as no dry friction. Set `again` before calls of :meth:`changed`,
-    and `noted` to accept a linearisation with notes. `more` are additional rows. For `tied` see
-    :func:`~vdfmu.engine.linear.tied.with_tied`.
+    Loops are opened at the inputs `opened`. The default is the connected inputs named `group` of any component or, if
+    there are none, the inputs from :func:`~vdfmu.engine.linear.system.cut`. `alternative` is a second linearisation at
+    the same states, with the parameters in `without` by component, such as no dry friction. Set `again` if
+    :meth:`changed` will be called, and `noted` to accept a linearisation with notes. `more` are additional rows. For
+    `tied` see :func:`~vdfmu.engine.linear.tied.with_tied`.
     """
 
     def __init__(
@@ -296,7 +297,7 @@ class Poses(Tap):
         self._opened, self._group, self._tied, self._without, self._more = opened, group, tied, without or {}, more
         self._whole, self._noted = again or bool(without), noted
         self.lacking, self.notes = "", tuple[str, ...]()
-        """Reason for unknown loops, empty if they are known; notes of the linearisation."""
+        """Reason for unknown loops, empty if they are known, and notes of the linearisation."""
         self.alternative: Along | None = None
         self.seconds = 0.0
         """Wall time of the linearisations [s]."""
@@ -308,7 +309,7 @@ class Poses(Tap):
         self._linked: Any = None
 
     def begin(self, grid: Grid, names: Sequence[str]) -> None:
-        """Begin a run and choose its rows during it."""
+        """Begin a run, during which rows are chosen."""
         self._rows, self._step = _ChosenRows(grid.n, self._more), grid.step
 
     def due(self, k: int) -> float:
@@ -326,7 +327,7 @@ class Poses(Tap):
         except (VdfmuError, np.linalg.LinAlgError) as error:
             if isinstance(error, VdfmuError) or self._loops is None or not self._loops.rows:
                 self.lacking = str(error)
-            self._rows.stop()  # numbers overflow; the poses so far are enough
+            self._rows.stop()  # numbers overflow; the poses so far suffice
         self.seconds += clock.perf_counter() - began
 
     def _look(self, components: Components | Isolated, time: float) -> None:
@@ -374,7 +375,8 @@ class Poses(Tap):
     def changed(self, values: Mapping[str, Mapping[str, Value]]) -> Along:
         """Return the loops with other parameters of some components, at the states of all rows.
 
-        Components must be as after the run, and changeable: :func:`~vdfmu.engine.linear.linearise.can_change`.
+        Components must be in the state after the run, and changeable:
+        :func:`~vdfmu.engine.linear.linearise.can_change`.
         """
         return Along(self.loops.system, self.loops.opened, self._changed(values, self._systems))
 

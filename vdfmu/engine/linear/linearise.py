@@ -1,4 +1,4 @@
-"""Linearises the components of a running system, also with other parameters at the states and inputs of a run."""
+"""Linearises the components of a running system, also with other parameters but the states and inputs of a run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def linear_system(
 ) -> LinearSystem:
     """Run a system to a time `at` [s], by default its start, and linearise its components there.
 
-    Directional derivatives give the matrices; model-exchange components without any are differenced, with a note.
+    The matrices are directional derivatives. Model-exchange components without them are differenced, with a note.
     Sampled states are linearised if an annotation names their period. For `step`, errors and `options`, such as
     `algorithm` and `parameters`, see :class:`vdfmu.engine.run.Simulator`. UsageError for co-simulation components
     without directional derivatives.
@@ -50,7 +50,8 @@ def linear_system(
 class Linearisation:
     """Linearises components at their current states; see :func:`linear_system`.
 
-    With `loops`, derivatives by inputs outside of loops may be left 0. UsageError for components without derivatives.
+    With `loops`, derivatives with respect to inputs outside of loops may be left at 0. UsageError for components
+    without derivatives.
     """
 
     def __init__(self, components: Components | Isolated, step: float, loops: bool = False) -> None:
@@ -59,13 +60,13 @@ class Linearisation:
         if blind:
             raise UsageError(
                 f"{', '.join(blind)}: expected FMUs with directional derivatives, or for model exchange. Export them "
-                "that way; native FMUs of this project have directional derivatives."
+                "that way; native FMUs built by vdfmu have directional derivatives."
             )
         self._derive = _derive(components)
         counts = self._derive("begin", loops)
         groups = {name: _groups(checked.descriptions[name], count) for name, count in counts.items()}
         self._sizes = n, m, p, s = [sum(len(each[kind]) for each in groups.values()) for kind in range(4)]
-        self._fixed = np.zeros((n + p + s, n + m + s))  # the matrices without the components' Jacobians
+        self._fixed = np.zeros((n + p + s, n + m + s))  # the system's matrices without the components' Jacobians
         self._places: list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]] = []
         """Rows and columns of each component's Jacobian in these matrices."""
         begins = np.zeros(4, np.intp)
@@ -105,7 +106,7 @@ class Linearisation:
         ]
 
     def at(self, time: float, values: bool = True) -> LinearSystem:
-        """Linearise at a time [s]. Without `values`, states, inputs and outputs have the value 0."""
+        """Linearise at a time [s]. Without `values`, all states, inputs and outputs are 0."""
         M, notes, (n, m, p, _) = self._fixed.copy(), list(self._notes), self._sizes
         jacobians, read, more = self._derive("at", time, values)
         for (rows, columns), J in zip(self._places, jacobians, strict=True):
@@ -124,7 +125,7 @@ class Linearisation:
 
 
 def _on_loops(checked: Checked) -> set[Port]:
-    """Return the inputs that lie on a loop of components."""
+    """Return the inputs that are on a loop of components."""
     names = [*checked.sources]
     acts = np.zeros((len(names),) * 2, bool)  # of columns on rows
     for link in checked.links:
@@ -142,20 +143,20 @@ def _derive(components: Any) -> Callable[..., Any]:
 
 
 class Derivatives:
-    """Derivatives and values of components in this process, as numbers for the process that joins them."""
+    """Derivatives and values of components in this process, as numbers for the process that assembles them."""
 
     def __init__(self, components: Components) -> None:
         self._components = components
         self._parts: list[_Linearised] = []
 
     def begin(self, loops: bool) -> dict[str, int]:
-        """Begin to linearise, for `loops` see :class:`Linearisation`; return the number of states by component."""
+        """Begin to linearise and return the number of states by component; for `loops` see :class:`Linearisation`."""
         looped = _on_loops(self._components.checked) if loops else None
         self._parts = [_Linearised(name, each, looped) for name, each in self._components.instances.items()]
         return {part.name: len(part.groups[0]) for part in self._parts}
 
     def at(self, time: float, values: bool) -> tuple[list[Floats], list[list[Floats]], list[str]]:
-        """Return the Jacobian of each component, the values of its groups if wanted, and all notes."""
+        """Return the Jacobian of each component, the values of its groups if requested, and all notes."""
         jacobians = [part.jacobian(time) for part in self._parts]
         notes = [note for part in self._parts for note in part.notes()]
         return jacobians, [part.values() for part in self._parts] if values else [], notes
@@ -180,7 +181,7 @@ class Derivatives:
 
 
 def _groups(description: Description, count: int | None = None) -> tuple[list[FmuVariable], ...]:
-    """Return a component's states, the first `count`, inputs, outputs with sampled states, and sampled states."""
+    """Return a component's first `count` states, its inputs, outputs with sampled states, and sampled states."""
     variables = description.variables.values()
     sampled = [v for v in description.sampled if v.type == "Real" and not description.exchange]
     inputs, outputs = (
@@ -213,14 +214,14 @@ class _Linearised:
         self._reads: list[Call] | None = None
 
     def jacobian(self, time: float) -> Floats:
-        """Return its Jacobian: at first by all inputs, for the notes, then by inputs on loops."""
+        """Return its Jacobian, first with respect to all inputs, for the notes, and later only to inputs on loops."""
         J = self._ways[-1](time)
         self.acts = self.acts or bool(J.any())
         del self._ways[1:]
         return J
 
     def values(self) -> list[Floats]:
-        """Return the values of its groups; one call for each type reads them."""
+        """Return the values of its groups, read with one call per type."""
         if self._reads is None:
             pairs = [(group, values) for group, values in zip(self.groups, self._values, strict=True) if group]
             self._reads = [call for pair in pairs for call in self.instance.access("Get", *pair)]
@@ -228,7 +229,7 @@ class _Linearised:
         return [values.copy() for values in self._values]
 
     def notes(self) -> Iterator[str]:
-        """Yield notes on its Jacobians so far."""
+        """Yield the notes on its Jacobians so far."""
         if not self.instance.description.derives_unknowns:
             yield f"without directional derivatives, by differences: {self.name}"
         if not self.groups[0] and self.groups[1] and not self.acts:
@@ -236,14 +237,14 @@ class _Linearised:
 
 
 def can_change(checked: Checked, name: str) -> bool:
-    """Whether :func:`with_part` can be called for a component: it has derivatives, and no sampled states."""
+    """Return whether :func:`with_part` can be called for a component, which needs derivatives and no sampled states."""
     description = checked.descriptions[name]
     return description.derives_unknowns and not description.sampled
 
 
 @contextmanager
 def _changed(components: Components, name: str, values: Mapping[str, Value]) -> Generator[Instance]:
-    """Yield another instance of a component with other parameters; for model exchange if it has states to be set."""
+    """Yield another instance of a component with other parameters, for model exchange if there are states to set."""
     checked = components.checked
     description = checked.descriptions[name]
     description = replace(description, exchange=bool(description.states), event_mode=False)

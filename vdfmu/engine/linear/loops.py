@@ -1,16 +1,17 @@
 """The loops of a system, opened one by one: the margins of each, and the modes that grow.
 
-Loop i is opened while all others stay closed. Closed, the states change by ``x' = A x + B d``, and K x comes back to
-the opened inputs. One eigendecomposition of A, with eigenvalues p_j, gives all loops, ``1 + L_i = 1 / S_i``:
+Loop i is opened while all others stay closed. With all loops closed, ``x' = A x + B d``, and K x is fed back to the
+opened inputs. One eigendecomposition of A, with eigenvalues p_j, yields all loops, ``1 + L_i = 1 / S_i``:
 
     S_i = 1 + K_i (z - A)^-1 B_i = 1 + sum_j r_ij / (z - p_j)
 
 on the unit circle, or, in continuous time, on the imaginary axis.
 
 A relative change k of the gain of loop i moves the eigenvalue p_j by k r_ij: r_ij is the influence of the loop on the
-growth of the mode. A mode is slow for a loop if it grows by up to `SLOW`, the loop moves it by less than `SLOW`, and a
-change of its gain by 100 % decides its growth. The margins of this loop do not include it: near such a mode they would
-be 0 for any gains, as for a vibration of links without damping by motors or friction. Growth is reported separately.
+growth of the mode. A mode is slow for a loop if it grows at a rate of up to `SLOW`, the loop moves it by less than
+`SLOW`, and changing the loop's gain by 100 % can decide whether it grows. It is excluded from the margins of this loop,
+because with such a mode they would be 0 for any gains, for example with a vibration of links that neither motors nor
+friction damp. Its growth is reported separately.
 """
 
 from __future__ import annotations
@@ -32,38 +33,40 @@ from vdfmu.engine.linear.system import LinearSystem
 Complex = npt.NDArray[np.complex128]
 
 SLOW = 2.0
-"""Largest rate [1/s] of a slow mode: a disturbance then needs half a second to grow e-fold."""
+"""Largest rate [1/s] of a slow mode, at which a disturbance takes half a second to grow by a factor of e."""
 _STILL = 1e-3
-"""Growth rate [1/s] that may be rounding: a double eigenvalue 1 is exact to 3e-8, or 3e-4 1/s over 0.1 ms."""
+"""Growth rate [1/s] that may be rounding: a double eigenvalue 1 is accurate to 3e-8, or 3e-4 1/s over 0.1 ms."""
 _GRID = 60
-"""Frequencies at which loops are calculated in addition to those around poles, 17 % apart."""
+"""Frequencies at which loops are calculated, 17 % apart, in addition to those around poles."""
 _AROUND = np.array([-6.0, -2.5, -1.0, -0.4, 0.0, 0.4, 1.0, 2.5, 6.0])
-"""Distances to the frequency of a pole, as shares of its decay rate."""
+"""Distances from the frequency of a pole, relative to its decay rate."""
 _BETWEEN = np.linspace(-1.0, 1.0, 11)[1:-1]
-"""Places for a second calculation, between the neighbours of the frequency with the least modulus."""
+"""Places for a second evaluation, between the neighbours of the frequency with the smallest modulus."""
 _INSIDE, _ZOOMS = np.linspace(0.0, 1.0, 6)[1:-1], 3
-"""Frequencies that are added between two with a crossing of gain 1 or lag 180 degrees, and how often this is repeated:
-down to 1/125 of the interval, in which a straight line is exact to 1e-5 of it."""
+"""Number of frequencies added between two with a crossing of gain 1 or lag 180 degrees, and how often this is repeated:
+down to 1/125 of the interval, where linear interpolation is accurate to 1e-5 of it."""
 _CLOSE = 0.5
 """Logarithm of the gain of peaks and dips that may cross 1 between two frequencies."""
 _SWING = 4.0
 """Largest factor between the lags of a loop at a crossing and at the frequencies next to it."""
 _SLOWEST = 1e-4
-"""Lowest frequency, as a share of half the sampling frequency."""
+"""Lowest frequency, relative to half the sampling frequency."""
 _FAST = 0.05
-"""Eigenvalues up to this size are not separated if their eigenvectors are ill-conditioned, as of delays in a row. Their
-part of S is a power series in 1 / z."""
+"""Eigenvalues up to this size are not separated if their eigenvectors are ill-conditioned, as for delays in series.
+Their part of S is then a power series in 1 / z."""
 _TERMS, _LEAST = 12, 1e-15
-"""Most terms of it, with the first omitted term at 1e-15 of the first; and states that are regarded as 0."""
+"""Largest number of terms of this series, and size below which its states are regarded as 0, so that the first omitted
+term is 1e-15 of the first."""
 _NUDGE = 1e-11
-"""Relative change of the closed loop's numbers, so that it has as many eigenvectors as states: of a mass that nothing
-holds, position and speed have one. Margins are exact to the same share, rates to 1e-8 1/s over 1 ms."""
+"""Relative perturbation of the closed loop's numbers, so that it has as many eigenvectors as states: the position and
+speed of a free mass share one. Margins have the same relative accuracy, rates 1e-8 1/s over 1 ms."""
 _APART = 1e7
-"""Largest condition of the eigenvectors for an inverse exact to 1e-9."""
+"""Largest condition number of the eigenvectors for an inverse accurate to 1e-9."""
 _TOGETHER = 20_000
-"""Terms of a sum that are calculated together: more take twice the time, because they do not fit into the cache."""
+"""Number of terms of a sum that are calculated together: more take twice as long, because they exceed the processor's
+cache."""
 _NONE = 1e-300
-"""Smallest pole that has a logarithm."""
+"""Smallest modulus of a pole whose logarithm is taken."""
 
 
 class Margins(NamedTuple):
@@ -74,19 +77,19 @@ class Margins(NamedTuple):
     gain: Floats
     """Smallest factor above 1 of the loop's gain that destabilises it."""
     phase: Floats
-    """Smallest lag [rad] that does."""
+    """Smallest phase lag [rad] that destabilises it."""
     delay: Floats
-    """Smallest further delay [s] that does."""
+    """Smallest additional delay [s] that destabilises it."""
     rate: float
     """Rate [1/s] of the mode that grows most, or decays least; -inf without any."""
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The loops of a system at one time, opened."""
+    """The opened loops of a system at one time."""
 
     plant: Linear
-    """From the opened inputs to the states: from one communication point to the next, or in continuous time."""
+    """From the opened inputs to the states, over a communication step or in continuous time."""
     K: Floats
     """Gains from the states back to the inputs, (n, n_x)."""
     step: float
@@ -106,7 +109,7 @@ class Loop:
 
     @property
     def fastest(self) -> int:
-        """The loop that moves most the mode that grows most."""
+        """The loop with the largest influence on the mode that grows most."""
         return int(np.abs(self._alone.parts[0, :, self._alone.s[0].real.argmax()]).argmax())
 
     @property
@@ -116,7 +119,7 @@ class Loop:
 
     @property
     def least(self) -> float:
-        """The least modulus margin of all loops; 0 if a loop has none."""
+        """The smallest modulus margin of all loops; 0 if a loop has none."""
         return float(self.modulus.min())
 
     @property
@@ -125,7 +128,7 @@ class Loop:
         return self._alone.lags[1][0]
 
     def later(self) -> Loop:
-        """Return the sampled loops with the feedback of all of them one sample later: the inputs are further states."""
+        """Return the sampled loops with all feedback delayed by a sample, which makes the inputs additional states."""
         (A, B), (n, m) = self.plant, self.plant.B.shape
         waiting = Linear(np.vstack([np.hstack([A, B]), np.zeros((m, n + m))]), np.eye(n + m)[:, n:])
         return replace(self, plant=waiting, K=np.hstack([self.K, np.zeros((m, m))]))
@@ -137,7 +140,7 @@ class Loop:
 
 
 class _Stack:
-    """Modes and margins of m systems of n loops, with as many states k, and alike otherwise.
+    """Modes and margins of m systems of n loops and k states with the same structure.
 
     `least`: phase and delay margins that cannot be the least of all are infinite.
     """
@@ -168,7 +171,7 @@ class _Stack:
 
     @cached_property
     def _grid(self) -> tuple[Floats, Any]:
-        """Frequencies [rad/s] up to half the sampling frequency, denser around poles with their peaks; ``1 + L``."""
+        """Frequencies [rad/s] up to half the sampling frequency, denser around poles and their peaks, and ``1 + L``."""
         spaced = _spaced(_SLOWEST * np.pi / self._step, np.pi / self._step, _GRID)
         least, most = spaced[[0, -1]]
         swinging = (self.s.imag > least).sum(axis=1).max()
@@ -221,7 +224,7 @@ class _Stack:
         return np.where(self._lost, 0.0, phase), np.where(self._lost, 0.0, delay)
 
     def _crossings(self, *, lag: bool) -> tuple[tuple[Any, Any], Floats, Any]:
-        """Return loops, frequencies [rad/s] and ``log -L``, (c,) each, where a lag is 180 degrees, or a gain 1."""
+        """Return loops, frequencies [rad/s] and ``log -L``, (c,) each, where a lag is 180 degrees or a gain is 1."""
         w, inverse = self._grid
         L = inverse - 1.0
         log: Any = _log_of(L) if lag else np.log(np.maximum(np.abs(L), _NONE))  # the phase takes ten times as long
@@ -251,12 +254,12 @@ class _Stack:
 
 
 def _log_of(L: Any) -> Any:
-    """Return ``log -L``: the logarithm of a loop's gain, and its lag left until -1; of none the first is -691."""
+    """Return ``log -L``: the logarithm of a loop's gain, -691 for a gain of 0, and its remaining lag until -1."""
     return np.log(np.where(np.abs(L) > _NONE, -L, _NONE))
 
 
 def _crosses(log: Any, lag: bool) -> Any:
-    """Whether a lag crosses 180 degrees, or a gain 1, before the next frequency, which is in axis 1."""
+    """Return whether a lag crosses 180 degrees, or a gain 1, before the next frequency, along axis 1."""
     part = log.imag if lag else log.real
     before, after = part[:, :-1], part[:, 1:]
     crosses = (before * after <= 0.0) & (before != after)
@@ -264,7 +267,7 @@ def _crosses(log: Any, lag: bool) -> Any:
 
 
 def _may_cross(size: Floats) -> Any:
-    """Whether a frequency or the next, in axis 1, has a peak or dip of the logarithm of a gain close to 0."""
+    """Return whether the log gain has a peak or dip close to 0 at a frequency or the next, along axis 1."""
     apart = np.abs(size)
     closest = (apart[:, 1:-1] <= apart[:, :-2]) & (apart[:, 1:-1] <= apart[:, 2:]) & (apart[:, 1:-1] < _CLOSE)
     near = np.zeros(size[:, 1:].shape, bool)
@@ -274,7 +277,7 @@ def _may_cross(size: Floats) -> Any:
 
 
 def rates_of(loops: Sequence[Loop]) -> list[float]:
-    """Return the rate of each loop, see `Loop.rate`, faster than one by one."""
+    """Return the rate of each loop, see `Loop.rate`, all at once, which is faster."""
     rates = np.full(len(loops), -np.inf)
     for shape in {loop.K.shape for loop in loops}:
         alike = [k for k, loop in enumerate(loops) if loop.K.shape == shape]
@@ -286,7 +289,7 @@ def rates_of(loops: Sequence[Loop]) -> list[float]:
 
 
 def margins_of(loops: Sequence[Loop], least: bool = False) -> tuple[Floats, Floats, Floats]:
-    """Return rates [1/s], (m,), and modulus and delay margins [s], (m, n) each, faster than one by one.
+    """Return rates [1/s], (m,), and modulus and delay margins [s], (m, n) each, all at once, which is faster.
 
     `least`: delay margins that cannot be the least of loops with as many states are infinite.
     """
@@ -307,17 +310,17 @@ def _nudges(n: int) -> Floats:
 
 
 def loop_of_part(system: LinearSystem, opened: Sequence[str]) -> Loop:
-    """Return the loops of a part, see `LinearSystem.around`, with the delays of its master.
+    """Return the loops of a part, see `LinearSystem.around`, with the master's delays.
 
     Each is opened at one of the connected inputs `opened`, such as ``plant.tau``, while all others are closed.
-    UsageError for unknown inputs, and for loops in continuous time with feedthrough all around.
+    UsageError for unknown inputs, and for continuous-time loops without a state.
     """
     loops, cut = moving(system, opened), system.places(opened)
     returned, at_once = (each[len(loops.C) - len(cut) :] for each in (loops.C, loops.D))
     if loops.step is None and at_once[:, cut].any():  # sampled, nothing comes back in the same step
         raise UsageError(f"{', '.join(opened)}: expected loops with a state, got feed-through all around.")
     plant = Linear(loops.A, loops.B[:, cut])
-    if loops.step is not None:  # a waiting output without feedthrough is C x and G s, and no state by itself
+    if loops.step is not None:  # a waiting output without feedthrough is C x and G s, so it is not a separate state
         follows = np.flatnonzero(~(system.links @ system.parts.D).any(axis=1))
         n = len(loops.A) - len(system.links)
         whole = np.eye(len(loops.A))
@@ -337,7 +340,7 @@ def opened_at(system: LinearSystem, group: str) -> list[str]:
 
 
 def fastest_mode(system: LinearSystem) -> tuple[float, str]:
-    """Return the largest rate [1/s] of a mode, and the state with the largest participation in it.
+    """Return the largest rate [1/s] of a mode and the state with the largest participation in it.
 
     Participation is the product of the mode's two eigenvectors, a number without unit.
     """
@@ -351,12 +354,12 @@ def fastest_mode(system: LinearSystem) -> tuple[float, str]:
 
 
 def moving(system: LinearSystem, opened: Sequence[str] = ()) -> StateSpace:
-    """Return the loops with the delays of their master, some opened."""
+    """Return the loops with their master's delays, opened at some inputs."""
     return system.continuous(opened) if system.how.continuous else system.sampled(opened)
 
 
 class Tied(NamedTuple):
-    """Groups of a component: states as functions of outputs, and states as rates of these outputs.
+    """Groups of a component: states that are functions of outputs, and states that are rates of these outputs.
 
     An example is the torque of a spring, the position of its rotor and the rotor's speed.
     """
@@ -382,7 +385,7 @@ def _separated(A: Floats, sampled: bool) -> tuple[Any, Any, Any, Floats]:
             if np.linalg.norm(vectors) * np.linalg.norm(left[row]) < _APART:
                 continue
         small = np.abs(poles[row]) <= (_FAST if sampled else -1.0)
-        same, vectors_of_same = np.linalg.eig(A[row].T)  # delays in a row have one eigenvector
+        same, vectors_of_same = np.linalg.eig(A[row].T)  # delays in series share one eigenvector
         kept = vectors_of_same[:, np.argsort(-np.abs(same))[: np.count_nonzero(~small)]].T
         left[row, ~small] = np.linalg.solve(kept @ vectors[:, ~small], kept)
         left[row, small] = right[row][:, small] = 0.0

@@ -4,14 +4,14 @@ The directional derivatives of a component give ``x_dot = A x + B u``, ``y = C x
 components together are block diagonal. A connected input is ``u = L y + d``: the outputs connected to it, ``L y``, and
 a disturbance d.
 
-In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as the master steps, inputs are held over a step h, over
-which x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``.
-An input gets ``u[k] = L y[k] + d[k]``, which delays feedthrough by a sample. If an ordered algorithm passes fresh
-values on, it gets ``u[k] = L y[k+1] + d[k]``. The step h is one of the algorithm's substeps.
+In continuous time ``y = (1 - D L)^-1 (C x + D d)``. Sampled, as in the master's steps, inputs are held over a step h
+and x is solved exactly, ``x[k+1] = Phi x[k] + Gamma u[k]``; outputs at its end are ``y[k+1] = C x[k+1] + D u[k]``. An
+input is ``u[k] = L y[k] + d[k]``, which delays feedthrough by a sample, or ``u[k] = L y[k+1] + d[k]`` if an ordered
+algorithm passes on fresh values. The step h is one of the algorithm's substeps.
 
-Sampled states s change at the start of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it, so they
-act on x and y like inputs. A component may sample at every n-th communication point only. Then the system is sampled
-at the common period of all samples, see :func:`_over_period`.
+Sampled states s change at the start of the step, ``s[k+1] = F (x[k], u[k], s[k])``, and are held over it, so they act
+on x and y like inputs. If a component samples only at every n-th communication point, the system is sampled at the
+common period of all samples; see :func:`_over_period`.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ from vdfmu.base.state_space import Linear, Signal, StateSpace, held
 from vdfmu.engine.algorithms import ALGORITHMS, Algorithm
 
 _MOST_STEPS = 2000
-"""Most steps of a common period: products of so many matrices take 0.1 s for six joints, at each pose of a run."""
+"""Largest number of steps in a common period: the products of this many matrices take 0.1 s for six joints, at each
+pose."""
 _BEGINS = 8
-"""How many starts of the period are tried for opened inputs: each unit on the way of a sample delays it by a step."""
+"""Number of starts of the period tried for opened inputs, because each unit on the path of a sample delays it by a
+step."""
 _ROUNDING = 1e-9
-"""Rounding of a product of matrices, as a share of the product of their sizes: 1e-16 for each of up to 1e6 sums."""
+"""Rounding of a product of matrices, relative to the product of their sizes: 1e-16 for each of up to 1e6 additions."""
 
 Places = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
@@ -44,23 +46,24 @@ class Samples(NamedTuple):
 
     signals: Sequence[Signal]
     E: Floats
-    """Derivatives of the continuous states by them, (n_x, n_s)."""
+    """Derivatives of the continuous states with respect to them, (n_x, n_s)."""
     G: Floats
-    """Derivatives of the outputs by them, (n_y, n_s)."""
+    """Derivatives of the outputs with respect to them, (n_y, n_s)."""
     F: Floats
-    """Derivatives of the next sample by continuous states, inputs and sampled states, (n_s, n_x + n_u + n_s)."""
+    """Derivatives of the next sample with respect to continuous states, inputs and sampled states, (n_s, n_x + n_u +
+    n_s)."""
 
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """Linear components of a system and their connections."""
+    """The linear components of a system and their connections."""
 
     parts: StateSpace
     """The components side by side; names are ``component.variable``."""
     links: Floats
     """L, (n_u, n_y)."""
     fresh: npt.NDArray[np.bool_]
-    """Inputs that get the value of the same step, (n_u,)."""
+    """Whether each input gets the value of the same step, (n_u,)."""
     step: float
     """The communication step, or one of the algorithm's substeps [s]."""
     algorithm: str
@@ -68,7 +71,7 @@ class LinearSystem:
     constant: tuple[str, ...] = ()
     """Connected signals that change only at communication points, with unknown derivatives."""
     every: Mapping[str, int] = field(default_factory=dict[str, int])
-    """Communication steps between samples, by component; without an entry 1."""
+    """Communication steps between samples by component; 1 if a component is missing."""
 
     @property
     def period(self) -> float:
@@ -83,7 +86,7 @@ class LinearSystem:
 
     @property
     def how(self) -> Algorithm:
-        """The algorithm, a row of `ALGORITHMS`."""
+        """The algorithm as a row of `ALGORITHMS`."""
         return ALGORITHMS[self.algorithm]
 
     def places(self, inputs: Sequence[str]) -> list[int]:
@@ -96,7 +99,7 @@ class LinearSystem:
         return list(dict.fromkeys(i for each in places for i in each))
 
     def around(self, opened: Sequence[str]) -> LinearSystem:
-        """Return the part on paths from the opened inputs back to them; only it decides the stability of these loops.
+        """Return the part on paths from the opened inputs back to them, which decides the stability of these loops.
 
         UsageError for unknown inputs.
         """
@@ -109,13 +112,13 @@ class LinearSystem:
         cut = n + np.array(self.places(opened), np.intp)
         on = reached(acts, cut) & reached(acts.T, cut)
         on[cut] = True
-        on[n + m + np.flatnonzero(self.links[cut - n].any(axis=0))] = True  # also where nothing comes back at this time
+        on[n + m + np.flatnonzero(self.links[cut - n].any(axis=0))] = True  # even if nothing is fed back at this time
         x, u, y, s = (np.flatnonzero(part) for part in np.split(on, ends))
         return x, u, y, s
 
     @property
     def acts(self) -> npt.NDArray[np.bool_]:
-        """Whether columns act on rows: states, inputs, outputs and sampled states."""
+        """Return whether columns act on rows: states, inputs, outputs and sampled states."""
         p, samples = self.parts, self.samples
         (n, m), r, k = p.B.shape, len(p.C), len(samples.signals)
         acts = np.zeros((n + m + r + k,) * 2, bool)
@@ -165,14 +168,14 @@ class LinearSystem:
         return replace(self, parts=parts, samples=samples)
 
     def in_whole(self, places: Places) -> Any:
-        """Return the places of a part in `whole`, as an index."""
+        """Return the index of a part in `whole`."""
         (n, m), p, (x, u, y, s) = self.parts.B.shape, len(self.parts.C), places
         return np.ix_(np.concatenate([x, n + y, n + p + s]), np.concatenate([x, n + u, n + m + s]))
 
     def continuous(self, opened: Sequence[str] = ()) -> StateSpace:
         """Return the system in continuous time; the connections of `opened` inputs are cut.
 
-        Opened inputs only get d, and the signals at their connections are the last outputs. UsageError for unknown
+        Opened inputs get only d, and the signals at their connections become the last outputs. UsageError for unknown
         inputs, or for an algebraic loop without a solution.
         """
         A, B, C, D = (getattr(self.parts, name) for name in "ABCD")
@@ -183,7 +186,7 @@ class LinearSystem:
         try:
             U: Any = np.linalg.solve(inner, np.hstack([fed @ C, np.eye(len(fed))]))  # u = U (x, d)
         except np.linalg.LinAlgError:
-            raise UsageError("linearize: the feedthrough has a loop of gain 1; the system is not solvable.") from None
+            raise UsageError("linearize: a feedthrough loop has gain 1, so there is no solution.") from None
         x = np.hstack([A, np.zeros_like(B)]) + B @ U
         y = np.hstack([C, np.zeros_like(D)]) + D @ U
         system = self._named(x, np.vstack([y, (self.links @ y)[cut]]), cut, None)
@@ -205,8 +208,8 @@ class LinearSystem:
             raise UsageError(f"{text} Declare one of them in its Algorithm.")
         if self.constant:
             raise UsageError(
-                f"{', '.join(self.constant)}: these change at communication points, and their derivatives are not "
-                "known, so neither is the sampled loop. FMUs of this project declare their sampled states."
+                f"{', '.join(self.constant)}: the sampled loop cannot be linearised, because these change at "
+                "communication points and their derivatives are not known. FMUs built by vdfmu declare sampled states."
             )
         if (self._intervals != 1).any():
             return _over_period(self, opened)
@@ -216,7 +219,7 @@ class LinearSystem:
         Phi, Gamma = held(Linear(A, np.hstack([B, E])), self.step)
         by_s, keeps = np.vstack([Gamma[:, m:], np.eye(n_s)]), np.zeros((n_x + n_s, n_x + n_s))
         keeps[:n_x, :n_x] = Phi
-        # the sample comes first in the step: F gives the s that holds for x and y during it
+        # sampling comes first in the step: F returns the s that is held for x and y during the step
         Phi = keeps + by_s @ np.hstack([F[:, :n_x], F[:, n_x + m :]])
         Gamma = np.vstack([Gamma[:, :m], np.zeros((n_s, m))]) + by_s @ F[:, n_x : n_x + m]
         C, n = np.hstack([C, G]), n_x + n_s
@@ -237,7 +240,7 @@ class LinearSystem:
         return self._named(np.vstack([x, waits]), np.vstack([y, back[cut]]), cut, self.step)
 
     def _named(self, motion: Floats, outputs: Floats, cut: list[int], step: float | None) -> StateSpace:
-        """Return the state space of matrices by (states, d); signals at cut inputs are the last outputs."""
+        """Return the state space of matrices with columns (states, d); signals at cut inputs are the last outputs."""
         p, size, value = self.parts, len(motion), self.links @ self.parts.y
         waiting, signals = (len(value), self.samples.signals) if step is not None else (0, ())
         return replace(
@@ -259,9 +262,9 @@ class LinearSystem:
 def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
     """Return a system over the common period of its samples; see :meth:`LinearSystem.sampled`.
 
-    Sampled states hold until they are due. The matrices of the period are the products of its steps' matrices, and d is
-    constant over it. A loop can only be opened at a signal that is constant over the period, so several starts of the
-    period are tried: the right one is found when the loop, closed again by this signal, equals the loop that runs.
+    Sampled states are held until they are due. The matrices of the period are the products of its steps' matrices, with
+    constant d. A loop can only be opened at a signal that is constant over the period, so several starts of the period
+    are tried until the loop, closed again through this signal, equals the original loop.
     """
     n = round(system.period / system.step)
     if n > _MOST_STEPS:
@@ -273,7 +276,7 @@ def _over_period(system: LinearSystem, opened: Sequence[str]) -> StateSpace:
     closed, m = _steps_of(system, ()), len(system.places(opened))
     for begin in range(min(n, _BEGINS)):
         turned, run = ([*each[begin:], *each[:begin]] for each in (steps, closed))
-        product, first, before = _product(turned), turned[0], run[-1].A  # its range is all that the loop can reach
+        product, first, before = _product(turned), turned[0], run[-1].A  # its range is all the loop can reach
         cut, returned = system.places(opened), first.C[len(first.C) - m :]
         size = np.abs(_product(run, np.abs)["A"]) + np.abs(product["B"][:, cut]) @ np.abs(returned)
         apart = (product["A"] + product["B"][:, cut] @ returned - _product(run)["A"]) @ before
@@ -308,9 +311,10 @@ def _product(steps: Sequence[StateSpace], of: Any = np.asarray) -> dict[str, Flo
 
 
 def cut(system: LinearSystem) -> list[str]:
-    """Return a small set of connected inputs, whole vectors, whose opening cuts all loops of a system.
+    """Return a small set of connected inputs, as whole vectors, whose opening cuts all loops of a system.
 
-    The choice is greedy: each input leaves the fewest inputs on loops; among equals it has the fewest elements.
+    The choice is greedy: each input is the one that leaves the fewest inputs on loops and, among equals, has the fewest
+    elements.
     """
     n, names, acts = len(system.parts.A), system.parts.inputs, system.acts.copy()
     groups: dict[str, list[int]] = {}
@@ -333,7 +337,7 @@ def cut(system: LinearSystem) -> list[str]:
 
 
 def reached(acts: npt.NDArray[np.bool_], begins: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    """Whether each place is affected, in any number of steps, by some of them."""
+    """Return whether each place is affected by some of them in any number of steps."""
     affected = np.zeros(len(acts), bool)
     new = np.zeros(len(acts), bool)
     new[begins] = True

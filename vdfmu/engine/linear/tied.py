@@ -1,4 +1,4 @@
-"""States that are functions of outputs, whose rates are known: the torques of springs."""
+"""States that are functions of outputs with known rates: the torques of springs."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from vdfmu.engine.linear.system import LinearSystem
 def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:
     """Return the system with rates of tied states from the rates of their outputs.
 
-    For a spring that stiffens, ``tau_dot = K(tau) (v - w)``, the linearisation has a pole above 0 while the load grows,
-    in any system, only because K depends on tau. But tau is a function of the position, whose rate is v.
+    For a stiffening spring, ``tau_dot = K(tau) (v - w)``, the linearisation of any system has a positive pole while the
+    load grows, only because K depends on tau. But tau is a function of the position, whose rate is v.
     """
     A, C = system.parts.A.copy(), system.parts.C
     for states, outputs in _tied_places(system.parts.states, system.parts.outputs, tuple(tied)):
@@ -31,7 +31,7 @@ def with_tied(system: LinearSystem, tied: Sequence[Tied]) -> LinearSystem:
 def _tied_places(
     states: tuple[str, ...], outputs: tuple[str, ...], tied: tuple[Tied, ...]
 ) -> list[tuple[list[int], list[int]]]:
-    """Return the places of the tied states and outputs of each component that has them all."""
+    """Return the places of the tied states and outputs of each component that has all of them."""
     places: list[tuple[list[int], list[int]]] = []
     for component in dict.fromkeys(name.partition(".")[0] for name in states):
         for groups in tied:

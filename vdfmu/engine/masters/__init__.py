@@ -1,1 +1,1 @@
-"""The master: values between components, and one file for each way to step them."""
+"""The master: the exchange of values between components, and one file for each way to step them."""

@@ -1,4 +1,4 @@
-"""Broyden's method: repeat until a guess comes out as it went in."""
+"""Broyden's method for fixed points: repeat until the result equals the guess."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from vdfmu.base.arrays import Floats
 
 _LEAST, _EACH = 30, 3
-"""Least number of repetitions, and number for each unknown: a linear loop needs two but for rounding (Gay 1979)."""
+"""Smallest number of repetitions, and number per unknown: without rounding a linear loop needs two (Gay 1979)."""
 _HOPELESS = 1e9
-"""Change divided by the first change at which repeating ends, before numbers overflow. Loops that converge may first
-grow a lot: 1e3 is too little for 8 unknowns whose loop has a gain of 40."""
+"""Ratio to the first change at which repetitions end, before numbers overflow. Changes may grow a lot before they
+converge: 1e3 is too small for 8 unknowns with a loop gain of 40."""
 _KEPT = 1e-3
-"""Bound below which Broyden's formula divides mostly by rounding errors."""
+"""Limit below which Broyden's formula divides mostly by rounding errors."""
 
 _Map = Callable[[Floats], Floats]
 _First = Callable[[], Floats | None]
@@ -29,11 +29,11 @@ def not_solved(size: float, count: int, tolerance: float) -> str:
 
 @dataclass
 class Broyden:
-    """Solves fixed point problems in a row, each from the inverse Jacobian of the last."""
+    """Solves a series of fixed-point problems, each from the inverse Jacobian of the last."""
 
     inverse: Floats | None = None
-    """(n, n): Estimated inverse of the derivative of the residual by the guess. None: minus the identity, exact without
-    coupling."""
+    """Estimated inverse of the derivative of the residual with respect to the guess, (n, n). None means minus the
+    identity, which is exact without coupling."""
 
     def solve(
         self, guess: Floats, repeat: _Map, size: _Map, tolerance: float, first: _First = lambda: None
@@ -47,7 +47,7 @@ class Broyden:
         """
         if self.inverse is None:
             self.inverse = first()
-        with np.errstate(invalid="ignore", over="ignore"):  # the sizes show it
+        with np.errstate(invalid="ignore", over="ignore"):  # the sizes report it
             kept = self.inverse is not None
             sizes, count = self._try(guess, repeat, size, tolerance)
             if kept and self.inverse is None:  # the kept inverse may belong to another regime
@@ -56,7 +56,7 @@ class Broyden:
         return sizes, count
 
     def _try(self, guess: Floats, repeat: _Map, size: _Map, tolerance: float) -> tuple[Floats, int]:
-        """Repeat from the known inverse; discard it without a solution."""
+        """Repeat with the known inverse, and discard it if there is no solution."""
         most = max(_LEAST, _EACH * guess.size)
         change = last = np.zeros(guess.size)
         first, count = 0.0, 0
@@ -79,7 +79,7 @@ class Broyden:
             guess = guess + change
 
     def _learn(self, change: Floats, difference: Floats) -> None:
-        """Improve the inverse by Broyden's first formula in its inverse form."""
+        """Update the inverse by Broyden's first formula in its inverse form."""
         inverse = -np.eye(change.size) if self.inverse is None else self.inverse
         moved = inverse @ difference
         scale = change @ moved

@@ -1,4 +1,4 @@
-"""Steps in compiled code: those of `SampledStepper` and its like without the interpreter, bit-identical.
+"""Steps in compiled code: bit-identical to those of `SampledStepper` and similar ones, without the interpreter.
 
 The plan is a list of actions: copies of values and calls of FMUs. Python judges each status, each flag of a step and
 each integer out of range, and handles events. Then the step goes on.
@@ -49,11 +49,11 @@ from vdfmu.engine.results.recorder import RowsInMemory
 
 _TYPES = "float64 float32 int64 bool int32 int16 int8 uint64 uint32 uint16 uint8".split()
 _SLICE = 0.01
-"""Time [s] after which signals, and the clocks of recorder and observers, are looked at."""
+"""Time [s] after which signals, and the clocks of recorder and observers, are checked."""
 
 
 def obstacle(stepper: Stepper, exchange: Exchange) -> str:
-    """Return why the steps of a run are made in Python; empty if compiled code can make them."""
+    """Return why a run's steps must be made in Python; empty if compiled code can make them."""
     if type(stepper) not in (SampledStepper, MultirateStepper, EventStepper, ContinuousStepper):
         return f"the algorithm {exchange.checked.algorithm}"
     if isinstance(stepper, ContinuousStepper) and (stepper.error is not None or stepper.repeated):
@@ -78,22 +78,22 @@ def obstacle(stepper: Stepper, exchange: Exchange) -> str:
 
 
 class CompiledSteps:
-    """The steps of a run on a `grid`, as `stepper` does them, with the rows of all `keepers`."""
+    """The steps of a run on a `grid`, equal to those of `stepper`, with the rows of all `keepers`."""
 
     def __init__(self, stepper: Stepper, exchange: Exchange, grid: Grid, keepers: Sequence[RowsInMemory]) -> None:
         loop, bank = library(), exchange.banks[0]
         assert loop is not None
         self._eventful = stepper if isinstance(stepper, EventStepper) else None
         self._continuous = stepper if isinstance(stepper, ContinuousStepper) else None
-        self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # nobody reads texts
+        self._banks = [bank for bank in exchange.banks if bank.kind not in TEXTS]  # texts are not read
         self._exchange, self._run, self._grid = exchange, loop.do_steps, grid
         self._kept: list[Any] = []
-        """Memory whose addresses the plan has."""
+        """Memory whose addresses are in the plan."""
         self.lasting = self._eventful is None and self._continuous is None
-        """Whether the plan holds for other start values."""
+        """Whether the plan is valid for other start values."""
         self._actions: list[Action] = []
         self._judges: list[tuple[Instance, Callable[[Any], None]]] = []
-        """The component of each action, and the function that judges its status."""
+        """The component of each action, and the function that checks its status."""
         if self._continuous is None:
             self._sample()
         else:
@@ -149,16 +149,16 @@ class CompiledSteps:
 
     @property
     def instance(self) -> Instance:
-        """The component of the last action, for the message if it ends the process."""
+        """The component of the last action, for a message if it ends the process."""
         return self._judges[self._master.action][0]
 
     @property
     def _next_event(self) -> float:
-        """Time of the next event that is known [s]; infinite for none."""
+        """Time of the next known event [s]; infinite if there is none."""
         return math.inf if self._eventful is None else min(self._eventful.events.times, default=math.inf)
 
     def _events(self, pending: bool) -> None:
-        """Handle events at the end of a step, or do a step in Python that has events within it or at its end."""
+        """Handle events at the end of a step, or make a step in Python if it has events within it or at its end."""
         master, eventful, grid, k = self._master, self._eventful, self._grid, self._exchange.row.value
         assert eventful is not None
         begin, end = grid.time(k), grid.time(k + 1)
@@ -170,7 +170,7 @@ class CompiledSteps:
         master.pending, master.event = 0, self._next_event
 
     def _sample(self) -> None:
-        """Plan steps with inputs that hold over a step."""
+        """Plan steps with inputs that are held over a step."""
         exchange, banks = self._exchange, self._banks
         for action in step_actions(exchange.checked):
             name = action.name or exchange.checked.schedule.units[0]
@@ -192,10 +192,10 @@ class CompiledSteps:
                     )  # fmt: skip
 
     def _couple(self, coupled: Coupled) -> None:
-        """Plan steps with inputs on lines, as `ContinuousStepper` makes them."""
+        """Plan steps with ramped inputs, as in `ContinuousStepper`."""
         exchange, bank, begun = self._exchange, coupled.bank, coupled.begun[0]
         previous = begun.copy()
-        instance = next(iter(exchange.instances.values()))  # of copies for all; they cannot fail
+        instance = next(iter(exchange.instances.values()))  # for all copies, which cannot fail
         for each, before in zip(exchange.banks, coupled.begun, strict=True):
             if each in self._banks:
                 self._whole(instance, before, each.outputs)
@@ -237,7 +237,7 @@ class CompiledSteps:
         self._whole(instance, previous, begun)
 
     def _line(self, instance: Instance, kind: int, values: Floats, begin: Floats, **fields: Any) -> None:
-        """Add a copy by lines over the step, if it has values."""
+        """Add a copy along ramps over the step, if it has values."""
         if values.size:
             fields = {"n": values.size} | fields
             self._add(
@@ -255,7 +255,7 @@ class CompiledSteps:
         self._part(instance, target, source, np.arange(target.size))
 
     def _rates(self, instance: Instance, name: str, arguments: Any, call: str, **fields: Any) -> None:
-        """Add a call that gets or sets derivatives by time."""
+        """Add a call that gets or sets time derivatives."""
         _, references, n, orders, values, *_ = arguments
         self._kept += [references, orders, values]
         self._add(
@@ -340,7 +340,7 @@ class CompiledSteps:
         self._add(instance, judge, "DoStep", kind=STEP + bool(answers), at_end=at_end, last=last, **answers, **parts)
 
     def _add(self, instance: Instance, judge: Callable[[Any], None], name: str = "", **fields: Any) -> None:
-        """Add an action, a call of the FMI function if it has a name."""
+        """Add an action, which is a call of the FMI function if `name` is given."""
         function, number = None, 0
         if name:
             function = cast(getattr(instance.fmu.dll, instance.symbol(name)), c_void_p).value

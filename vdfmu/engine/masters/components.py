@@ -1,4 +1,4 @@
-"""The components of one run in this process: unpacking, loading, initialization, coupling, freeing, exits."""
+"""The components of one run in this process: unpacking, loading, initialization, coupling, freeing and exits."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ def unpack_units(checked: Checked, folder: Path) -> tuple[dict[str, Path], bool]
 
 
 def _refuse_escapes(folder: Path) -> None:
-    """Raise if a Python FMU would crash the process: its wrapper decodes no URI escapes except of spaces."""
+    """Raise an error if a Python FMU would crash the process, because its wrapper decodes only spaces in URIs."""
     uri = folder.as_uri()
     if (folder / "resources" / "slavemodule.txt").is_file() and "%" in uri.replace("%20", " "):
         raise VdfmuError(
-            f"{folder}: the folder of Python FMUs must be ASCII letters, digits and spaces only. Set TMPDIR to another "
-            "folder."
+            f"{folder}: the path of a folder with Python FMUs must have only ASCII letters, digits and spaces. Set "
+            "TMPDIR to another folder."
         )
 
 
@@ -79,12 +79,12 @@ def _needed(member: str) -> bool:
 
 
 class Coupling(NamedTuple):
-    """Parts of a stepper; `convergence` and `error` of :class:`ContinuousStepper` may be None."""
+    """Parts of a stepper; for `convergence` and `error`, which may be None, see :class:`ContinuousStepper`."""
 
     exchange: Exchange
     box: MessageBox
     events: Events | None
-    """Events of components of FMI 3.0 in event mode."""
+    """Events of FMI 3.0 components in event mode."""
     convergence: float | None
     error: float | None
     span: float
@@ -92,7 +92,7 @@ class Coupling(NamedTuple):
 
 
 def held(coupling: Coupling) -> SampledStepper:
-    """Return the stepper for inputs that hold over a step."""
+    """Return the stepper for inputs that are held over a step."""
     checked = coupling.exchange.checked
     if checked.schedule.groups and (checked.multiples or coupling.events is not None):
         raise UsageError(
@@ -123,7 +123,7 @@ iterative = partial(continuous, solver=Broyden)
 class Components:
     """The components of one run.
 
-    `folders` are the unpacked FMUs by source. For `words` see `Exchange`. `watch` wraps all calls into an FMU, see
+    `folders` contain the unpacked FMUs, by source. For `words` see `Exchange`. `watch` wraps all calls of an FMU; see
     `Instance`.
     """
 
@@ -142,7 +142,7 @@ class Components:
         self._events: Events | None = None
         self._stepper: Stepper | None = None
         self._start: list[tuple[Instance, c_void_p]] = []
-        """States to go back to."""
+        """Saved states at the start."""
 
     def load(self) -> None:
         """Load the libraries and create the instances."""
@@ -155,11 +155,11 @@ class Components:
             instance = self.instances[name] = kind(name, description, folder, self.box, corrupt, self._watch)
             instance.event_mode = description.event_mode and not continuous and not own_steps
             instance.updates = description.updates_inputs and continuous and name in fed
-            with InterruptGuard():  # units written in Python turn Ctrl-C into an error
+            with InterruptGuard():  # Python units turn Ctrl-C into an error
                 self._instantiate(instance)
 
     def _instantiate(self, instance: Instance) -> None:
-        """Create an instance; without event mode if it declares event mode but rejects it."""
+        """Create an instance, without event mode if it declares event mode but rejects it."""
         try:
             instance.instantiate()
         except CosimError as error:
@@ -175,7 +175,7 @@ class Components:
             self.box.pending.append(LogMessage("", self.box.time, "note", "", text))
 
     def initialize(self, begin: float, end: float, tolerance: float | None, convergence: float = CONVERGENCE) -> None:
-        """Take all through initialization; leaves the outputs at `begin` in the exchange."""
+        """Initialize all components; the exchange then has the outputs at `begin`."""
         self.box.time = begin
         with InterruptGuard():
             for name, instance in self.instances.items():
@@ -193,7 +193,7 @@ class Components:
     def couple(
         self, adaptive: float | None, convergence: float | None, span: float, record: Sequence[str] | None
     ) -> Stepper:
-        """Return their stepper, by the algorithm of `checked`; for parameters see `simulate`."""
+        """Return the stepper of the algorithm in `checked`; for parameters see `simulate`."""
         coupling = Coupling(self.exchange, self.box, self._events, convergence, adaptive, span)
         stepper = self._stepper = self.checked.how.load()(coupling)
         return stepper
@@ -222,11 +222,11 @@ class Components:
         return self.instances[name].get_all([self.checked.descriptions[name].variables[variable]])[0]
 
     def between_events(self, name: str, variable: str) -> bool:
-        """Whether a variable of a component is set between events."""
+        """Return whether a variable of a component is set between events."""
         return self.instances[name].between_events(self.checked.descriptions[name].variables[variable])
 
     def keep_start(self) -> bool:
-        """Keep the states that all components have now; whether they can go back to them."""
+        """Save the states of all components; return whether they can be restored."""
         # arrays of FMI 3.0 are set as a whole, with elements that the instance remembers
         simple = all(d.saves_state and not d.version.arrays for d in self.checked.descriptions.values())
         if simple and type(self._stepper) is SampledStepper:
@@ -234,12 +234,12 @@ class Components:
         return bool(self._start)
 
     def to_start(self) -> None:
-        """Take all components back to the states of `keep_start`."""
+        """Restore the states of `keep_start` in all components."""
         for instance, state in self._start:
             instance.restore_state(state)
 
     def _free(self) -> None:
-        """Free the states that the stepper and a return to the start keep."""
+        """Free the states saved by the stepper and by `keep_start`."""
         start, self._start = self._start, []
         if self._stepper is not None:
             self._stepper.free()
@@ -247,7 +247,7 @@ class Components:
             instance.free_state(state)
 
     def reset(self, checked: Checked) -> None:
-        """Return all to their state after loading; `checked` has their start values."""
+        """Reset all components to their state after loading; `checked` has their start values."""
         self.checked, self._events = checked, None
         with InterruptGuard():
             self._free()
@@ -260,7 +260,7 @@ class Components:
         self.box.flush()
 
     def close(self) -> CosimError | None:
-        """Terminate and free them all; return the first failure. The others become messages."""
+        """Terminate and free all components; return the first failure. The others become messages."""
         failure = None
         try:
             self._free()
@@ -283,11 +283,11 @@ def failure_message(error: CosimError) -> LogMessage:
 
 @contextmanager
 def report_exits(box: MessageBox, save: Callable[[], str], resting: Callable[[], bool]) -> Generator[None]:
-    """Report a component that ends the process, save the rows, and make the exit code 1; `save` returns a text on them.
+    """Report a component that ends the process, save the rows, and exit with code 1; `save` returns a text about them.
 
-    Between runs, when `resting`, no component does.
+    Between runs, when `resting`, no component is to blame.
 
-    For the C libraries of Linux (glibc) and macOS; no others can remove a handler.
+    Works with the C libraries of Linux (glibc) and macOS, because others cannot remove a handler.
     """
     if platform.libc_ver()[0] != "glibc" and sys.platform != "darwin":
         yield
@@ -314,7 +314,7 @@ def report_exits(box: MessageBox, save: Callable[[], str], resting: Callable[[],
 
 
 def _caller() -> str:
-    """Return the names of the components in the local variables of the calls above in this thread."""
+    """Return the names of components in local variables of the calling functions in this thread."""
     frame = inspect.currentframe()
     while frame is not None:
         values = [(value, getattr(value, "instance", None)) for value in frame.f_locals.values()]

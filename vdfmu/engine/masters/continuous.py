@@ -1,6 +1,6 @@
-"""Steps for continuous coupling: inputs ramp linearly over a step, steps are repeated until the units agree.
+"""Steps for continuous coupling: inputs ramp linearly over a step, and steps are repeated until the units agree.
 
-With or without repetitions and error control; `docs/internals.md` derives them.
+Repetitions and error control are optional. `docs/internals.md` has the derivations.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from vdfmu.engine.masters.sampled import Stepper
 from vdfmu.engine.plan.grid import Grid, largest_step
 
 _FIRST = 1e-5
-"""First step of the error control, relative to the longest step; it serves to calculate the slopes of the signals."""
+"""First step of the error control, relative to the longest step; it is used to calculate the slopes of the signals."""
 _SHORTEST = 1e-11
-"""Shortest step of the error control, relative to the run; times in double precision resolve it to four digits."""
+"""Shortest step of the error control, relative to the run, which times in double precision resolve to four digits."""
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 2.0
-"""Safety factor of the next step, and bounds of its ratio to the last, as usual for one-step methods."""
+"""Safety factor of the next step, and limits of its ratio to the last one, as usual for one-step methods."""
 _BETWEEN_JUMPS = 5
-"""Fewest accepted steps between two jumps; if steps fail sooner after a jump, the cause is not another jump."""
+"""Smallest number of accepted steps between two jumps. If steps fail sooner after a jump, the cause is not another
+jump."""
 _BLIND = 0.1
-"""Ratio of allowed error to the largest value of a signal above which there is effectively no control."""
+"""Ratio of the allowed error to a signal's largest value, above which there is effectively no error control."""
 
 
 class ContinuousStepper(Stepper):
@@ -39,10 +40,10 @@ class ContinuousStepper(Stepper):
 
     All outputs at the end of the step are predicted from their last two values. Units step in the order of the
     schedule. Each input ramps linearly from its value at the start of the step to its value at the end: the computed
-    output if its source has stepped, else the predicted one. Signals from outside are known. A `solver` repeats that
-    from saved states, with better guesses, until computed and guessed outputs agree.
-    Discrete signals (integers, booleans, discrete reals) hold over a step and change at its end. If an output depends
-    on one directly (see `Schedule.fresh`), the unit gets its value at the end of the step.
+    output if its source has stepped, else the predicted one. External signals are known. A `solver` repeats this from
+    saved states with better guesses, until computed and guessed outputs agree. Discrete signals (integers, booleans,
+    discrete reals) are held over a step and change at its end. If an output depends directly on such an input (see
+    `Schedule.fresh`), the unit gets the value at the end of the step.
 
     `exchange` has the outputs at the start. `solver` makes a solver for the guesses of a block, such as `Broyden`, or
     is None. Repetitions end when no coupled signal changes by more than `convergence`. `error` is the largest allowed
@@ -76,7 +77,7 @@ class ContinuousStepper(Stepper):
         self._previous, self._last, self._h = self._outputs.copy(), 0.0, math.inf
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all units from `time` by `step` to `stop`, in as many steps as the error control needs."""
+        """Step all units from `time` by `step` to `stop`, in as many steps as the error control requires."""
         if self.error is None:
             self._step(time, step)
             self._done(step)
@@ -86,7 +87,7 @@ class ContinuousStepper(Stepper):
             while time < stop and not self.box.ended:
                 target = self._target(time, stop)
                 left = target - time
-                parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal ones, so that none is tiny
+                parts = math.ceil(left / min(self._h, left) - 1e-9)  # equal parts, so that none is tiny
                 end = target if parts <= 1 else time + left / parts
                 if end <= time:
                     raise CosimError(
@@ -110,7 +111,7 @@ class ContinuousStepper(Stepper):
         self.shortest, self.longest = min(lengths, default=math.inf), max(lengths, default=0.0)
 
     def _target(self, time: float, stop: float) -> float:
-        """Return the latest end of a step under error control: no signal from outside jumps or bends in it."""
+        """Return the latest end of a step under error control, within which no external signal jumps or bends."""
         breaks, close = self.exchange.breaks, self.exchange.close
         i = int(breaks.searchsorted(time + close, "right")) if breaks.size else 0
         return float(breaks[i]) if i < breaks.size and breaks[i] < stop - close else stop
@@ -123,14 +124,14 @@ class ContinuousStepper(Stepper):
             "rejected": self.rejected,
             "jumps": self.jumps,
             "unit_steps": self.unit_steps,
-            # rounded, because they are differences of times
+            # rounded, since they are differences of times
             "shortest_step": round(self.shortest, 12),
             "longest_step": round(self.longest, 12),
         }
         return {"communication": communication}
 
     def notes(self) -> list[str]:
-        """Return notes on the run: signals smaller than the allowed error."""
+        """Return notes on the run, about signals smaller than the allowed error."""
         allowed = self.convergence if self.error is None else self.error
         if self.error is None and not any(block.torn.size for block in self.coupled.blocks if self.repeat):
             return []
@@ -141,7 +142,7 @@ class ContinuousStepper(Stepper):
         more = f" and {len(small) - 3} more" if len(small) > 3 else ""
         return [
             f"{', '.join(small[:3])}{more}: smaller than {allowed / _BLIND:.3g} all the time, and without a nominal "
-            f"value in the FMU; so an error of {allowed:g} relative to 1 is allowed. Ask for a smaller one"
+            f"value in the FMU; so an error of {allowed:g} relative to 1 is allowed. Choose a smaller error"
         ]
 
     def _step(self, time: float, h: float) -> Floats:
@@ -175,11 +176,11 @@ class ContinuousStepper(Stepper):
         self.shortest, self.longest = min(self.shortest, h), max(self.longest, h)
 
     def _attempt(self, time: float, h: float, longest: float) -> bool:
-        """Do a step under error control and choose the next; False, with everything restored, if it is too long.
+        """Make a step under error control and choose the next; if it is too long, restore everything and return False.
 
-        A step is too long if a unit refuses it, unless fatally: FMI 2.0 lets a unit continue from a restored state
-        after fmi2Discard and fmi2Error. Changes of discrete signals, jumps of continuous ones and the end of a unit
-        shorten the step until they are located.
+        A step is too long if a unit rejects it without a fatal error: FMI 2.0 lets a unit continue from a restored
+        state after fmi2Discard and fmi2Error. Changes of discrete signals, jumps of continuous ones and the end of a
+        unit shorten the step until they are located.
         """
         assert self.error is not None
         before, failure = len(self.box.pending), None
@@ -191,11 +192,11 @@ class ContinuousStepper(Stepper):
             sizes, failure = np.zeros(0), error
         ratio = math.inf if failure is not None else float(sizes.max(initial=0.0))
         changed = self._changed()
-        # signals that change with every step change at the communication points themselves
+        # signals that change in every step change at the communication points themselves
         switched = ratio <= 1.0 and bool(np.any(changed & ~self._changing))
         early = any(at < time + h - self._floor for at in self.box.ended.values())
         if (switched or early) and _LEAST * h >= self._floor:
-            ratio = math.inf  # locate the change for the other units
+            ratio = math.inf  # shorten it to locate the change for the other units
         self._h = min(h * min(max(_SAFETY / math.sqrt(max(ratio, 1e-12)), _LEAST), _MOST), longest)
         if ratio <= 1.0:
             self._since_jump += 1
@@ -206,7 +207,7 @@ class ContinuousStepper(Stepper):
                 raise failure
             if math.isfinite(ratio) and self._since_jump >= _BETWEEN_JUMPS:
                 self._since_jump = 0
-                self._accept(h, longest, changed, True)  # so short that what is wrong with it does not count
+                self._accept(h, longest, changed, True)  # so short that its error does not matter
                 return True
             self.exchange.refuse_not_finite("doStep", time + h)
             raise self._too_short(int(np.argmax(sizes)), time, h, ratio)
@@ -240,22 +241,23 @@ class ContinuousStepper(Stepper):
             self.jumps += 1
 
     def _changed(self) -> NDArray[np.bool_]:
-        """Whether each discrete signal differs from its value at the start of the step."""
+        """Return whether each discrete signal differs from its value at the start of the step."""
         return np.concatenate([now[places] != before[places] for now, before, places in self.coupled.switches])
 
     def _errors(self, predicted: Floats, h: float) -> Floats:
         """Return the errors of the outputs in the step, relative to their sizes; infinite for NaN.
 
-        Predicted and computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to first
-        order; by h^2 / 2 times it if the component gives the first derivative. The line between the ends of the step
-        departs from y by at most h^2 / 8 times it. In a step far shorter than the last, this would underestimate the
-        error of a jump, so the estimate uses at least a fifth of the last step. This does not apply to an output with
-        feedthrough: it moves at the start of a step because the prediction of the last step was wrong, not by a jump.
+        The predicted and the computed value of a signal y differ by h (h + h_last) / 2 times its second derivative, to
+        first order, or by h^2 / 2 times it if the component provides the first derivative. The line between the ends of
+        the step departs from y by at most h^2 / 8 times it. In a step far shorter than the last, this would
+        underestimate the error of a jump, so the estimate uses at least a fifth of the last step. Outputs with
+        feedthrough are excluded, because they move at the start of a step when the last prediction was wrong, not by a
+        jump.
         """
         difference = np.abs(self._outputs - predicted) / self._scale()
         difference[np.isnan(difference)] = math.inf
         sizes = np.zeros(difference.size)
-        if self._last > 0.0:  # else there is no prediction yet
+        if self._last > 0.0:  # otherwise there is no prediction yet
             least = np.where(self.coupled.passing, h, max(h, _LEAST * self._last))
             line = least / (4.0 * (h + self._last * ~self.coupled.derived[self.coupled.lines]))
             sizes[self.coupled.lines] = line * difference[self.coupled.lines]
@@ -274,7 +276,7 @@ class ContinuousStepper(Stepper):
         def repeat(guess: Floats) -> Floats:
             nonlocal first
             if not first:
-                del self.box.pending[reported:]  # of a step that is undone
+                del self.box.pending[reported:]  # from a step that is undone
                 self._restore(block.units)
                 for values, before, chosen in block.stepwise:
                     values[chosen] = before[chosen]

@@ -1,4 +1,4 @@
-"""The plan of a continuous coupling: units with inputs that run on lines, in blocks that depend on themselves."""
+"""The plan of a continuous coupling: units with ramped inputs, in blocks of units that depend on each other."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ Indices = NDArray[np.intp]
 
 @dataclass
 class CoupledUnit:
-    """One unit: its calls, and windows of the arrays of real inputs."""
+    """A unit: its calls, and its windows in the arrays of real inputs."""
 
     instance: Instance
     gathers: list[Callable[[], None]]
     parts: list[tuple[Floats, list[Call]]]
-    """The equal parts of a step: the place of each input on the line through the whole step, and the calls. The place
-    is 0 for an input that ramps; other inputs hold their value at it."""
+    """The equal parts of a step: the place of each input on the ramp over the whole step, and the calls. The place is 0
+    for an input that ramps; other inputs are held at their value there."""
     inputs: Floats
     """Values to set before a part."""
     starts: Floats
     ends: Floats
     slopes: Floats
     runs: bool
-    """Whether inputs ramp over a step; else they hold over a part of it."""
+    """Whether inputs ramp over a step instead of being held over a part of it."""
     held: Indices
-    """Inputs that hold their value at the start of the step."""
+    """Inputs held at their value at the start of the step."""
 
 
 @dataclass
 class Block:
-    """Units that depend on each other, in the order of their steps; or a single unit."""
+    """Units that depend on each other, in the order of their steps, or a single unit."""
 
     units: list[CoupledUnit]
     torn: Indices
     """Continuous outputs that a unit of the block reads before they are computed. They are guessed."""
     stepwise: list[tuple[NDArray[Any], NDArray[Any], Indices]]
-    """For each type: outputs, now and at the start of the step, and which are discrete."""
+    """For each type: outputs now and at the start of the step, and which are discrete."""
 
 
 class Coupled:
-    """Data that a step works on: memory of inputs and outputs, and the units in the order of their steps."""
+    """Data of a step: memory of inputs and outputs, and the units in the order of their steps."""
 
     def __init__(self, exchange: Exchange) -> None:
         self.exchange = exchange
@@ -79,7 +79,7 @@ class Coupled:
         self.passing = np.isin(self.lines, list(direct))
         """Whether each of `lines` depends directly on an input."""
         self.derived = np.zeros(self.outputs.size, bool)
-        """Real outputs whose time derivatives their unit gives."""
+        """Real outputs whose unit provides their time derivatives."""
         self.rates: list[tuple[Instance, Call, Indices, Floats]] = []
         """Calls that get these derivatives, their outputs, and the memory that receives them."""
         for name, instance in exchange.instances.items():
@@ -119,13 +119,14 @@ class Coupled:
         exchange, bank = self.exchange, self.bank
         instance, window, calls = exchange.instances[name], bank.input_windows[name], exchange.calls(name)
         moving = instance.description.interpolates_inputs
-        # An input that cannot ramp is needed at the end of the step if an output depends on it directly. Any other is
-        # integrated: the middle of a line has the line's integral, and a discrete input holds.
+        # An input that cannot ramp is needed at the end of the step if an output depends on it directly. Any other
+        # input is integrated, so it gets the middle of the ramp, which has the ramp's integral; a discrete input is
+        # held.
         schedule = exchange.checked.schedule
         gathers = [self._gather_of(each, name) for each in exchange.banks]
         links = bank.links[window]
         through = [not k.discrete and not moving and k.end in schedule.through for k in links]
-        # outputs computed last, from an input set within the step, do not belong to the end of the line
+        # outputs computed last, from an input set within the step, do not belong to the end of the ramp
         runs = moving or (instance.description.updates_inputs and not any(through))
         middle = 0.0 if runs else 0.5
         hold = np.array([1.0 if k.discrete or end else middle for k, end in zip(links, through, strict=True)])
@@ -136,8 +137,8 @@ class Coupled:
             calls.insert([call[-1] for call in calls].index("doStep"), ramp)
         parts = [(hold, calls)]
         if any(through) and instance.description.varies_steps:
-            # The unit may integrate such an input, too. Half the step with the value at the start and half with the
-            # value at the end have the integral of the line, and end with the value at the end.
+            # The unit may also integrate such an input. Half a step with the value at the start and half with the value
+            # at the end have the integral of the ramp, and the step ends with the right value.
             gets = [call for call in calls if call[-1].startswith("get")]
             first = np.array([1.0 if k.discrete else 0.0 for k in links])
             parts = [(first, calls[: len(calls) - len(gets)]), (np.ones(len(links)), calls)]
@@ -155,7 +156,7 @@ class Coupled:
         )
 
     def _gather_of(self, bank: Bank, name: str) -> Callable[[], None] | None:
-        """Return the function that updates a unit's inputs of one type; discrete ones wait, reals in `_sweep`."""
+        """Return the function that updates a unit's inputs of one type, but not discrete ones and not reals."""
         window = bank.input_windows[name]
         gather = bank.gather(window)
         fresh = self.exchange.checked.schedule.fresh
@@ -171,7 +172,7 @@ class Coupled:
         return some
 
     def _cut(self, units: list[CoupledUnit]) -> list[Block]:
-        """Put the units of each loop into a block, with the outputs to be guessed."""
+        """Group the units of each loop into a block, with the outputs that must be guessed."""
         by_name = {unit.instance.name: unit for unit in units}
         position = self.bank.position
         blocks: list[Block] = []
@@ -194,10 +195,10 @@ class Coupled:
 
 
 def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None:
-    """Return the inverse interface Jacobian of a loop: of the derivative of its residual by the guess, see `Broyden`.
+    """Return a loop's inverse interface Jacobian, of its residual's derivative by the guess; see `Broyden`.
 
     A component is treated as x' = A x + B u, y = C x + D u, with its directional derivatives at the start of a step of
-    `h` [s]. None if a component gives none, or if no inverse exists.
+    `h` [s]. None if a component has no directional derivatives, or if no inverse exists.
     """
     if not all(unit.instance.description.derives_unknowns for unit in block.units):
         return None
@@ -217,7 +218,7 @@ def interface_inverse(block: Block, coupled: Coupled, h: float) -> Floats | None
 
 
 def _sensitivity(unit: CoupledUnit, coupled: Coupled, h: float) -> Callable[[Floats], None]:
-    """Return the function that brings changes of outputs at the end of a step through a component."""
+    """Return the function that propagates changes of outputs at the end of a step through a component."""
     instance, bank = unit.instance, coupled.bank
     outputs = coupled.read_of(instance.name)
     inputs = bank.links[bank.input_windows[instance.name]]
@@ -252,12 +253,12 @@ def jacobian_of(
 ) -> Callable[[], Floats]:
     """Return the function that calculates [[A, B], [C, D]] of a component at its current state.
 
-    From directional derivatives of the declared states' rates and of outputs, by states and inputs. With `some`, places
-    of inputs, derivatives by other inputs are left 0.
+    Uses directional derivatives of the declared states' rates and of outputs, with respect to states and inputs. With
+    `some`, places of inputs, derivatives with respect to other inputs stay 0.
     """
     states = instance.description.states
     n = sum(length for *_, length in states)
-    # each array with all of its elements, as its directional derivatives are
+    # each array with all elements, like its directional derivatives
     begins: list[tuple[int, int]] = [(x, length) for x, _, length in states]
     begins += dict.fromkeys((v.reference, v.length) for v in inputs)
     finals = [(rate, length) for _, rate, length in states]
@@ -278,7 +279,7 @@ def jacobian_of(
 
     def calculate() -> Floats:
         jacobian = np.zeros((len(rows), len(columns)))
-        # test all directions at once: a mode of a component may read none of its inputs
+        # test all directions at once: a component may ignore all inputs in a mode
         if chosen and some_direction().any():
             jacobian[:, chosen] = directions().T[rows]
         return jacobian

@@ -1,9 +1,9 @@
 """Event mode of co-simulation: events at communication points, and clocks (FMI 3.0).
 
-Components with event mode get their discrete and clocked inputs in it only. A component enters it at a communication
-point if one of its clocks ticks, if it has an event, or if a discrete input has changed. Components follow the order of
-the steps, so readers get the outputs of a tick at once. A triggered clock ticks the clocks connected to it at the same
-time. Changed discrete outputs are passed on until all are constant.
+Components with event mode get their discrete and clocked inputs only in event mode. A component enters it at a
+communication point if one of its clocks ticks, if it has an event, or if a discrete input has changed. Components are
+handled in the order of the steps, so readers get the outputs of a tick at once. A triggered clock ticks the clocks
+connected to it at the same time. Changed discrete outputs are passed on until all are constant.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from vdfmu.engine.masters.sampled import SampledStepper
 from vdfmu.engine.plan.grid import largest_step
 
 _ROUNDS = 100
-"""Most events at one time, one after the other."""
+"""Largest number of successive events at one time."""
 _CLOSE = 1e-9
 """Distance from a communication point, relative to the step, within which a time is regarded as that point."""
 
 
 class _Ticking:
-    """A time-based clock: ticks `count` intervals after `origin` next; never for an interval that is not known."""
+    """A time-based clock: its next tick is `count` intervals after `origin`; never if the interval is unknown."""
 
     def __init__(self, variable: FmuVariable, start: float) -> None:
         assert variable.clock is not None
@@ -52,14 +52,14 @@ class _Ticking:
             self.count += 1
 
     def set_interval(self, interval: float, time: float) -> None:
-        """Take an interval from the component: from now on, or, for a clock with a period, from the start."""
+        """Accept an interval from the component, valid from now on or, for a periodic clock, from the start."""
         if self.clock.variability in ("countdown", "changing"):
             self.origin, self.count = time, 1
         self.interval = interval
 
 
 class _EventUnit:
-    """A component with event mode: its clocks, and its calls by the clock of the variables (None: no clock)."""
+    """A component with event mode: its clocks, and its calls by the variables' clock, None without a clock."""
 
     def __init__(self, exchange: Exchange, instance: Instance3, start: float) -> None:
         self.instance = instance
@@ -79,7 +79,7 @@ class _EventUnit:
                 calls[reference] = [c for bank in exchange.banks for c in bank.calls(instance, verb, ticks)]
         self.gathers = exchange.gathers(instance.name)
         self.watched: list[tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]] = []
-        """Inputs of a type, places of the discrete ones without a clock, and their last values."""
+        """For each type: inputs, the places of discrete ones without a clock, and their last values."""
         for bank in exchange.banks:
             window = bank.input_windows[instance.name]
             links, part = bank.links[window], bank.inputs[window]
@@ -88,23 +88,23 @@ class _EventUnit:
             self.watched.append((part, where, part[where]))
 
     def gather(self) -> None:
-        """Bring the inputs up to date."""
+        """Update the inputs."""
         for gather in self.gathers:
             gather()
 
     @property
     def changed(self) -> bool:
-        """Whether a discrete input has another value than was set last."""
+        """Return whether a discrete input differs from the value set last."""
         return any(not np.array_equal(part[where], last) for part, where, last in self.watched)
 
     def noted(self) -> None:
-        """Take the discrete inputs as set."""
+        """Note that the discrete inputs are set."""
         for part, where, last in self.watched:
             last[:] = part[where]
 
 
 class Events:
-    """The events of a run from `start` [s]; components are initialized and in event mode."""
+    """The events of a run from `start` [s], whose components are initialized and in event mode."""
 
     def __init__(self, exchange: Exchange, start: float) -> None:
         self._exchange, self._box = exchange, exchange.box
@@ -128,7 +128,7 @@ class Events:
         return times + [unit.instance.next_event for unit in self.units.values()]
 
     def next(self, time: float, stop: float) -> float:
-        """Return the time [s] of the next event known in advance, after `time`, `stop` at the latest."""
+        """Return the time [s] of the next event known in advance after `time`, or `stop` if that is earlier."""
         close = _CLOSE * (stop - time)
         return min((t for t in self.times if time + close < t < stop - close), default=stop)
 
@@ -155,7 +155,7 @@ class Events:
                 for unit in self.units.values():
                     unit.instance.leave_event()
                 return
-            # in the order of the steps: what ticks another comes first or again
+            # in the order of the steps: a component that ticks another comes first or again
             for name, unit in self.units.items():
                 if name in involved:
                     involved.discard(name)
@@ -164,7 +164,7 @@ class Events:
         raise CosimError(names, "updateDiscreteStates", time, f"events do not end: there were {_ROUNDS} at one time")
 
     def _event(self, unit: _EventUnit, time: float, active: set[int], ticks: dict[str, set[int]]) -> None:
-        """Take a component through an event, with its active clocks; add the clocks that it ticks."""
+        """Handle an event of a component with its active clocks; add the clocks that it ticks."""
         instance = unit.instance
         instance.enter_event()
         instance.set_clocks(sorted(active))
@@ -189,7 +189,7 @@ class Events:
 
     @staticmethod
     def _intervals(unit: _EventUnit, time: float) -> None:
-        """Ask for the intervals of clocks that the component sets."""
+        """Read the intervals of clocks that the component sets."""
         if asked := [tick for tick in unit.ticking if tick.clock.asked]:
             intervals = unit.instance.intervals([tick.variable.reference for tick in asked])
             for tick, interval in zip(asked, intervals, strict=True):

@@ -1,4 +1,4 @@
-"""Values between units and master, in one memory by type: initialization, the calls of a step, recording."""
+"""Values between units and master, in one memory per type: initialization, the calls of a step, recording."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ from vdfmu.engine.plan.inputs import Course
 from vdfmu.engine.results.results import Signal
 
 Gather = Callable[[], None]
-"""Brings inputs up to date."""
+"""Updates inputs."""
 
 
 class Bank:
     """All outputs and connected inputs of one kind, in one array: ``[outputs | inputs]``.
 
-    FMI calls of the same type fill it in place, in a window for each unit's outputs and one for its inputs. In a window
-    of inputs the fresh inputs (see `Schedule`) come first. Local variables are the outputs of an FMU without outputs.
-    An output of another kind that feeds inputs of this kind is here too, got once more: the transfer converts it.
+    FMI calls of the same type use it in place, with a window for each unit's outputs and one for its inputs. In a
+    window of inputs the fresh inputs (see `Schedule`) come first. If an FMU has no outputs, its local variables are
+    used instead. An output of another kind that feeds inputs of this kind is here too and is read a second time; the
+    transfer converts it.
     """
 
     def __init__(self, kind: str, checked: Checked, links: Mapping[Port, Link], words: Floats) -> None:
@@ -72,7 +73,7 @@ class Bank:
         self._transfers: dict[tuple[str, str], list[Transfer]] = {}
 
     def is_free(self, place: int) -> bool:
-        """Whether the value at a place is an output, or an input that is not connected, here or elsewhere."""
+        """Return whether the value at a place is an output, or an input without any connection."""
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
     def inputs_of(self, name: str = "", fresh: bool = False) -> slice:
@@ -93,7 +94,7 @@ class Bank:
         tables = [(i, link.conversion.table) for i, link in enumerate(links) if link.conversion.table is not None]
 
         def plain() -> None:
-            take(sources, None, target, "clip")  # the mode that needs no buffer; the indices are valid
+            take(sources, None, target, "clip")  # this mode needs no buffer; the indices are valid
 
         def scaled() -> None:
             take(sources, None, target, "clip")
@@ -141,7 +142,7 @@ _HEAD = 5
 
 
 def words_of(checked: Checked) -> int:
-    """Return the number of 8-byte words that an exchange needs at most."""
+    """Return an upper limit of the number of 8-byte words of an exchange."""
     variables = sum(len(description.variables) for description in checked.sources.values())
     return _HEAD + variables + sum(link.source.kind != link.sink.kind for link in checked.links) + len(KINDS)
 
@@ -163,7 +164,7 @@ class Exchange:
         self.clock, self.size = (c_double.from_buffer(words, 8 * i) for i in (0, 1))  # pyright: ignore[reportArgumentType]
         """Arguments currentCommunicationPoint and communicationStepSize of every doStep."""
         self.running, self.pressed = (c_int.from_buffer(words, 8 * i) for i in (2, 3))  # pyright: ignore[reportArgumentType]
-        """For processes that share the memory: activity of the components' process, and whether to stop."""
+        """For processes that share the memory: what the components' process is doing, and whether to stop."""
         self.row = c_long.from_buffer(words, 8 * 4)  # pyright: ignore[reportArgumentType]
         """The last complete row of steps in C."""
         self.banks: list[Bank] = []
@@ -184,20 +185,20 @@ class Exchange:
             places = np.array([bank.position[SOURCE, name] for name in names], np.intp)
             self._fed.append((bank.memory, places, course))
         self.breaks = distinct([], *(course.breaks for *_, course in self._fed))
-        """Times [s] at which a signal from outside jumps or bends."""
+        """Times [s] at which an external signal jumps or bends."""
         self.close = max((course.tolerance for *_, course in self._fed), default=0.0)
-        """Difference [s] within which a time is one of them."""
+        """Difference [s] within which a time equals one of them."""
 
     def _bank(self, kind: str) -> Bank:
         return next(bank for bank in self.banks if bank.kind == kind)
 
     def feed(self, time: float) -> None:
-        """Give the signals from outside their values at a time."""
+        """Set the external signals to their values at a time."""
         for memory, places, course in self._fed:
             memory[places] = course.at(time)
 
     def initialize(self, time: float, convergence: float) -> None:
-        """Carry the values over the connections in initialization mode, in the order of dependencies.
+        """Pass values over the connections in initialization mode, in the order of dependencies.
 
         Algebraic loops repeat until values agree to `convergence`, relative to their size or nominal value. CosimError
         if they do not.
@@ -238,7 +239,7 @@ class Exchange:
             )
 
     def _pass(self, groups: Sequence[Sequence[Link]]) -> None:
-        """Carry values over connections, of each group at once."""
+        """Pass values over connections, group by group."""
         for links in groups:
             self._carry(links, self._brought(links))
 
@@ -290,7 +291,7 @@ class Exchange:
     def recorders(
         self, rows: int, record: Sequence[str] | None
     ) -> tuple[list[Signal], dict[str, NDArray[Any]], dict[str, list[int]], Callable[[int], None]]:
-        """Return the recorded signals, by kind their rows and places in the bank, and the function that stores row k.
+        """Return the recorded signals, their rows and places in the bank by kind, and the function that stores row k.
 
         Names may have ``*`` for any text. Default: outputs, and inputs from outside; other inputs follow from outputs.
         Signals come unit by unit in the order of the SSD, outputs first.
@@ -337,7 +338,7 @@ class Exchange:
         return [signal for _, signal in signals], data, columns, stores[0] if len(stores) == 1 else store
 
     def reals(self, wanted: Iterable[str]) -> tuple[list[str], Floats, list[int]]:
-        """Return names of real signals that match, their memory, and the place of each in it."""
+        """Return the names of matching real signals, their memory, and the place of each in it."""
         bank = self.banks[0]
         names = matching(bank.names, wanted)
         return names, bank.memory, [bank.names[name] for name in names]
@@ -346,7 +347,7 @@ class Exchange:
         """Raise CosimError if an output that is read or recorded is not finite at `time`."""
         bank = self.banks[0]
         values = bank.outputs.take(self.watched)
-        if math.isfinite(values.dot(values)) or np.isfinite(values).all():  # squares of huge numbers are not finite
+        if math.isfinite(values.dot(values)) or np.isfinite(values).all():  # squares of huge numbers overflow
             return
         order = {unit: i for i, unit in enumerate(self.checked.schedule.units)}
         wrong = [i for i in self.watched if not math.isfinite(bank.outputs[i])]
@@ -368,7 +369,7 @@ class Exchange:
 def _arrays(links: Iterable[Link]) -> list[list[Link]]:
     """Return connections in groups: neighbours from one unit to another, or from array to array of one unit.
 
-    A group sets no input of the unit that it reads, so that its values are there before the first is carried.
+    A group sets no input of the unit that it reads, so that all its values are known before the first is passed on.
     """
 
     def ends(link: Link) -> tuple[Any, ...]:
@@ -379,14 +380,14 @@ def _arrays(links: Iterable[Link]) -> list[list[Link]]:
 
 
 def _converted(link: Link, value: Any) -> Any:
-    """Return the value of a connection's output as its input takes it."""
+    """Return the value of a connection's output, converted for its input."""
     if link.conversion.table is not None:
         return link.conversion.table.get(int(value), int(value))
     return value if link.conversion.trivial else link.conversion.factor * value + link.conversion.offset
 
 
 def row_store(rec: NDArray[Any], memory: NDArray[Any], picked: Sequence[int]) -> Callable[[int], None]:
-    """Return the function that stores the picked values in row k of `rec`."""
+    """Return the function that stores the chosen values in row k of `rec`."""
     columns = np.array(picked, np.intp)
 
     def store(k: int) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 COPY, SCALED, CHANGED, PREDICTED, LINE, RAMP, VALUES, _, STEP, _, RATES, _ = range(12)
-"""Kinds of actions. Kinds of calls are one more for FMI 3.0."""
+"""Kinds of actions. For FMI 3.0 the number of a call's kind is one higher."""
 NO_COMPILER = "no C compiler"
-"""Why the loop cannot be compiled here."""
+"""Reason why the loop cannot be compiled here."""
 NOT_FINITE, EVENT, BY_HAND = 2, 3, 4
-"""Answers of the loop."""
+"""Return values of the loop."""
 
 
 def _fields(**names: str) -> list[tuple[str, Any]]:
@@ -37,7 +37,7 @@ class RowBlock(Structure):
 
 
 class Master(Structure):
-    """All that the loop works on."""
+    """All data of the loop."""
 
     _fields_ = _fields(
         p="actions rows outputs watched", n="n_actions n_rows n_watched", p2="clock size time waiting",
@@ -47,7 +47,7 @@ class Master(Structure):
 
 @lru_cache
 def library() -> CDLL | None:
-    """Return the compiled loop; None without a compiler or room."""
+    """Return the compiled loop; None without a compiler or disk space."""
     from vdfmu.base.compile import own_library
 
     loop = own_library(Path(__file__).with_name("compiled.c"))

@@ -1,4 +1,4 @@
-"""Taps of a run: they read its components at some rows, show rows to an observer, or delay them to real time."""
+"""Taps of a run, which read its components at some rows, show rows to an observer, or delay them to real time."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from vdfmu.engine.results.results import Results
 
 
 class Observer(Protocol):
-    """Receives rows of a run while the run waits. A class needs ``row``; the other members are optional."""
+    """Receives rows of a run, which waits meanwhile. A class needs ``row``; the other members are optional."""
 
     wanted: Sequence[str]
     """Names of real signals that it receives, with ``*`` for any text; they need not exist. Default: all."""
     period: float
-    """Wall time between two rows [s], at least; 0, the default, for every row."""
+    """Shortest wall time between two rows [s]; 0, the default, for every row."""
 
     def begin(self, names: Sequence[str], about: Mapping[str, Any]) -> None:
-        """Take the names of the existing signals, and the facts of the run."""
+        """Receive the names of the existing signals, and facts about the run."""
         ...
 
     def row(self, time: float, values: Floats) -> None:
-        """Take the values (k,) at a time [s]; the array is the observer's."""
+        """Receive the values (k,) at a time [s]; the observer may keep the array."""
         ...
 
     def end(self, results: Results) -> None:
-        """Take all rows of the run, also of a failed one."""
+        """Receive all rows of the run, even if it failed."""
         ...
 
 
 class Observed(Tap):
-    """Shows rows to an observer, at most one in each of its periods."""
+    """Shows rows to an observer, at most one per period."""
 
     def __init__(self, observer: Observer, exchange: Exchange, about: Mapping[str, Any]) -> None:
         names, self._memory, places = exchange.reals(getattr(observer, "wanted", ("*",)))
@@ -62,16 +62,17 @@ class Observed(Tap):
 
 
 _SPIN = 2e-4
-"""Busy wait before a row is due [s]: sleeps rarely end later than this."""
+"""Busy wait before a row is due [s], because sleeps rarely end later than this."""
 _NAP = 0.1
-"""Longest sleep [s] before a signal is seen."""
+"""Longest sleep [s], after which signals are checked."""
 
 
 class Pace(Tap):
-    """Delays rows until they are due. In its block Python collects no garbage: it would take milliseconds.
+    """Delays rows until they are due. Within its block Python's garbage collection, which takes milliseconds, is off.
 
-    `speed` is time of the run over wall time; 1 is real time. Rows are `step` [s] apart. The clock starts with the
-    second row, because the first step loads code. `pressed` returns whether the user stops the run, and ends the wait.
+    `speed` is simulated time divided by wall time; 1 is real time. Rows are `step` [s] apart. The clock starts with the
+    second row, because the first step loads code. `pressed` returns whether the user stops the run, which ends the
+    wait.
     """
 
     def __init__(self, speed: float, step: float, pressed: Callable[[], bool] = lambda: False) -> None:
@@ -80,7 +81,7 @@ class Pace(Tap):
         self._speed, self._interval, self._pressed = speed, step / speed, pressed
         self._began, self._late, self._over = 0.0, array("d"), 0
         self.waited = 0.0
-        """Wall time of the waiting [s]."""
+        """Wall time spent waiting [s]."""
 
     def __enter__(self) -> None:
         self._collects = gc.isenabled()
@@ -91,7 +92,7 @@ class Pace(Tap):
             gc.enable()
 
     def due(self, k: int) -> float:
-        """Return `k`: each row is taken."""
+        """Return `k`, because each row is needed."""
         return k
 
     def take(self, k: int, time: float, components: Any) -> None:

@@ -1,4 +1,4 @@
-"""Steps for sampled coupling: of all components once, by their own multiples of the step, or integrated together."""
+"""Steps for sampled coupling: all components at once, by multiples of the step, or integrated together."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from vdfmu.engine.plan.schedule import variable_graph
 
 
 class Stepper:
-    """Steps all components of a run; the function of an `Algorithm` makes one from a `Coupling`."""
+    """Steps all components of a run. The function in an `Algorithm` makes one from a `Coupling`."""
 
     pressed: Callable[[], bool] = staticmethod(lambda: False)
-    """Whether the user wants to stop. Called by the master between rows, and within rows by slow steppers."""
+    """Returns whether the user stops the run. Called by the master between rows, and by slow steppers within rows."""
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Step all from a communication point by `step` [s] to `stop` [s], which is their sum except for rounding."""
+        """Step all components from `time` by `step` to `stop` [s], their sum except for rounding."""
         raise NotImplementedError
 
     def notes(self) -> list[str]:
-        """Return notes on the run; default none."""
+        """Return notes on the run, by default none."""
         return []
 
     def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps; default none."""
+        """Return the summary's entries on the steps, by default none."""
         return {}
 
     def free(self) -> None:
@@ -53,14 +53,14 @@ class SampledStepper(Stepper):
     def __init__(self, exchange: Exchange) -> None:
         self._exchange = exchange
         self._sizes: dict[str, tuple[c_double, c_double]] = {}
-        """For a unit with a step of its own: its communication point and step size."""
+        """For a unit with its own step: its communication point and step size."""
         self._due: dict[str, list[bool]] = {}
-        """For such a unit: whether its step begins now, and whether it ends with this communication step."""
+        """For a unit with its own step: whether it begins now, and whether it ends with this communication step."""
         if exchange.checked.multiples:
             self._sizes = {name: (c_double(), c_double()) for name in exchange.checked.schedule.units}
             self._due = {name: [True, True] for name in self._sizes}
         self._calls: list[tuple[Instance, Callable[..., int | None], tuple[Any, ...], str, list[bool], bool]] = []
-        """Each function of a step with its arguments and its name, and where to read whether it is due."""
+        """Each function of a step with its arguments and name, and where to read whether it is due."""
         always = [True, True]
         for action in step_actions(exchange.checked):
             instance = exchange.instances[action.name or exchange.checked.schedule.units[0]]
@@ -68,7 +68,7 @@ class SampledStepper(Stepper):
             self._calls += [(instance, *call, due, action.at_end) for call in self._calls_of(action)]
 
     def _calls_of(self, action: Planned) -> list[Call]:
-        """Return the calls of an action; a gather returns no status."""
+        """Return the calls of an action; gathering inputs returns no status."""
         exchange = self._exchange
         if action.verb == "gather":
             return [(gather, (), "") for gather in exchange.gathers(action.name, action.fresh)]
@@ -97,9 +97,9 @@ class SampledStepper(Stepper):
 class MultirateStepper(SampledStepper):
     """Steps units like `SampledStepper`, each by its own multiple of the communication step.
 
-    A unit reads its inputs when its step begins, holds them, and steps at its end, so its outputs change then. An early
-    unit, see `Checked.early`, steps when its step begins, and its outputs are held during the step. The last step of a
-    unit may be shorter.
+    A unit reads its inputs when its step begins, holds them, and makes the step when it ends, so its outputs change
+    then. An early unit, see `Checked.early`, steps when its step begins, and its outputs are held during the step. The
+    last step of a unit may be shorter.
     """
 
     def __init__(self, exchange: Exchange, span: float) -> None:
@@ -107,7 +107,7 @@ class MultirateStepper(SampledStepper):
         self._span, self._k, self._stop = span, 0, 0.0
 
     def advance(self, time: float, step: float, stop: float) -> None:
-        """Begin or make the steps that begin at `time` or end a communication step later."""
+        """Begin the steps that start at `time`, and make those that end a communication step later."""
         k, n = self._k, round(self._span / step)
         self._stop = self._stop if k else time + self._span
         for name, (clock, size) in self._sizes.items():
@@ -123,14 +123,14 @@ class MultirateStepper(SampledStepper):
 
 
 _ROUNDS = 100
-"""Most rounds of an event between members."""
+"""Largest number of rounds of an event between members."""
 
 
 class Together:
-    """Components of model exchange that depend on each other within a step, for the integrator one component.
+    """Model-exchange components that depend on each other within a step and are one component for the integrator.
 
     Values are exchanged between them at every evaluation: outputs are read in the order of their declared dependencies,
-    and each input is set as soon as its source is known. Model exchange allows to read outputs of a component before
+    and each input is set as soon as its source is known. Model exchange allows reading outputs of a component before
     all of its inputs are set.
     """
 
@@ -194,7 +194,7 @@ class Together:
         for stage in self._passes:
             stage()
 
-    # The methods below are calls of the integrator.
+    # The methods below are called by the integrator.
 
     def sizes(self) -> tuple[int, int]:
         """Return the numbers of states and event indicators."""
@@ -231,7 +231,7 @@ class Together:
         raise CosimError(self.name, "updateDiscreteStates", time, reason)
 
     def completed_step(self) -> bool:
-        """Report a step of the solver to all; return whether it is an event for any."""
+        """Report a solver step to all members; return whether it is an event for any."""
         self._asking = [member for member in self.members if member.completed_step()]
         return bool(self._asking)
 

@@ -20,23 +20,23 @@ from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.engine.rules import Finding, breach, finding
 
 XML_LIMIT = 64 * 2**20
-"""Largest member that is read into memory, such as XML [byte]."""
+"""Largest member that is read into memory [byte], such as XML."""
 MEMBER_LIMIT = 512 * 2**20
 """Largest member of any kind [byte]."""
 TOTAL_LIMIT = 2 * 2**30
-"""Most unpacked bytes of a package, FMUs inside it included; `package_limit` changes it."""
+"""Most unpacked bytes of a package, including its FMUs; `package_limit` changes it."""
 MEMORY_LIMIT = 256 * 2**20
-"""Most of these bytes in memory."""
+"""Limit of these bytes in memory."""
 COUNT_LIMIT = 65_535
-"""Most members of a package: more need the ZIP64 format, excluded by SSP 1.0."""
+"""Most members of a package: more would need the ZIP64 format, which SSP 1.0 excludes."""
 DIRECTORY_LIMIT = 16 * 2**20
-"""Largest directory of a zip file [byte]: some 250 for each of the most members."""
+"""Largest directory of a zip file [byte]: about 250 per member."""
 PACKAGE_LIMIT = 256
 """Most FMUs of a package from which parameter sets are read; each is an open file."""
 ELEMENT_LIMIT = 10_000
-"""Most elements of a system and its inner systems."""
+"""Most elements of a system and its nested systems."""
 DEPTH_LIMIT = 32
-"""Most systems inside each other."""
+"""Deepest nesting of systems."""
 _WAY = "that is the limit. If you trust the file: --unpack-limit, or package_limit of vdfmu.engine.package.archive"
 
 _chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
@@ -44,12 +44,12 @@ _chosen: ContextVar[int | None] = ContextVar("_chosen", default=None)
 
 @contextmanager
 def package_limit(total: int | None) -> Generator[None]:
-    """Set how much may be unpacked of each package that is opened in a ``with`` block.
+    """Limit how much of each package opened in a ``with`` block may be unpacked.
 
     Parameters
     ----------
     total : int or None [byte]
-        Replaces `TOTAL_LIMIT`; None leaves it. The limits of single members and of memory change in proportion.
+        Replaces `TOTAL_LIMIT`; None keeps it. The limits of single members and of memory change in proportion.
     """
     token = _chosen.set(_chosen.get() if total is None else total)
     try:
@@ -59,13 +59,13 @@ def package_limit(total: int | None) -> Generator[None]:
 
 
 def unpack_limit() -> int:
-    """Return the most bytes that may be unpacked of a package opened now."""
+    """Return the number of bytes that may be unpacked from a package opened now."""
     return _chosen.get() or TOTAL_LIMIT
 
 
 @dataclass
 class Budget:
-    """Cost of a package with its contents, in bytes actually unpacked."""
+    """Counts the bytes actually unpacked from a package and its contents."""
 
     label: str
     scale: float
@@ -87,11 +87,11 @@ class Budget:
 _SHOWN = 50
 """Most faulty members in a message."""
 _BLOCK = 2**18
-"""Bytes unpacked at once."""
+"""Number of bytes unpacked at a time."""
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:
-    """Return numbers of a file that change with its content; empty for a missing file."""
+    """Return numbers that change with a file's content; empty for a missing file."""
     try:
         state = path.stat()
     except OSError:
@@ -107,9 +107,9 @@ class Archive:
     Raises
     ------
     SspError
-        The file is missing or not a zip, or a member points outside the package, occurs twice with different
-        contents, differs from another in case only, is a link, is encrypted, is packed by another method than
-        deflation or is larger than the limits of `package_limit`.
+        The file is missing or not a zip, or a member points outside the package, occurs twice with different contents,
+        differs from another only in case, is a link, is encrypted, is compressed with a method other than deflate, or
+        exceeds the limits of `package_limit`.
     """
 
     def __init__(self, source: Path | IO[bytes], label: str, outer: Archive | None = None) -> None:
@@ -136,7 +136,7 @@ class Archive:
             opened.pop_all()
 
     def _directory(self) -> zipfile.ZipFile:
-        """Read the directory of the file if its size is within the limit: each entry takes memory."""
+        """Read the directory of the file if its size is within the limit, because each entry takes memory."""
         end: Any = zipfile._EndRecData(self.file)  # pyright: ignore[reportAttributeAccessIssue]
         size = end[zipfile._ECD_SIZE] if end else 0  # pyright: ignore[reportAttributeAccessIssue]
         if size > DIRECTORY_LIMIT:
@@ -201,7 +201,7 @@ class Archive:
         return {name: info for name, info in members.items() if not info.is_dir()}
 
     def _same(self, first: zipfile.ZipInfo, second: zipfile.ZipInfo) -> bool:
-        """Whether two entries have the same content; False if either cannot be unpacked."""
+        """Return whether two entries have the same content; False if either cannot be unpacked."""
         try:
             with self._zip.open(first) as stream, self._zip.open(second) as other:
                 while block := stream.read(_BLOCK):
@@ -223,7 +223,7 @@ class Archive:
         return name in self._members
 
     def inside(self, name: str) -> Archive:
-        """Return an FMU inside the package; closed with it."""
+        """Return an FMU inside the package, which is closed with the package."""
         if name not in self._inner:
             if self._budget.packages >= PACKAGE_LIMIT:
                 many = f"has more than {PACKAGE_LIMIT} FMUs with parameter sets; that is the limit"
@@ -253,7 +253,7 @@ class Archive:
         return b"".join(self._blocks(name, XML_LIMIT, kept=True))
 
     def head(self, name: str) -> bytes:
-        """Return the first bytes of a member, 256 KiB at most; unpacks the rest to verify the checksum."""
+        """Return at most the first 256 KiB of a member; the rest is unpacked only to verify the checksum."""
         blocks = self._blocks(name)
         head = next(blocks, b"")
         for _ in blocks:
@@ -265,7 +265,7 @@ class Archive:
         target.writelines(self._blocks(name))
 
     def _blocks(self, name: str, limit: int | None = None, kept: bool = False) -> Iterator[bytes]:
-        """Yield a member in blocks, and count the actual bytes; never more than it declares."""
+        """Yield a member in blocks, counting the actual bytes, and never more than it declares."""
         info = self._members.get(name)
         if info is None:
             raise breach("SSP011", f"{self.label}: the package has no {name!r}")
@@ -286,7 +286,7 @@ class Archive:
             raise breach("PKG001", f"{self.label}: {name!r} is damaged: {error}") from None
 
     def extract(self, folder: Path, keep: Callable[[str], bool]) -> None:
-        """Write the members with `keep(name)` below `folder`."""
+        """Write the members for which `keep(name)` is true below `folder`."""
         for name in self._members:
             if keep(name):
                 target = folder / name
@@ -309,7 +309,7 @@ class Archive:
 
 
 def _blame_disk(label: str, error: Exception) -> None:
-    """Raise UsageError for an error of the disk: the package is not at fault."""
+    """Raise UsageError for an error of the disk, which is no fault of the package."""
     if reason := disk_error(error):
         text = f"{label}: cannot be read: {reason.strerror}. Repeat the command once it can be read."
         raise UsageError(text) from error
@@ -321,7 +321,7 @@ def is_inside(name: str) -> bool:
 
 
 def resolve(source: str, where: str, at: Any = ("", 0)) -> str:
-    """Return the member that a URI of an SSD names; SspError if it leaves the package."""
+    """Return the member named by a URI in an SSD; SspError if it is outside the package."""
     parts = urlsplit(source)
     name = unquote(parts.path)
     if parts.scheme or parts.netloc or parts.query or parts.fragment or not is_inside(name):

@@ -24,7 +24,7 @@ class _Bound:
     """A value for a variable of a component, or for a connector of a system."""
 
     entry: BoundParameter
-    """Its name is relative to the element; the component is not yet known."""
+    """Its name is relative to the element, because the component is not yet known."""
     node: Node
     level: int
     """Depth of the binding in the tree; 0 for the whole system."""
@@ -34,10 +34,10 @@ class _Bound:
 class Bindings:
     """Collects the parameter bindings of a tree.
 
-    Bindings of a higher level override bindings of a lower level, later bindings earlier ones of the same level
-    (SSP 1.0, ParameterBindings). A prefix applies to every name of the set; a mapping selects the values. A value goes
-    to everything with its name: names of elements may contain dots, so dotted names need not be unique. A connector
-    with a value passes it to everything connected to it, and so overrides other values there.
+    Bindings of a higher level override bindings of a lower level, later bindings earlier ones of the same level (SSP
+    1.0, ParameterBindings). A prefix applies to every name of the set, and a mapping selects the values. A value is set
+    in everything of its name, because names of elements may contain dots, so dotted names need not be unique. A
+    connector with a value passes it to everything connected to it, where it overrides other values.
     """
 
     def __init__(self, wiring: Wiring, top: Node, scope: Scope) -> None:
@@ -71,7 +71,7 @@ class Bindings:
             self._collect(child)
         for binding in node.element.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
             if binding.get("sourceBase") == "component" and node.kind == "component" and not node.source:
-                continue  # in a missing FMU, reported by the reader
+                continue  # in a missing FMU, which the reader reports
             try:
                 entries = self._entries(node, binding)
             except SspError as error:
@@ -116,7 +116,7 @@ class Bindings:
         return None
 
     def _passes_on(self, key: Key) -> bool:
-        """Whether a connector of a system has a value for its sinks; outputs get theirs from inside."""
+        """Return whether a connector of a system has a value for its sinks; outputs get theirs from inside."""
         bound = self._bound.get(key) if self._is_connector(key) else None
         return bound is not None and bound.node.connectors[key[1]].kind not in {"output", "calculatedParameter"}
 
@@ -162,7 +162,7 @@ class Bindings:
         return root
 
     def _entries(self, node: Node, binding: Any) -> list[BoundParameter]:
-        """Return the values of a binding by their names in the node; SspError with the faults of set and mapping."""
+        """Return the values of a binding by their names in the node; SspError with all faults of both files."""
         where = f"{self._scope.label}: parameter binding of {node.label or 'the system'}"
         problems: list[Finding] = []
         entries: list[BoundParameter] = []

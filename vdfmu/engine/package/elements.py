@@ -30,7 +30,7 @@ class Document(NamedTuple):
 
 @dataclass
 class Scope:
-    """An SSD as the place where names are looked up."""
+    """An SSD, in which names are looked up."""
 
     archive: Archive
     """The package that holds the SSD."""
@@ -43,12 +43,12 @@ class Scope:
     units: dict[str, UnitFactor] = field(default_factory=dict)
     """The unit definitions of the SSD."""
     files: dict[str, Document] = field(default_factory=dict)
-    """All files that were read, each once."""
+    """All files that have been read, each once."""
     refused: dict[str, SspError] = field(default_factory=dict)
-    """Errors of the files that could not be read, so that none is tried again at each reference to it."""
+    """Errors of unreadable files, so that such a file is not tried again at each reference to it."""
 
     def read(self, member: str, kind: str, archive: Archive | None = None) -> Any:
-        """Return the root of a file of the package, or of an FMU in it; SspError if the schema refuses it."""
+        """Return the root of a file of the package, or of an FMU in it; SspError if it violates the schema."""
         archive = archive or self.archive
         key = f"{archive.label}: {member}"
         if key in self.refused:
@@ -82,7 +82,7 @@ class Node:
         return ".".join(self.path)
 
     def places(self, name: str) -> Iterator[tuple[Node, str]]:
-        """Yield all meanings of a name in an element: connectors of systems, and variables of components."""
+        """Yield everything that a name in an element may mean: connectors of systems, and variables of components."""
         if self.kind == "component" or name in self.connectors:
             yield self, name
         for element, child in self.children.items():
@@ -124,7 +124,7 @@ def read_connectors(element: Any) -> dict[str, Connector]:
 
 
 def read_shape(item: Any) -> Shape:
-    """Return the sizes of an array; None for an open size."""
+    """Return the sizes of an array; an open size is None."""
     sizes = (d.get("size") for d in item.iterfind("ssc:Dimension", NAMESPACES))
     return tuple(None if size is None else int(size) for size in sizes)
 
@@ -147,7 +147,7 @@ def read_boolean(text: str | None) -> bool:
 
 
 def read_transformation(element: Any, where: str) -> Transformation | None:
-    """Read the transformation of a connection or a mapping entry; SspError for two entries for one source value."""
+    """Read the transformation of a connection or a mapping entry; SspError if a source value has two entries."""
     for item in element:
         if item.tag == _SSC + "LinearTransformation":
             return Transformation("linear", float(item.get("factor", "1")), float(item.get("offset", "0")))
@@ -186,7 +186,7 @@ def read_experiment(root: Any, where: str) -> tuple[Experiment, list[Finding]]:
 
 
 def read_step(component: Any, where: str) -> tuple[float | None, list[Finding]]:
-    """Return a component's own step [s], from an annotation of this project or of libcosim, and its faults."""
+    """Return a component's own step [s], from an annotation of this project or of libcosim, and the faults."""
     reader = _NumberReader(component, where)
     _, step = reader.step("osp:StepSizeHint", "value")
     return step, reader.problems
@@ -204,7 +204,7 @@ class _NumberReader:
         self.problems.append(finding("SSP010", f"{self.place}: {text}", self._element))
 
     def step(self, path: str, key: str) -> tuple[Any, float | None]:
-        """Return the element of this project's annotation, and the step [s] in it, else in libcosim's at `path`."""
+        """Return this project's annotation, and the step [s] in it or else in libcosim's annotation at `path`."""
         hint = self.number(self._content(OSP_TYPE, path), key, 0.0)
         ours = self._content(EXPERIMENT_TYPE, "vdfmu:Experiment")
         step = self.number(ours, "communicationStepSize", 0.0)

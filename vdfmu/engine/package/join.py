@@ -1,4 +1,4 @@
-"""FMUs and the connections between them, written as a system package (SSP 1.0)."""
+"""Writes FMUs and the connections between them as a system package (SSP 1.0)."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def join(
     name : str, optional
         Name of the system.
     stop, step : float, optional [s]
-        Stop time and communication step of its default experiment. Without them they are the longest stop time and the
-        shortest step of the FMUs' default experiments, else 1 s and a thousandth of the stop time.
+        Stop time and communication step of its default experiment. They default to the longest stop time and the
+        shortest step of the FMUs' default experiments, else to 1 s and a thousandth of the stop time.
     algorithm : str, optional
         Master algorithm of its default experiment.
     parameters : mapping of ``component.variable`` to value, optional
@@ -68,7 +68,7 @@ def join(
     Raises
     ------
     UsageError
-        For unknown components and variables, and for vectors of different lengths. All faults are listed.
+        For unknown components or variables, and for vectors of different lengths. It lists all faults.
     SspError
         If an FMU cannot be read.
     StorageError
@@ -113,14 +113,14 @@ def _described(component: str, path: Path) -> Description:
 
 
 class _Ports:
-    """The variables of the components by the names that users give them, and the faults of these names."""
+    """The variables of the components by the names that users write, and the faults of these names."""
 
     def __init__(self, descriptions: Mapping[str, Description]) -> None:
         self.descriptions = descriptions
         self.faults: list[str] = []
 
     def elements(self, text: str, causalities: Sequence[str], where: str) -> list[FmuVariable]:
-        """Return the variables of ``component.variable``; if they have another causality, add a fault, return none."""
+        """Return the variables of ``component.variable``; if their causality is wrong, add a fault and return none."""
         component, _, wanted = text.partition(".")
         description = self.descriptions.get(component)
         if description is None:
@@ -156,7 +156,7 @@ class _Ports:
 
     @property
     def units(self) -> dict[str, UnitFactor]:
-        """Units of measurement that have a definition; if several have the same name, the first."""
+        """The defined units of measurement; of several with the same name, the first."""
         units: dict[str, UnitFactor] = {}
         for description in self.descriptions.values():
             for variable in description.variables.values():
@@ -166,7 +166,7 @@ class _Ports:
 
 
 def _is_plain(unit: UnitFactor | None) -> bool:
-    """Whether a unit of measurement is 1, which signals of any quantity may declare."""
+    """Return whether a unit of measurement is 1, which signals of any quantity may declare."""
     return unit is not None and unit.exponents is not None and not any(unit.exponents) and unit.factor == 1.0
 
 

@@ -28,8 +28,8 @@ NAMESPACES = {prefix: f"http://ssp-standard.org/SSP1/{name}" for prefix, name in
 EXPERIMENT_TYPE, OSP_TYPE = "org.vdfmu.experiment", "com.opensimulationplatform"
 """Types of the annotations of this project and of libcosim."""
 FOREIGN = {"osp": "http://opensimulationplatform.com/SSP/OSPAnnotations", "vdfmu": "urn:org.vdfmu:experiment"}
-"""Namespaces of the annotations' content. The root declares them: libcosim takes a declaration inside an annotation
-for an algorithm."""
+"""Namespaces of the annotations' content. The root declares them, because libcosim mistakes a declaration inside an
+annotation for an algorithm."""
 _NAMED = {
     f"{{{NAMESPACES[prefix]}}}{tag}"
     for prefix, tag in (
@@ -41,9 +41,9 @@ _NAMED = {
     )
 }
 _MANY = 1000
-"""Most breaches of a schema that are reported each, with lines."""
+"""Most violations of a schema that are reported individually, with lines."""
 _SMALL = 2**14
-"""Size of an XML file [byte] up to which any number of breaches takes a tenth of a second."""
+"""Size of an XML file [byte] up to which any number of violations takes a tenth of a second."""
 
 
 def parse_xml(data: bytes, where: str) -> Any:
@@ -60,7 +60,7 @@ def parse_xml(data: bytes, where: str) -> Any:
         remove_comments=True,
         remove_pis=True,
     )
-    url = where.encode("utf-8", "backslashreplace").decode()  # lxml takes no bytes that are not UTF-8
+    url = where.encode("utf-8", "backslashreplace").decode()  # lxml accepts only UTF-8
     try:
         root = etree.fromstring(data, parser, base_url=url)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -91,7 +91,7 @@ def schema_of(kind: str, version: str) -> Any:
 
 
 def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> None:
-    """Check a tree against a schema of SSP; without the schema, check the names of elements.
+    """Check a tree against a schema of SSP or, without the schema, check the names of elements.
 
     `kind` is ``ssd``, ``ssv``, ``ssm`` or ``ssb``, `where` the name in messages, `version` the SSP version.
     """
@@ -107,11 +107,11 @@ def validate(root: Any, kind: str, where: str, version: str = SSP_1.name) -> Non
 
 
 def schema_breaches(schema: Any, root: Any, rule: str, where: str) -> list[Finding]:
-    """Return the breaches of a schema as findings on a rule, in a file that messages call `where`.
+    """Return the violations of a schema as findings on a rule; messages call the file `where`.
 
-    The validation of a tree writes a path for each breach, which counts the elements before: thousands of breaches take
-    minutes. A parser takes time in proportion, but gives no lines. So it looks at large trees first, and reports the
-    first breach of very many.
+    Validating a tree writes a path for each violation, for which it counts the elements before, so thousands of
+    violations take minutes. A parser takes linear time, but reports no lines. So it checks large trees first, and if
+    there are very many violations it reports the first.
     """
     text = etree.tostring(root, with_tail=False)
     if len(text) > _SMALL:
@@ -119,7 +119,7 @@ def schema_breaches(schema: Any, root: Any, rule: str, where: str) -> list[Findi
         with suppress(etree.XMLSyntaxError):
             etree.fromstring(text, parser)
         if (count := len(parser.error_log)) > _MANY:
-            first = f"{where}: {parser.error_log[0].message} This is the first of {count} breaches of the schema"
+            first = f"{where}: {parser.error_log[0].message} This is the first of {count} violations of the schema"
             return [finding(rule, first, (where, 0))]
     if schema.validate(root):
         return []
@@ -127,7 +127,7 @@ def schema_breaches(schema: Any, root: Any, rule: str, where: str) -> list[Findi
 
 
 def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_1.name) -> Any:
-    """Parse and validate an SSP file, by its stated version for version None; for `kind` see `validate`."""
+    """Parse and validate an SSP file; for version None use its stated version; for `kind` see `validate`."""
     root = parse_xml(data, where)
     space = etree.QName(root).namespace
     if space != NAMESPACES[kind]:
@@ -138,7 +138,7 @@ def parse_ssp_xml(data: bytes, kind: str, where: str, version: str | None = SSP_
 
 
 def version_of(root: Any) -> str:
-    """Return the version of SSP for reading a file: its own, else a version with its first digit, else 1.0."""
+    """Return the SSP version for reading a file: its own, else one with the same first digit, else 1.0."""
     stated = root.get("version") or ""
     alike = (name for name in SSP_FORMATS if name[0] == stated[:1])
     return stated if stated in SSP_FORMATS else next(alike, SSP_1.name)
@@ -146,7 +146,7 @@ def version_of(root: Any) -> str:
 
 META = {
     "generationTool": f"vdfmu {__version__}",
-    "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant: the same system gives the same bytes
+    "generationDateAndTime": "2026-01-01T00:00:00Z",  # a constant, for reproducible bytes
 }
 _SPACES = NAMESPACES | FOREIGN
 
@@ -162,19 +162,19 @@ def root(name: str, attributes: Mapping[str, str], prefixes: Iterable[str]) -> A
 
 
 def add(parent: Any, name: str, /, **attributes: Any) -> Any:
-    """Append an element ``prefix:name`` with the attributes except None."""
+    """Append an element ``prefix:name`` with all attributes that are not None."""
     texts = {key: _text(value) for key, value in attributes.items() if value is not None}
     return etree.SubElement(parent, _tag(name), texts)
 
 
 def _text(value: Any) -> str:
     if isinstance(value, float):
-        return repr(float(value))  # the shortest text that reads back as the same number
+        return repr(float(value))  # the shortest text that is read back as the same number
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def add_experiment(top: Any, stop: float, step: float | None, **ours: Any) -> None:
-    """Append the default experiment, with annotations of vdfmu, with `ours`, and of libcosim."""
+    """Append the default experiment, with an annotation of vdfmu, which contains `ours`, and one of libcosim."""
     experiment = add(top, "ssd:DefaultExperiment", startTime=0.0, stopTime=float(stop))
     if step is None and not any(value is not None for value in ours.values()):
         return

@@ -1,4 +1,4 @@
-"""`load_ssp` and `read_system`: from the file to a `FlatSystem`; rules beyond the schemas."""
+"""`load_ssp` and `read_system`, which read a file into a `FlatSystem`, and rules beyond the schemas."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     """Read a system structure package (SSP 1.0 or 2.0) and flatten it.
 
     Nested systems and system connectors are resolved to connections from component to component. Parameter bindings of
-    all levels are resolved to a value for each variable: a higher level overrides a lower level, a later binding an
-    earlier one of its level.
+    all levels are resolved to one value per variable: a higher level overrides a lower one, and a later binding an
+    earlier one of the same level.
 
     Parameters
     ----------
@@ -41,21 +41,22 @@ def load_ssp(path: str | Path, variant: str = DEFAULT) -> FlatSystem:
     Returns
     -------
     FlatSystem
-        Faults of the wiring, such as two sources of a connector, are in its `problems`. So
+        Faults of the wiring, such as two sources of a connector, are in its `problems`, so that
         `vdfmu.engine.plan.check.check_system` can report them together with faults of the FMUs.
 
     Raises
     ------
     SspError
         The file cannot be understood: not a zip, an entry outside the package, a missing resource, a member over the
-        size limit, XML with a document type, a violation of the schemas, an unknown element. Lists all such problems.
+        size limit, XML with a document type, a violation of the schemas, an unknown element. It lists all such
+        problems.
     """
     return _loaded(Path(path), variant, stamp_of(Path(path)), archive.unpack_limit())
 
 
 @cached_per_command
 def _loaded(path: Path, variant: str, *_: Hashable) -> FlatSystem:
-    """Read a package, once in a job unless it changes."""
+    """Read a package once per job unless it changes."""
     system, problems = read_system(path, variant)
     if system is None or problems:
         raise SspError(problems)
@@ -86,7 +87,7 @@ def _read(archive: Archive, path: Path, variant: str) -> tuple[FlatSystem, list[
     except (ValueError, TypeError, AttributeError, StopIteration) as error:
         if parse.schema_of("ssd", scope.version) is not None:
             raise
-        text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or odd: {error}"
+        text = f"{path.name}: {variant}: cannot be read, an element or attribute is missing or invalid: {error}"
         raise breach("SSP003", text) from None  # as the missing schema would
 
 
@@ -101,7 +102,7 @@ def _flattened(root: Any, scope: Scope, path: Path) -> tuple[FlatSystem, list[Fi
     connections = tuple(wiring.flatten())  # adds to wiring.problems
     notes = [*notes_in(read), *wiring.notes, *bindings.notes]
     if parse.schema_of("ssd", scope.version) is None:
-        text = "the schemas of SSP 2.0 were not applied: pip install pyssp_standard brings them"
+        text = "the schemas of SSP 2.0 were not applied: install them with pip install pyssp_standard"
         notes.insert(0, finding("SSP009", text))
     system = FlatSystem(
         path=path,
@@ -148,7 +149,7 @@ def _structure(scope: Scope) -> Any:
 
 
 _USERS = {"ssd": "Connector", "ssv": "Parameter"}
-"""Elements with units, by the kind of file."""
+"""Elements with units by kind of file."""
 
 
 def _file_faults(documents: Iterable[Document]) -> list[Finding]:
@@ -157,7 +158,7 @@ def _file_faults(documents: Iterable[Document]) -> list[Finding]:
     for kind, root, where in documents:
         encoding = root.getroottree().docinfo.encoding or "UTF-8"
         if encoding.upper() not in ("UTF-8", "UTF8", "ASCII", "US-ASCII"):
-            faults.append(finding("SSP004", f"{where}: is encoded in {encoding}; SSP has UTF-8 only", root))
+            faults.append(finding("SSP004", f"{where}: is encoded in {encoding}; SSP allows only UTF-8", root))
         if kind == "ssm":
             continue
         units = read_units(_units_of(root, kind))
@@ -194,7 +195,7 @@ def _unit_faults(kind: str, root: Any, units: set[str], where: str) -> Iterator[
 
 
 def _name(item: Any) -> str:
-    """Return the name of an item; for a connector the dotted name without the outermost system."""
+    """Return the name of an item, for a connector its dotted name without the outermost system."""
     tags = (f"{{{NAMESPACES['ssd']}}}{t}" for t in ("Component", "System"))
     names = [above.get("name") for above in item.iterancestors(*tags)]
     is_connector = item.tag == f"{{{NAMESPACES['ssd']}}}Connector"
@@ -203,7 +204,7 @@ def _name(item: Any) -> str:
 
 
 def _twice_faults(root: Any, where: str) -> Iterator[Finding]:
-    """Yield connectors of an element with the same name."""
+    """Yield findings on connectors of an element that have the same name."""
     for box in root.iter(f"{{{NAMESPACES['ssd']}}}Connectors"):
         seen: set[str] = set()
         for item in box.iterfind("ssd:Connector", NAMESPACES):

@@ -18,7 +18,7 @@ from vdfmu.base.standards import SSP_1
 from vdfmu.engine.rules import Finding, Place
 
 _DIGITS = 1e-6
-"""Relative difference of equal units; survey foot and engineering foot differ by 2e-6."""
+"""Relative difference up to which units are equal; survey foot and engineering foot differ by 2e-6."""
 Shape = tuple[int | None, ...]
 """Sizes of an array, empty for a scalar; None for an open size."""
 
@@ -28,12 +28,12 @@ class UnitFactor(NamedTuple):
 
     name: str
     exponents: tuple[int, ...] | None = None
-    """Exponents of `BASE_UNITS`; None for a unit by name only."""
+    """Exponents of `BASE_UNITS`; None for a unit that has only a name."""
     factor: float = 1.0
     offset: float = 0.0
 
     def same_as(self, other: UnitFactor) -> bool:
-        """Whether two units need no conversion; tools write factors with 6 digits or more."""
+        """Return whether two units need no conversion, although tools may write factors with only 6 digits."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
         pairs = (self.factor, other.factor), (self.offset, other.offset)
@@ -41,7 +41,7 @@ class UnitFactor(NamedTuple):
 
     @property
     def usable(self) -> bool:
-        """Whether it can be converted to and from."""
+        """Whether values can be converted to and from it."""
         return math.isfinite(self.factor) and math.isfinite(self.offset) and self.factor != 0.0
 
     @property
@@ -62,13 +62,13 @@ def factor_of(value: Any) -> float | None:
     try:
         return float(value[1:])
     except ValueError:
-        raise ValueError(f"expected a number behind the star, such as *0.8, got {value}") from None
+        raise ValueError(f"expected a number after the star, such as *0.8, got {value}") from None
 
 
 def spread(value: Any, names: Sequence[str]) -> list[Any]:
-    """Return a value for each variable: a scalar for all, or the elements of a list or array in order.
+    """Return a value for each variable: one scalar for all, or the elements of a list or array in order.
 
-    A text of several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``. ValueError for a wrong number.
+    A text with several numbers is a list: ``0.3,-0.5``, ``[0.3, -0.5]``, ``0.3 -0.5``. ValueError for a wrong number.
     """
     if isinstance(value, str) and len(names) > 1:
         numbers = re.sub(r"[\[\],]", " ", value).split()
@@ -99,7 +99,7 @@ class Connector:
 class Transformation:
     """A transformation of SSP 1.0: ``linear`` (factor * x + offset), or a mapping of values.
 
-    Values outside of a mapping are kept. `names` is the table of an enumeration's items.
+    Values that are not in a mapping are kept. `names` is the table of an enumeration's items.
     """
 
     kind: str
@@ -114,7 +114,7 @@ class Transformation:
 
 @dataclass(frozen=True)
 class Hop:
-    """A connection of the SSD as part of a flattened connection; its end declares `unit` and `type`."""
+    """A connection of the SSD as a part of a flattened connection; its end declares `unit` and `type`."""
 
     transformation: Transformation | None = None
     suppress_unit_conversion: bool = False
@@ -145,33 +145,33 @@ Value = float | int | bool | str | bytes
 
 @dataclass(frozen=True)
 class BoundParameter:
-    """A value of a variable of a component from a parameter binding."""
+    """A value, from a parameter binding, of a component's variable."""
 
     component: str
     name: str
     value: Value | tuple[Value, ...]
     type: str
-    """In the parameter set: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ..."""
+    """Type in the parameter set: ``Real``, ``Integer``, ``Boolean``, ``String``, ``Enumeration``, ``Float64`` ..."""
     unit: UnitFactor | None
     """The unit of the value."""
     hops: tuple[Hop, ...]
-    """Mapping and connections from the set to the variable, each with a conversion of units."""
+    """The mapping and the connections from the set to the variable, each with a conversion of units."""
     origin: str
-    """Parameter set and name in it, for messages."""
+    """Parameter set and the name in it, for messages."""
     place: Place = field(default=("", 0), compare=False)
     dimensions: Shape = ()
     elsewhere: tuple[tuple[str, str], ...] = ()
-    """Other elements and variables or connectors with the same name in the parameter set, as names may contain dots; at
-    least one of all must exist."""
+    """Other elements and variables or connectors that the same name may mean, because names may contain dots; at least
+    one of all must exist."""
 
 
 @dataclass(frozen=True)
 class Component:
     """A component; a nested component is named ``system.component``, or ``system.component#2`` if that name is taken.
 
-    `source` is the member of the package, empty if the FMU is missing; a problem of the system says so. `overruled` are
-    values that `parameters` override. `step` [s], None by default, is its own step, a multiple of the communication
-    step.
+    `source` is the member of the package, or empty if the FMU is missing, which is then a problem of the system.
+    `overruled` are values that `parameters` override. `step` [s], None by default, is its own step, a multiple of the
+    communication step.
     """
 
     name: str
@@ -188,7 +188,7 @@ class Experiment(NamedTuple):
     """Default settings of a run; None if the SSD does not state them."""
 
     start: float | None = None
-    """Simulated time [s], as the stop."""
+    """Simulated time [s], like the stop."""
     stop: float | None = None
     step: float | None = None
     """Communication step [s], from an annotation of this project or of libcosim."""
@@ -208,7 +208,7 @@ class FlatSystem:
     components: tuple[Component, ...]
     """In the order of the SSD."""
     connections: tuple[Connection, ...]
-    """Component to component, through nested systems and system connectors."""
+    """From component to component, through nested systems and system connectors."""
     units: Mapping[str, UnitFactor]
     """The unit definitions of the SSD."""
     experiment: Experiment = field(default_factory=Experiment)
@@ -236,7 +236,7 @@ Connections = Mapping[str, Ends] | Iterable[tuple[str, Ends]]
 
 
 def ends_of(connections: Any) -> list[tuple[str, str]]:
-    """Return each output with an input; UsageError for anything else than texts."""
+    """Return pairs of an output and an input; UsageError if they are not texts."""
     items = connections.items() if isinstance(connections, Mapping) else connections
     try:
         ends = [(start, end) for start, listed in items for end in ([listed] if isinstance(listed, str) else listed)]

@@ -34,8 +34,8 @@ class TreeReader:
         """Read a system with everything below it."""
         label = self._scope.label
         if len(path) > archive.DEPTH_LIMIT:
-            text = f"{label}: {'.'.join(path[:3])}...: more than {archive.DEPTH_LIMIT} systems inside each other; "
-            raise breach("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Join some of them", element)
+            text = f"{label}: {'.'.join(path[:3])}...: systems are nested deeper than {archive.DEPTH_LIMIT}; "
+            raise breach("SSP016", f"{text}that is the limit (DEPTH_LIMIT). Merge some of them", element)
         node = Node(path, "system", read_connectors(element), element)
         for child in element.iterfind("ssd:Elements/*", NAMESPACES):
             self._count += 1
@@ -63,7 +63,7 @@ class TreeReader:
         if not source:
             self._fault("SSP013", f"{where}: has no source to run; name an FMU", element)
         elif source.startswith("#") or kind != FMU_TYPE or suffix in (".ssp", ".ssd"):
-            text = f"{where}: {source!r} of type {kind!r} is not an FMU ({FMU_TYPE}); a system of another file, or by "
+            text = f"{where}: {source!r} of type {kind!r} is not an FMU ({FMU_TYPE}); a system in another file, or by "
             self._fault("SSP014", f"{text}its id, is not read. Write it into this SSD, as ssd:System", element)
         else:
             where = f"{self._scope.label}: {where}"

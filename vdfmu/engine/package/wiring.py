@@ -28,7 +28,7 @@ FLOWS = {
     ("calculatedParameter", "system calculatedParameter"), ("calculatedParameter", "system output"),
     ("output", "system output"), ("inout", "system output"),
 }  # fmt: skip
-"""SSP 1.0, Allowed connections: source and destination, connectors of elements or of their system."""
+"""Allowed connections of SSP 1.0: source and destination, which are connectors of elements or of their system."""
 
 
 def _flows_2() -> set[tuple[str, str]]:
@@ -52,9 +52,9 @@ _FLOWS = {False: FLOWS, True: _flows_2()}
 class Wiring:
     """All connectors of a system tree and the connections between them.
 
-    The kinds of the connectors, not start and end of an SSD, decide the direction of data. Inside a system, an output
-    of an element and an input of the system itself are sources. An input of an element and an output of the system are
-    sinks. Calculated parameters are as outputs, parameters as inputs. In SSP 2.0 several connections may feed different
+    The kinds of the connectors, not start and end in the SSD, determine the direction of data. Inside a system, outputs
+    of elements and inputs of the system itself are sources; inputs of elements and outputs of the system are sinks.
+    Calculated parameters count as outputs, parameters as inputs. In SSP 2.0 several connections may feed different
     elements of an array.
     """
 
@@ -83,7 +83,7 @@ class Wiring:
             self._connect(node, item)
 
     def _call(self, node: Node) -> None:
-        """Name a component by its path; dots in the names of elements can give two components one dotted name."""
+        """Name a component by its path, uniquely even if dots in element names make two dotted names equal."""
         names = (f"{node.label}#{i}" if i > 1 else node.label for i in count(1))
         name = next(n for n in names if n not in self._taken)
         self._taken.add(name)
@@ -140,7 +140,7 @@ class Wiring:
         suppressed = read_boolean(item.get("suppressUnitConversion"))
         hop = Hop(transformation, suppressed, target.unit, target.type, place_of(item))
         around = any(kind.startswith("system ") for kind in (first_kind, second_kind))
-        if around and not node.path:  # outside of any path from component to component
+        if around and not node.path:  # not on a path from component to component
             for rule, reason in _misfits(self._scope.units, begin, target, hop):
                 fault(rule, reason)
         shapes = begin.dimensions[len(start) :], target.dimensions[len(end) :]
@@ -159,7 +159,7 @@ class Wiring:
                     waiting.append(source)
 
     def reach(self, key: Key) -> Iterator[tuple[Key, tuple[Hop, ...], Indices]]:
-        """Yield all component connectors fed from `key`, with the hops between and the parts of both."""
+        """Yield all component connectors fed from `key`, with the hops between them and the parts of both."""
         stack: list[tuple[Key, tuple[Hop, ...], frozenset[Key], Indices]] = [(key, (), frozenset([key]), ((), ()))]
         while stack:
             here, hops, seen, indices = stack.pop()
@@ -184,7 +184,7 @@ class Wiring:
 
 
 def _join(first: Indices, then: Indices) -> Indices | None:
-    """Join two connections in series: parts of the first start and the last end; None if they share no element."""
+    """Join two connections in series; return parts of the first start and the last end, None if they share nothing."""
     (start, middle), (other, end) = first, then
     if middle[: len(other)] != other[: len(middle)]:
         return None
@@ -192,7 +192,7 @@ def _join(first: Indices, then: Indices) -> Indices | None:
 
 
 CONVERT = "Connect signals of one quantity, or put a component between them"
-"""Fix for units of measurement that do not convert."""
+"""Fix for units of measurement that cannot be converted."""
 
 
 def _misfits(
@@ -224,7 +224,7 @@ def _index_faults(index: Index, shape: Shape, name: str) -> list[str]:
 
 
 def fits(first: Shape, second: Shape) -> bool:
-    """Whether two shapes can be equal; an open size fits all."""
+    """Return whether two shapes can be equal; an open size fits any."""
     pairs = zip(first, second, strict=False)
     return len(first) == len(second) and all(None in pair or pair[0] == pair[1] for pair in pairs)
 

@@ -1,1 +1,1 @@
-"""From a system and options to a plan of its run: checks, conversions, order of calls, inputs."""
+"""Plans the run of a system with its options: checks, conversions, order of calls, inputs."""

@@ -1,4 +1,4 @@
-"""Checks of a system before it runs, with all problems at once; the checked system and the steps of its components."""
+"""Checks a system before it runs, with all problems at once: the checked system, and the steps of its components."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Checked:
     descriptions: Mapping[str, Description]
     """Each component by its name, in the order of the SSD."""
     links: tuple[Link, ...]
-    """With links from the signals of `feed`."""
+    """Connections, including those from the signals of `feed`."""
     algorithm: str
     """The master algorithm of `schedule`."""
     schedule: Schedule
@@ -40,7 +40,7 @@ class Checked:
     clock_links: tuple[tuple[Port, Port], ...] = ()
     """Connections of clocks."""
     multiples: Mapping[str, int] = field(default_factory=dict)
-    """Communication steps in a component's own step; empty if all step together."""
+    """Communication steps per own step of a component; empty if all step together."""
 
     @property
     def how(self) -> Algorithm:
@@ -55,7 +55,7 @@ class Checked:
 
     @property
     def early(self) -> set[str]:
-        """Components that step at the start of their step: in an ordered algorithm, the sources of fresh inputs."""
+        """Components that make their own step at its start: in an ordered algorithm, the sources of fresh inputs."""
         direct = self.schedule.direct
         return {k.start[0] for k in self.links if k.start in direct} if self.how.ordered else set()
 
@@ -71,7 +71,7 @@ class Checked:
 
     @property
     def sources(self) -> Mapping[str, Description]:
-        """Everything that has outputs: the components, and after them the signals from outside."""
+        """Everything that has outputs: the components, then the external signals."""
         return {**self.descriptions, **({SOURCE: self.feed.description} if self.feed else {})}
 
 
@@ -97,9 +97,9 @@ def check_system(
     algorithm : str, optional
         Default: see `vdfmu.engine.plan.schedule.choose_schedule`.
     repeats : bool
-        Whether steps may be repeated and vary, so that units must save and restore their state.
+        Whether steps may be repeated and vary in length, so that units must save and restore their state.
     ignore_unmatched : bool
-        Makes a bound parameter without a variable a note, as in SSP 1.0. It is nearly always a misspelling.
+        Makes a bound parameter without a variable a note, as in SSP 1.0. It is almost always a spelling mistake.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def check_system(
         links += feed.links
     checker.inputs(links)
     starts = checker.start_values()
-    # start values of inputs in parameter sets are common and need no note
+    # start values of inputs are common in parameter sets and need no note
     fixed = {link.end: link.start for link in links if not link.stepped}
     for name, values in starts.items():
         notes = _fed(name, values, fixed, "the value of the parameter set")
@@ -154,13 +154,13 @@ def check_system(
 
 
 def require_algorithm(name: str | None) -> None:
-    """Raise UsageError for the name of an algorithm that there is not."""
+    """Raise UsageError for an unknown algorithm."""
     if name is not None and name not in ALGORITHMS:
         raise UsageError(f"unknown algorithm {name!r}; there are {', '.join(ALGORITHMS.names())}")
 
 
 def check_coupling(algorithm: str, adaptive: float | None, convergence: float | None = None) -> None:
-    """Raise UsageError for options of the coupling that do not fit together."""
+    """Raise UsageError for inconsistent options of the coupling."""
     if adaptive is not None:
         if algorithm in ALGORITHMS and not ALGORITHMS[algorithm].continuous:
             raise UsageError(
@@ -191,7 +191,7 @@ def with_parameters(checked: Checked, parameters: Mapping[str, Value]) -> Checke
 
 
 def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], subject: str) -> list[str]:
-    """Return notes on values of a component whose variables have a connection, from their `sources`."""
+    """Return notes on values of a component's variables that are connected to `sources`."""
     return [
         f"{name}.{variable}: {subject} has no effect, because {'.'.join(sources[name, variable])} is connected to it"
         for variable in values
@@ -202,7 +202,7 @@ def _fed(name: str, values: Iterable[str], sources: Mapping[Port, Port], subject
 def _check_abilities(
     descriptions: Mapping[str, Description], links: Sequence[Link], schedule: Schedule, algorithm: str, adaptive: bool
 ) -> tuple[list[str], list[str]]:
-    """Return problems and notes of units that the algorithm cannot step; `adaptive` steps are repeated and vary."""
+    """Return problems and notes of units that the algorithm cannot step; `adaptive` repeats and varies steps."""
     problems: list[str] = []
     how = ALGORITHMS[algorithm]
     for name, unit in descriptions.items():
@@ -216,7 +216,7 @@ def _check_abilities(
         return problems, [f"{text}: the run records all inputs, and its stability is not judged"]
     if not how.continuous:
         return problems, []
-    # a unit alone in its block is repeated by error control only
+    # a unit alone in its block is repeated only by error control
     repeated = {name for block in schedule.blocks if adaptive or (how.repeats and len(block) > 1) for name in block}
     notes: list[str] = []
     for name, unit in descriptions.items():
@@ -238,7 +238,7 @@ def _check_abilities(
 
 
 def with_steps(checked: Checked, step: float) -> Checked:
-    """Return a checked system with the number of communication steps `step` [s] in each component's own step.
+    """Return a checked system with the number of communication steps, `step` [s], per own step of each component.
 
     UsageError for steps that are not whole multiples of `step` or that the algorithm cannot make, and for periods of
     sampled states that are not whole multiples of their component's step.
@@ -303,7 +303,7 @@ def with_steps(checked: Checked, step: float) -> Checked:
 
 
 def periods(checked: Checked) -> dict[str, float]:
-    """Return the times between samples [s] of the components that have sampled states and name their period."""
+    """Return the sample periods [s] of the components that have sampled states and name their period."""
     times: dict[str, float] = {}
     for name, each in checked.descriptions.items():
         if each.period in each.variables:

@@ -36,9 +36,9 @@ Starts = dict[str, dict[str, tuple[FmuVariable, Value]]]
 def overrides(
     descriptions: Mapping[str, Description], parameters: Mapping[str, Value], present: Starts | None = None
 ) -> Starts:
-    """Resolve ``component.variable`` names of the user; without an index they are all elements.
+    """Resolve the user's ``component.variable`` names; without an index they mean all elements.
 
-    A factor, ``*0.8``, multiplies a number in `present`, else its start value; without `present` it is refused.
+    A factor, ``*0.8``, multiplies the number in `present`, else the start value; without `present` it is rejected.
     """
     starts: Starts = {}
     problems: list[str] = []
@@ -72,7 +72,7 @@ def overrides(
 
 
 def _multiplied(value: Value, variable: FmuVariable, present: Value) -> Value:
-    """Return the product of a factor and the present value of a variable; any other value as it is."""
+    """Return the product of a factor and the present value of a variable, or any other value unchanged."""
     if (factor := factor_of(value)) is None:
         return value
     if not isinstance(present, (int, float)):
@@ -81,7 +81,7 @@ def _multiplied(value: Value, variable: FmuVariable, present: Value) -> Value:
 
 
 def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]) -> str:
-    """Report that a component does not have a variable, and which variables of a causality it has."""
+    """Return a message that a component does not have a variable, with its variables of a causality."""
     groups = list(dict.fromkeys(v.name.partition("[")[0] for v in variables))
     kind = variables[0].causality if variables else "variable"
     more = f" and {len(groups) - 12} more" if len(groups) > 12 else ""
@@ -90,7 +90,7 @@ def unknown_variable(component: str, name: str, variables: Sequence[FmuVariable]
 
 
 def unfed(component: str, variable: str) -> Finding:
-    """Return the finding of an input without a connection and a value."""
+    """Return the finding on an input that has neither a connection nor a value."""
     return finding("SSP038", f"{component}.{variable}: input is not connected and keeps its start value")
 
 
@@ -106,7 +106,7 @@ def _start_of(name: str, variables: Mapping[str, FmuVariable]) -> str:
 
 
 def why_not(variable: FmuVariable) -> str:
-    """Say why a variable cannot be set."""
+    """Return why a variable cannot be set."""
     text = f"is not settable: causality {variable.causality}, variability {variable.variability}"
     return text + (f", initial {variable.initial}" if variable.initial else "")
 
@@ -142,7 +142,7 @@ class Checker:
             opened = cache(lambda: stack.enter_context(Archive(path, path.name)))
             for component in self.system.components:
                 if not component.source:
-                    continue  # among the system's problems
+                    continue  # it is among the system's problems
                 description = self._inspect(opened, component, {})
                 if description is not None and (sizes := self._sizes(component, description)):
                     description = self._inspect(opened, component, sizes)
@@ -165,7 +165,7 @@ class Checker:
     def _inspect(
         self, package: Callable[[], Archive], component: Component, sizes: dict[str, Value]
     ) -> Description | None:
-        """Read an FMU once for each choice of its sizes, also of several checks, unless the package changes."""
+        """Read an FMU once for each choice of its sizes, shared between checks unless the package changes."""
         key = component.source, component.implementation, frozenset(sizes.items())
         read, place = self.system.inspected, (*key, stamp_of(self.system.path))
         if place not in read:
@@ -192,7 +192,7 @@ class Checker:
         return sizes
 
     def _same_names(self) -> None:
-        """Note variables of two components with one dotted name, because results show only one."""
+        """Note variables of two components with the same dotted name, because results show only one."""
         for name, description in self.descriptions.items():
             parts = name.split(".")
             for i in range(1, len(parts)):
@@ -204,7 +204,7 @@ class Checker:
                         self.findings.append(finding("SSP021", f"{text}; rename a component"))
 
     def _connector(self, connector: Connector, description: Description) -> Iterator[tuple[str, str]]:
-        """Yield the rules that a connector breaks, compared with the variable of its name."""
+        """Yield the rules that a connector breaks, compared with the variable of the same name."""
         shape = description.shapes.get(connector.name, ())
         variable = next(iter(description.elements(connector.name)), None)
         if variable is None:
@@ -226,7 +226,7 @@ class Checker:
         return self.system.units.get(name, UnitFactor(name))
 
     def port_unit(self, port: Port, variable: FmuVariable) -> UnitFactor | None:
-        """Return the unit of the FMU, else of the connector in the SSD."""
+        """Return the unit in the FMU, else that of the connector in the SSD."""
         if variable.unit is not None:
             return variable.unit
         connector = self.system.component(port[0]).connectors.get(port[1])
@@ -238,7 +238,7 @@ class Checker:
         return kind in (variable.causality, "unspecified")
 
     def _elements(self, port: Port, index: Index = ()) -> tuple[list[FmuVariable], Shape]:
-        """Return the variables at an end of a connection, if any, and their shape."""
+        """Return the variables at one end of a connection, if any, and their shape."""
         description = self.descriptions.get(port[0])
         if description is None:
             return [], ()
@@ -267,7 +267,7 @@ class Checker:
             if (source.causality, sink.causality) not in _PAIRS:
                 if self._as_declared(connection.start, source) and self._as_declared(connection.end, sink):
                     kinds = f"{source.causality} to {sink.causality}"
-                    fault("RUN007", f"the master carries no values from {kinds}; set the value in a parameter set")
+                    fault("RUN007", f"the master passes no values from {kinds}; set the value in a parameter set")
                 continue
             if sink.causality == "parameter" and not (sink.settable and sink.variability != "constant"):
                 fault("SSP053", f"parameter {'.'.join(connection.end)} is not settable")
@@ -352,18 +352,18 @@ class Checker:
         return starts
 
     def _exists(self, component: str, name: str) -> bool:
-        """Whether a component has a variable; connectors of systems exist."""
+        """Return whether a component has a variable; connectors of systems always exist."""
         description = self.descriptions.get(component)
         return description is None or bool(description.elements(name))
 
     def _converted(self, parameter: BoundParameter, value: Value, variable: FmuVariable) -> Value:
         hops = parameter.hops
-        if isinstance(value, str) and variable.type == "Enumeration":  # mapped by the names of its items
+        if isinstance(value, str) and variable.type == "Enumeration":  # an enumeration is mapped by its items
             for hop in hops:
                 if hop.transformation is not None and hop.transformation.kind == "enumeration":
                     value = hop.transformation.names.get(value, value)
             hops = ()
-        domain = variable.domain  # its limits are those of the converted value
+        domain = variable.domain  # the limits apply to the converted value
         mapped = any(hop.transformation is not None for hop in hops)
         names = None if mapped else domain.names
         try:
@@ -394,13 +394,13 @@ class Checker:
 
 _OF_CONNECTION = {"type": "SSP033", "unit": "SSP034", "transformation": "SSP036"}
 _OF_VALUE = {"type": "SSP054", "unit": "SSP055", "limit": "SSP056", "transformation": "SSP036"}
-"""Kinds of misfits, to the rule that each breaks."""
+"""Kind of mismatch to the rule that it breaks."""
 _SAME = {"Real": "Float64", "Integer": "Int32"}
 """Types of SSP 1.0 and FMI 2.0 to types of SSP 2.0 and FMI 3.0."""
 
 
 def _same_type(stated: str, declared: str) -> bool:
-    """Whether a connector has the type of a variable; types of SSP 1.0 have any length."""
+    """Return whether a connector has the type of a variable; types of SSP 1.0 match any number of bits."""
     if stated in _SAME:
         return stated == type_of(declared)
     return stated == _SAME.get(declared, declared)

@@ -1,4 +1,4 @@
-"""Connections between two variables of FMUs: their transformations, conversions of units, and types."""
+"""Connections between two variables of FMUs: their transformations, unit conversions and types."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class MisfitError(ValueError):
 
 
 class Conversion(NamedTuple):
-    """``target = factor * source + offset``, or for booleans and integers a table; other values pass unchanged.
+    """``target = factor * source + offset``, or a table for booleans and integers; other values pass unchanged.
 
     The source is first converted to the type of the target.
     """
@@ -34,15 +34,15 @@ class Conversion(NamedTuple):
 
 
 def between(source: UnitFactor, target: UnitFactor, relative: bool = False) -> tuple[float, float]:
-    """Return factor and offset from one unit to another; MisfitError if units do not convert.
+    """Return the factor and offset from one unit to another; MisfitError if they cannot be converted.
 
-    `relative` is relativeQuantity of FMI: a difference without offset.
+    `relative` is FMI's relativeQuantity: a difference, so without offset.
     """
     if source.same_as(target):
         return 1.0, 0.0
     for unit in (source, target):
         if unit.exponents is None or not unit.usable:
-            has = "has no unit definition" if unit.exponents is None else "has a factor or offset of no use"
+            has = "has no unit definition" if unit.exponents is None else "has an unusable factor or offset"
             text = f"unit mismatch, {source.name!r} to {target.name!r}: {unit.name!r} {has}"
             raise MisfitError("unit", text)
     if source.exponents != target.exponents:
@@ -61,13 +61,13 @@ def compose(
     relative: bool = False,
     items: tuple[Mapping[str, int] | None, Mapping[str, int] | None] = (None, None),
 ) -> Conversion:
-    """Compose the hops to a variable of a type, such as ``Real``; MisfitError if type or unit do not fit.
+    """Compose the hops to a variable of a type, such as ``Real``; MisfitError if type or unit mismatch.
 
-    Each hop converts the unit first, unless the hop suppresses it or one side has no unit. Then it applies the
-    transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit takes its source's unit.
+    Each hop first converts the unit, unless this is suppressed or one side has no unit, and then applies the
+    transformation (SSP 1.0, GTransformationChoice). A connector of a system without a unit has its source's unit.
 
     `source` and `target` are the units of the variables, `units` the definitions of the SSD; `relative` is whether the
-    target is a relative quantity, `items` has name to value of both variables if they are enumerations.
+    target is a relative quantity, `items` are the values by name of both variables if they are enumerations.
     """
     factor, offset = 1.0, 0.0
     table: dict[int, int] | None = None
@@ -99,7 +99,7 @@ def compose(
 
 
 def _chain(first: Mapping[int, int] | None, then: Mapping[int, int]) -> dict[int, int]:
-    """Return one table for two in a row; other values pass unchanged."""
+    """Return one table for two in series; other values pass unchanged."""
     before = first or {}
     return {**then, **{source: then.get(value, value) for source, value in before.items()}}
 
@@ -122,7 +122,7 @@ def _values_of(
 Port = tuple[str, str]
 """Component and variable."""
 SOURCE = "(inputs)"
-"""Component of the signals that come from outside."""
+"""Component of the external signals."""
 
 
 class Link(NamedTuple):
@@ -137,13 +137,13 @@ class Link(NamedTuple):
 
     @property
     def discrete(self) -> bool:
-        """Whether the value changes at communication points only."""
+        """Whether the value changes only at communication points."""
         ends = self.source, self.sink
         return any(v.type != "Real" or v.variability == "discrete" for v in ends)
 
     @property
     def is_given(self) -> bool:
-        """Whether a file or a user gives the value. Values of other processes have the names of their sources."""
+        """Whether the value comes from a file or the user. Values from other processes have their sources' names."""
         return self.start == (SOURCE, ".".join(self.end))
 
     def __str__(self) -> str:

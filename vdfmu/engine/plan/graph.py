@@ -1,4 +1,4 @@
-"""Directed graphs: orders, cycles, and how far their nodes are from the first."""
+"""Directed graphs: orders, cycles, and distances from the first nodes."""
 
 from __future__ import annotations
 

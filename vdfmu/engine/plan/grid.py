@@ -11,9 +11,9 @@ from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
 
 _MOST = 10**9
-"""Communication steps of a run: 11 days at 1 kHz."""
+"""Largest number of communication steps of a run: 11 days at 1 kHz."""
 _CLOSE = 1e-9
-"""Relative error of a stop that is a multiple of the step; the rounded division has 1e-16."""
+"""Relative error allowed in a stop that must be a multiple of the step; rounding causes 1e-16."""
 
 
 class Grid(NamedTuple):
@@ -29,12 +29,12 @@ class Grid(NamedTuple):
         return self.end if k == self.n else self.begin + k * self.step
 
     def times(self, first: int, after: int) -> Floats:
-        """Return the times of the points from `first` to before `after`, without rounding the last to the end."""
+        """Return the times of the points from `first` to before `after`; the last is not rounded to the end."""
         return self.begin + self.step * np.arange(first, after, dtype=np.float64)
 
     @property
     def last(self) -> float:
-        """Length of the last step [s]; it never leads beyond the end, for any rounding."""
+        """Length of the last step [s], which never exceeds the end, whatever the rounding."""
         time = self.begin + (self.n - 1) * self.step
         return self.step if time + self.step == self.end else largest_step(time, self.end)
 
@@ -56,7 +56,7 @@ def count_steps(step: float, stop: float, start: float = 0.0) -> int:
 
 
 def largest_step(time: float, stop: float) -> float:
-    """Return the step from `time` to `stop` that, added to `time`, is not beyond `stop` for any rounding."""
+    """Return the step from `time` to `stop` whose sum with `time` does not exceed `stop` because of rounding."""
     step = stop - time
     while time + step > stop:
         step = math.nextafter(step, 0.0)

@@ -1,4 +1,4 @@
-"""Signals from outside for inputs that nothing is connected to: read from CSV files or arrays, checked, connected."""
+"""External signals for unconnected inputs: read from CSV files or arrays, checked, connected."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from vdfmu.engine.package.system import UnitFactor
 from vdfmu.engine.plan.conversion import SOURCE, Conversion, Link, Port, between
 
 _CLOSE = 1e-12
-"""Largest difference by rounding between a time and the time of its row, relative to the largest time."""
+"""Largest difference between a time and the time of its row that is rounding, relative to the largest time."""
 _STRAIGHT = 1e-9
 """Largest change of a slope that is rounding and not a bend, relative to the largest slope."""
 
 
 @dataclass(frozen=True, eq=False)
 class InputTable:
-    """Signals of one file, or one array: the inputs that they feed, and their values over time."""
+    """Signals from one file or array: the inputs that they feed, and their values over time."""
 
     where: str
     """The file, or the name of the array, for messages."""
     names: tuple[str, ...]
     """``component.variable`` of each column."""
     units: tuple[str, ...]
-    """Unit of measurement of each; empty for the input's unit."""
+    """Unit of measurement of each column; empty for the input's unit."""
     t: Floats
-    """(m,) [s], increasing."""
+    """Increasing times (m,) [s]."""
     values: Floats
     """(m, n)."""
     held: bool
-    """Whether a value holds until the next row; else it is interpolated linearly."""
+    """Whether a value is held until the next row instead of being interpolated linearly."""
     chosen: bool = True
     """Whether every column must name an input; in a results file other columns are ignored."""
     group: str = ""
-    """Input whose elements are the columns, all of them; empty for columns of a file."""
+    """Input whose elements are all columns; empty for a file."""
 
     @property
     def digest(self) -> str:
@@ -58,11 +58,11 @@ class InputTable:
 
 
 Inputs = str | os.PathLike[str] | Sequence[str | os.PathLike[str] | InputTable] | Mapping[str, tuple[Any, Any]] | None
-"""A CSV file, several of them, or signal to its times and values."""
+"""One or more CSV files, or a mapping of signals to times and values."""
 
 
 class Course:
-    """Columns (m, n) of a table over times (m,) [s]; before the first and after the last row their values are held."""
+    """Columns (m, n) of a table over times (m,) [s], held before the first and after the last row."""
 
     def __init__(self, t: Floats, values: Floats, held: bool) -> None:
         self.held, self.t, self.values = held, t, values
@@ -95,9 +95,9 @@ def read_inputs(inputs: Inputs, hold: bool = False) -> tuple[InputTable, ...]:
     brackets is checked: ``time,plant.F_e[1] [N]``. A second line of units, as in ``results.csv``, does the same, and
     columns of such a file that name no free input are ignored.
 
-    A mapping has times (m,) [s], and values (m,) of ``component.variable``, or (m, n) of ``component.variable[1]`` to
-    ``[n]``. With `hold`, real values hold until the next row; other values always do. UsageError for files or arrays in
-    another form, with every problem and its row.
+    A mapping contains, by signal, times (m,) [s] and values: (m,) of ``component.variable``, or (m, n) of
+    ``component.variable[1]`` to ``[n]``. With `hold`, real values are held until the next row; other values always are.
+    UsageError for files or arrays in another form, with every problem and its row.
     """
     problems: list[str] = []
     tables: list[InputTable | None] = []
@@ -180,7 +180,7 @@ def _from_csv(path: Path, hold: bool, problems: list[str]) -> InputTable | None:
 def _check_rows(
     where: str, row: Callable[[int], str], names: Sequence[str], t: Floats, values: Floats, problems: list[str]
 ) -> None:
-    """Note the first row of each column that is not finite, and the first with a time that does not increase."""
+    """Note the first row of each column that is not finite, and the first row whose time does not increase."""
     for name, column in zip(("time", *names), (t, *values.T), strict=True):
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
@@ -194,7 +194,7 @@ def _check_rows(
 
 
 def outside(tables: Sequence[InputTable], begin: float, end: float) -> list[str]:
-    """Return a note for each table that does not reach over a run from `begin` to `end` [s]."""
+    """Return a note for each table that does not cover a run from `begin` to `end` [s]."""
     slack = _CLOSE * max(abs(begin), abs(end), math.ulp(0.0))
     return [
         f"{table.where}: its times are {table.t[0]:g} to {table.t[-1]:g} s, the run's are {begin:g} to {end:g} s; "
@@ -205,7 +205,7 @@ def outside(tables: Sequence[InputTable], begin: float, end: float) -> list[str]
 
 
 class Fed(NamedTuple):
-    """Signals of one FMI type, with their names as outputs of the source."""
+    """Signals of one FMI type, named as outputs of the source."""
 
     kind: str
     names: tuple[str, ...]
@@ -213,7 +213,7 @@ class Fed(NamedTuple):
 
 
 class Feed(NamedTuple):
-    """The source's signals, its description for the schedule and the exchange, its connections, and notes."""
+    """The source of external signals: signals, description for schedule and exchange, connections, and notes."""
 
     courses: tuple[Fed, ...]
     description: Description
@@ -228,7 +228,7 @@ def feed_inputs(
     unit_of: Callable[[Port, FmuVariable], UnitFactor | None],
     units: Mapping[str, UnitFactor],
 ) -> tuple[Feed | None, list[str]]:
-    """Connect columns of tables to the inputs of their names; None without tables. Also return all problems.
+    """Connect columns of tables to the inputs of the same names; None without tables. Also return all problems.
 
     `links` are the connections of the system, `unit_of` returns the unit of an input, `units` are the definitions of
     the SSD.

@@ -13,7 +13,7 @@ from vdfmu.engine.plan.conversion import SOURCE, Link, Port
 from vdfmu.engine.plan.graph import cycles, topological
 
 _BETWEEN = "\0"
-"""First character of a port between inputs and outputs, see `variable_graph`; no name of a variable has it."""
+"""First character of a port between inputs and outputs, see `variable_graph`; no variable's name contains it."""
 
 
 class Initial(NamedTuple):
@@ -21,9 +21,9 @@ class Initial(NamedTuple):
 
     links: tuple[Link, ...]
     torn: tuple[Link, ...]
-    """Connections that close an algebraic loop: their values are guessed."""
+    """Connections that close an algebraic loop, so their values are guessed."""
     loops: tuple[str, ...]
-    """The cycle of each, for messages."""
+    """The cycle of each of them, for messages."""
 
 
 class Schedule(NamedTuple):
@@ -33,24 +33,24 @@ class Schedule(NamedTuple):
     units: tuple[str, ...]
     """The components in the order of their doStep."""
     fresh: frozenset[Port]
-    """Inputs that get the value of the same step from their source. Other inputs (other discrete inputs with a
-    continuous algorithm) get its value at the start of the step."""
+    """Inputs that get their source's value of the same step. Other inputs (with a continuous algorithm, other discrete
+    inputs) get its value at the start of the step."""
     through: frozenset[Port] = frozenset()
     """Connected inputs with direct feedthrough to an output that another unit reads; to any output if none is read."""
     direct: frozenset[Port] = frozenset()
     """Outputs that depend directly on a connected input."""
     blocks: tuple[tuple[str, ...], ...] = ()
-    """The components in blocks that depend on each other; for continuous algorithms."""
+    """The components in blocks that depend on each other, for continuous algorithms."""
     groups: tuple[tuple[str, ...], ...] = ()
-    """Components of model exchange that depend on each other within a step: they are integrated as one."""
+    """Model-exchange components that depend on each other within a step, so they are integrated as one."""
 
 
 def choose_schedule(
     descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str | None
 ) -> tuple[str, Schedule, list[str], list[str]]:
-    """Order a system by an algorithm; for None by `DEFAULT`, or `DELAYED` if only undeclared dependencies forbid it.
+    """Order a system for an algorithm; for None, `DEFAULT`, or `DELAYED` if only undeclared dependencies forbid that.
 
-    Returns the algorithm, the schedule, problems as `make_schedule`, and notes.
+    Returns the algorithm, the schedule, problems as from `make_schedule`, and notes.
     """
     schedule, problems = make_schedule(descriptions, links, algorithm or DEFAULT)
     if algorithm is not None or not problems:
@@ -67,7 +67,7 @@ def choose_schedule(
 
 
 def _late(descriptions: Mapping[str, Description], links: Sequence[Link], algorithm: str) -> list[str]:
-    """Return notes on components that only `DEFAULT` integrates as one."""
+    """Return notes on components that only `DEFAULT` would integrate as one."""
     if ALGORITHMS[algorithm].ordered or ALGORITHMS[algorithm].repeats:
         return []
     return [
@@ -90,7 +90,7 @@ def make_schedule(
         same step. Any other output (the state of a plant, a trajectory) is passed on as at t_k, to all readers. Units
         with feedthrough come first, each after the sources of its fresh inputs, then the other units, all else in the
         order of the SSD. Components of model exchange that read each other's fresh outputs are integrated as one.
-        Sampled control is delayed by its zero-order hold only.
+        Sampled control is delayed only by its zero-order hold.
     other algorithms
         Every input is the output at t_k. Feedthrough costs one more step of delay.
     continuous algorithms
@@ -99,7 +99,7 @@ def make_schedule(
         from a component. Units step after their sources; blocks of units that read each other are ordered as above.
 
     Returns the schedule, and a problem for each algebraic loop in the steps of an ordered algorithm, with its cycle.
-    Other algorithms break it by their delay or prediction, or solve it. Loops of the initialization are solved.
+    Other algorithms break loops by delay or prediction, or solve them. Loops of the initialization are solved.
     """
     problems: list[str] = []
     ports, edges = variable_graph(descriptions, links, initial=True)
@@ -177,7 +177,7 @@ def make_schedule(
 def _joined(descriptions: Mapping[str, Description], links: Sequence[Link]) -> dict[str, list[str]]:
     """Return the components of model exchange that read each other, each with its group.
 
-    Outputs that are states count too: in a group, no value holds over a step.
+    Outputs that are states count too, because in a group no value is held over a step.
     """
     names = [name for name, description in descriptions.items() if description.exchange]
     edges = {(k.start[0], k.end[0]) for k in links if k.stepped and {k.start[0], k.end[0]} <= set(names)}
@@ -187,7 +187,7 @@ def _joined(descriptions: Mapping[str, Description], links: Sequence[Link]) -> d
 def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset[Port]:
     """Return inputs with feedthrough to an output that another unit reads, or to any output if none is read.
 
-    Outputs without a reader must not decide how other outputs are computed.
+    Outputs that no unit reads must not affect how other outputs are computed.
     """
     coupled = {unit for unit, _ in starts}
     shared = {
@@ -201,7 +201,7 @@ def _through(read: Mapping[Port, Sequence[str]], starts: set[Port]) -> frozenset
 def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozenset[Port]) -> frozenset[Port]:
     """Return the discrete inputs with feedthrough: they get the value at the end of the step.
 
-    Inputs in a loop within the step are excluded, because a switch in a loop might not settle.
+    Inputs in a loop within the step are excluded, because a switch in such a loop might not settle.
     """
     edges = {(k.start[0], k.end[0]) for k in links if not k.discrete or k.end in through}
     loop_of = {name: i for i, (part, _) in enumerate(cycles(names, edges)) for name in part}
@@ -210,10 +210,10 @@ def _fresh_discrete(names: Sequence[str], links: Sequence[Link], through: frozen
 
 
 def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> tuple[tuple[str, ...], ...]:
-    """Group units that read each other, blocks in the order of the data.
+    """Group units that read each other into blocks, in the order of the data flow.
 
     Within a block the `feeding` units, with feedthrough to connected outputs, come first, each after its sources with
-    feedthrough. So only outputs of units without feedthrough are guessed. If this order has a cycle (an algebraic
+    feedthrough, so that only outputs of units without feedthrough are guessed. If this order has a cycle (an algebraic
     loop), the order of the SSD stays.
     """
     edges = {(k.start[0], k.end[0]) for k in links}
@@ -232,7 +232,7 @@ def _blocks(names: Sequence[str], links: Sequence[Link], feeding: set[str]) -> t
 
 
 class _Needs:
-    """The connected inputs (initially also parameters) on which variables depend. Elements of an array share them."""
+    """The connected inputs (initially also parameters) on which variables depend; an array's elements share them."""
 
     def __init__(self, descriptions: Mapping[str, Description], links: Iterable[Link], initial: bool) -> None:
         self._descriptions, self._initial = descriptions, initial
@@ -260,8 +260,8 @@ def variable_graph(
 ) -> tuple[list[Port], set[tuple[Port, Port]]]:
     """Return the connected variables, and the pairs whose second variable depends on the first directly.
 
-    Where several outputs depend on the same inputs, one further port connects them, because an array would have as many
-    pairs as the square of its length otherwise.
+    If several outputs depend on the same inputs, an additional port connects them, because otherwise the number of
+    pairs would be the square of an array's length.
     """
     used = [link for link in links if initial or link.stepped]
     ports = list(dict.fromkeys(port for link in used for port in (link.start, link.end)))
@@ -287,8 +287,8 @@ def _tear(
 ) -> dict[Port, tuple[Link, Sequence[Port]]]:
     """Remove connections until all cycles are open; return them by their ends, with a cycle of their loop.
 
-    In a loop, all connections into one unit are removed. It is the unit with the fewest discrete connections, because
-    iterations cannot improve them, and among these the one with the fewest connections.
+    In each loop, all connections into one unit are removed: the unit with the fewest discrete connections, because
+    iterations cannot improve these, and among equals the one with the fewest connections.
     """
     torn: dict[Port, tuple[Link, Sequence[Port]]] = {}
     loop_of: dict[Port, Sequence[Port]] = {}

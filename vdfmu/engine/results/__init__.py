@@ -1,1 +1,1 @@
-"""Results of a run: in memory, on disk, as tables and pictures."""
+"""Results of a run: in memory, on disk, and as tables and pictures."""

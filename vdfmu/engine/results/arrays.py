@@ -1,4 +1,4 @@
-"""Arrays and names of result files: signals by group, facts as JSON, rows that are read block by block."""
+"""Arrays and names of result files: signals by group, the summary as JSON, and rows that are read block by block."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from vdfmu.base.files import no_temporary, write_all
 from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal, group_of
 
 _MOST = 2**25
-"""Bytes of numbers that are kept in memory."""
+"""Bytes of numbers kept in memory."""
 
 
 def joined(
     path: Path, blocks: Iterable[tuple[Floats, Mapping[str, NDArray[Any]]]], signals: Sequence[Signal], summary: Any
 ) -> Recorded:
-    """Return the rows of one or more blocks of times and data; StorageError if temporary files cannot hold them."""
+    """Return the rows of one or more blocks of times and data; StorageError if the temporary folder is too small."""
     times: list[Floats] = []
     kept: dict[str, list[NDArray[Any]]] = {kind: [] for kind in KINDS}
     files: dict[str, IO[bytes]] = {}
@@ -45,11 +45,11 @@ def joined(
         return Recorded(time, signals, rows, summary)
     finally:
         for file in files.values():
-            file.close()  # a map stays
+            file.close()  # a mapping stays valid
 
 
 def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, IO[bytes]]) -> None:
-    """Move blocks to the files of their kinds; an empty block of each stays for its columns."""
+    """Move blocks to the files of their kinds, leaving an empty block of each for its columns."""
     try:
         for kind, arrays in kept.items():
             if arrays[0].shape[1]:
@@ -62,7 +62,7 @@ def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, I
 
 
 def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
-    """Return the signals of each array, by its name and kind."""
+    """Return the signals of each array by its name and kind."""
     groups: dict[tuple[str, str], list[Signal]] = {}
     for signal in signals:
         groups.setdefault((group_of(signal.name)[0], signal.kind), []).append(signal)
@@ -72,7 +72,7 @@ def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
 def placed_arrays(
     signals: Sequence[Signal], arrays: Sequence[NDArray[Any]]
 ) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals with their columns, and data, from an array (m, n) for each of `grouped`."""
+    """Return signals with their columns, and the data, from an array (m, n) for each of `grouped`."""
     columns = {
         signal.name: array[:, i]
         for members, array in zip(grouped(signals).values(), arrays, strict=True)
@@ -88,7 +88,7 @@ def placed_arrays(
 
 
 def no_rows(path: Path, error: OSError) -> VdfmuError:
-    """Return the error of rows that cannot be written."""
+    """Return the error for rows that cannot be written."""
     return VdfmuError(
         f"{path}: the rows cannot be written: {error.strerror or error}. Free space, or choose another folder with "
         "--out."

@@ -24,7 +24,7 @@ from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 
 _BLOCK = 512
 _LONGEST = 25
-"""Most characters of a number and its separator: -1.2345678901234567E-308."""
+"""Largest number of characters of a number and its separator: -1.2345678901234567E-308."""
 _TYPES = c_void_p, c_size_t, c_size_t, c_void_p, c_void_p
 """Types of the arguments of ``write_lines``."""
 
@@ -36,7 +36,7 @@ def write_csv(results: Recorded, path: Path) -> None:
 
 
 def read_csv(path: Path) -> Recorded:
-    """Read what `write_csv` or a run wrote, or another CSV file with ``time`` in the first column."""
+    """Read a file of `write_csv` or a run, or another CSV file with ``time`` in the first column."""
     with open_csv(path) as file:
         return csv_results(path, file)
 
@@ -46,8 +46,8 @@ def csv_results(path: Path, file: CsvFile) -> Recorded:
     names, units = (file.headings, file.unit_row) if file.unit_row else (file.names, file.units)
     if names[:1] != ["time"] or units[:1] not in (["s"], [""]) or len(units) != len(names):
         raise UsageError(
-            f"{path}: expected 'time' in s as the first column, and as many units as names if the second line has "
-            f"units; got {', '.join(names[:3]) or 'nothing'} and {len(units)} units of {len(names)} columns."
+            f"{path}: expected 'time' in s as the first column, and a unit for each name if the second line has units; "
+            f"got {', '.join(names[:3]) or 'nothing'}, with {len(units)} units for {len(names)} columns."
         )
     if twice := repeated(names[1:]):
         raise UsageError(f"{path}: {', '.join(twice)}: more than one column has this name.")
@@ -65,7 +65,7 @@ def csv_results(path: Path, file: CsvFile) -> Recorded:
 
 
 def _tables(path: Path, file: CsvFile) -> Iterator[Floats]:
-    """Yield the numbers of stretches of lines, at least one."""
+    """Yield the numbers of blocks of lines, at least one block."""
     yield np.empty((0, len(file.names)))
     faults: list[str] = []
     for _, table in file.blocks(faults):
@@ -84,7 +84,7 @@ def summary_beside(path: Path) -> dict[str, Any]:
 
 
 def csv_head(signals: Sequence[Signal]) -> str:
-    """Return the lines of names and of units."""
+    """Return the line of names and the line of units."""
     head, units = "", [s.unit if s.kind == "real" else s.kind for s in signals]
     for row in (["time", *(s.name for s in signals)], ["s", *units]):
         line = io.StringIO()
@@ -94,7 +94,7 @@ def csv_head(signals: Sequence[Signal]) -> str:
 
 
 def csv_lines(time: Floats, signals: Sequence[Signal], data: Mapping[str, NDArray[Any]], rows: slice) -> str:
-    """Return a line for each `time` and its row of `data`; numbers in their shortest form of the same bits."""
+    """Return a line for each `time` and its row of `data`; numbers have their shortest form with the same bits."""
     if not len(time):
         return ""
     if all(signal.kind == "real" for signal in signals):
@@ -112,7 +112,7 @@ def _texts(array: NDArray[Any]) -> list[list[str]]:
 
 
 def _lines(table: Floats) -> str:
-    """Return a line for each row of a table (m, n), numbers in their shortest form, ten times as fast as Python."""
+    """Return a line for each row of a table (m, n), numbers in their shortest form, ten times faster than Python."""
     library = _library()
     if library is None:
         return _lines_of_scipy(table)
@@ -122,11 +122,11 @@ def _lines(table: Floats) -> str:
 
 
 def _lines_of_scipy(table: Floats) -> str:
-    """Return the same text as `_lines` without a compiler; scipy.io takes 0.2 s to import."""
+    """Return the text of `_lines` without a compiler; scipy.io takes 0.2 s to import."""
     from scipy.io import mmwrite
 
     stream = io.BytesIO()
-    mmwrite(stream, table.T, symmetry="general")  # a line for each number, after three lines of a head
+    mmwrite(stream, table.T, symmetry="general")  # a line per number, after a head of three lines
     numbers = stream.getvalue().decode().splitlines()[3:]
     n = table.shape[1]
     return "".join(",".join(numbers[first : first + n]) + "\n" for first in range(0, table.size, n))
@@ -134,7 +134,7 @@ def _lines_of_scipy(table: Floats) -> str:
 
 @cache
 def _library() -> CDLL | None:
-    """Return the compiled ``shortest.c``; None without a compiler or room."""
+    """Return the compiled ``shortest.c``; None without a compiler or disk space."""
     from vdfmu.base.compile import own_library
 
     library = own_library(Path(__file__).with_name("shortest.c"))
@@ -145,7 +145,7 @@ def _library() -> CDLL | None:
 
 @cache
 def _powers() -> NDArray[np.uint64]:
-    """Return 10^k for k from -292 to 324, (617, 2): 128 bits from the first one on, rounded up, high and low half."""
+    """Return 10^k for k from -292 to 324, (617, 2): the leading 128 bits, rounded up, as high and low half."""
 
     def power(k: int) -> int:
         number = 10 ** abs(k)

@@ -1,4 +1,4 @@
-"""Figures: curves of one quantity over time. The page draws them, and `vdfmu.engine.results.picture` writes files."""
+"""Figures: curves of one quantity over time. The page draws them, and `vdfmu.extras.pictures.picture` writes files."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from vdfmu.base.measure import Shown
 from vdfmu.engine.results.recorded import Recorded
 
 Terms = Sequence[tuple[float, str]]
-"""Factors, and names of signals; an empty name is 1."""
+"""Factors, and names of signals; an empty name means the constant 1."""
 
 
 class Curve(NamedTuple):
     """A curve of a figure: the sum of signals, each times its factor.
 
-    The page evaluates the same sums for a run that it has simulated.
+    The page evaluates the same sums for runs that it simulates.
     """
 
     label: str
     joint: int
-    """From 1; 0 for none."""
+    """Number of the joint from 1; 0 for none."""
     terms: Terms
-    """At least one."""
+    """Terms of the sum, at least one."""
     dashed: bool = False
 
     def values(self, results: Recorded, factor: float = 1.0) -> Floats:
-        """Return its values times a factor: (m,)."""
+        """Return the curve's values times a factor, (m,)."""
         ones = np.ones(len(results))
         return factor * reduce(np.add, [scale * (results[name] if name else ones) for scale, name in self.terms])
 
@@ -47,8 +47,8 @@ class Figure(NamedTuple):
 def signal_figures(results: Recorded, hidden: Collection[str] = (), joints: int | None = None) -> Iterator[Figure]:
     """Yield a figure for each recorded variable except the signals that are `hidden`.
 
-    Elements of an array are curves of one figure, elements with another unit of another figure. In arrays of `joints`
-    elements, by default in all arrays, they have the numbers of joints.
+    Elements of an array are curves of one figure, except that elements with another unit get their own. In arrays of
+    `joints` elements, by default in all arrays, they are numbered as joints.
     """
     for group, members in results.groups.items():
         listed = [(k, name) for k, (_, name) in enumerate(sorted(members.items()), 1) if name not in hidden]

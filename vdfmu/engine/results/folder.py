@@ -9,9 +9,11 @@ from contextlib import contextmanager, suppress
 from itertools import count, islice
 from pathlib import Path
 from threading import Lock
+from types import ModuleType
 from typing import Any
 
 from vdfmu.base.errors import CosimError, UsageError, VdfmuError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import closed, exists, make_folder, read_json, sync
 from vdfmu.base.interrupt import InterruptGuard
 from vdfmu.base.measure import inches
@@ -21,21 +23,21 @@ from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, Check, verdict_of
 from vdfmu.engine.run import Interrupted
 
 SYSTEM_OUTPUTS = (*result_files(), *(f"signals.{suffix}" for suffix in SUFFIXES), "summary.json")
-"""Result files of a package's run beside figures; they replace the files of an earlier run."""
+"""Result files of a package's run besides figures; they replace the files of an earlier run."""
 PAGE = "report.html"
 """Page of a run."""
 RUN_OUTPUTS = (*SYSTEM_OUTPUTS, "system.ssp", PAGE)
 """Files that a run on the command line writes and replaces."""
 PARTIAL = "partial"
-"""Folder of a failed or stopped run in the folder of the results."""
+"""Folder, in the folder of the results, of a failed or stopped run."""
 _TEMPORARY = re.compile(r"[0-9a-f]{16}\.tmp")
-"""Names of unfinished files, see `vdfmu.base.files.replacing`."""
+"""Names of unfinished files; see `vdfmu.base.files.replacing`."""
 DRAWN = 20_000
-"""Most rows in a picture: 8 for each pixel."""
+"""Most rows in a picture: 8 per pixel."""
 
 
 def known_formats(formats: Sequence[str]) -> None:
-    """Raise UsageError for an unknown format of results, or one whose package is not installed."""
+    """Raise UsageError for a format of results that is unknown or whose package is not installed."""
     if not formats or not all(f".{form}" in FORMATS for form in formats):
         raise UsageError(f"format: expected {choice_of_formats()}, got {','.join(formats) or 'none'}.")
     for form in formats:
@@ -43,22 +45,29 @@ def known_formats(formats: Sequence[str]) -> None:
 
 
 def known_pictures(pictures: Sequence[str], width: str) -> float:
-    """Return the width of pictures [in]; UsageError for an unknown kind of picture, or another width."""
+    """Return the width of pictures [in]; UsageError for an unknown kind of picture or an invalid width."""
     unknown = [kind for kind in pictures if kind not in SUFFIXES]
     if unknown:
         raise UsageError(f"pictures: expected some of {', '.join(SUFFIXES)}, got {', '.join(unknown)}.")
+    if pictures:
+        picture_module()
     return inches("width", width)
+
+
+def picture_module() -> ModuleType:
+    """Return the module that draws figures, which is of an extra; it takes long to import."""
+    return module_of_extra("picture", "pictures", "A picture")
 
 
 @contextmanager
 def replacing_results(folder: Path, outputs: Sequence[str], overwrite: bool) -> Generator[Path]:
-    """Give a run a folder in `folder` to write to; on success its files replace an earlier run.
+    """Yield a folder in `folder` for a run to write to; if the run succeeds, its files replace the earlier run.
 
-    A failed or stopped run leaves its rows in ``partial``, with a note in its error, and the earlier run unchanged.
-    Without rows it leaves nothing. A killed run leaves ``partial_PID``, and the next run removes it. Several runs at
-    once, in threads or processes, do not interfere: the last to complete stays.
+    A failed or stopped run leaves its rows in ``partial``, with a note in its error, and the earlier run unchanged. If
+    it has no rows, it leaves nothing. A killed run leaves ``partial_PID``, and the next run removes it. Simultaneous
+    runs, in threads or processes, do not interfere: the last to complete is kept.
 
-    UsageError if the folder cannot be written to, or, without `overwrite`, has files of these names that vdfmu did
+    UsageError if the folder cannot be written to or, without `overwrite`, if it has files of these names that vdfmu did
     not write.
     """
     made, owned = not folder.exists(), None
@@ -110,7 +119,7 @@ def _one_process(folder: Path) -> Generator[None]:
 
 
 def _locked(folder: Path, wait: bool = False) -> int | None:
-    """Return the handle of a lock on a folder until the end of this process; None if it cannot be locked."""
+    """Lock a folder until this process ends, and return the lock's handle; None if it cannot be locked."""
     if os.name != "posix":
         return None
     import fcntl
@@ -125,7 +134,7 @@ def _locked(folder: Path, wait: bool = False) -> int | None:
 
 
 def _remove_orphans(folder: Path, outputs: Sequence[str]) -> None:
-    """Remove folders of killed runs: without a lock, and with result files only."""
+    """Remove folders of killed runs, which have no lock and only result files."""
     for orphan in folder.glob(f"{PARTIAL}_*"):
         ours = re.fullmatch(rf"{PARTIAL}_\d+(_\d+)?", orphan.name) and not orphan.is_symlink()
         handle = _locked(orphan) if ours and orphan.is_dir() else None
@@ -154,7 +163,7 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
                 "wrote. Choose another folder with --out, or replace them with --overwrite."
             )
         make_folder(folder)
-        with _one_process(folder):  # until the new folder is locked
+        with _one_process(folder):  # retry until the new folder is locked
             _remove_orphans(folder, outputs)
             partial.mkdir(exist_ok=True)
             owned = _locked(partial)
@@ -175,11 +184,11 @@ def _has_rows(path: Path) -> bool:
 
 
 def _set_aside(partial: Path, outputs: Sequence[str]) -> Path:
-    """Rename the folder of a failed run to `PARTIAL`, and replace an earlier one."""
+    """Rename the folder of a failed run to `PARTIAL`, replacing an earlier one."""
     target = partial.with_name(PARTIAL)
     with suppress(OSError):
         if target.exists():
-            _remove(target, {*outputs, *_ours(target)})  # with the page of a failed run
+            _remove(target, {*outputs, *_ours(target)})  # including the page of a failed run
             target.rmdir()
         return partial.rename(target)
     return partial
@@ -200,10 +209,10 @@ def _remove(folder: Path, names: Iterable[str]) -> None:
 
 
 def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
-    """Move the files of a complete run to their place, the summary with the list of files last.
+    """Move the files of a complete run to their place; the summary, which lists the files, comes last.
 
-    Files of the earlier run are kept until then, and restored if a move fails. The disk has the new files before they
-    move, and their names afterwards.
+    Files of the earlier run are kept until then, and restored if a move fails. The new files are flushed to the disk
+    before they are moved, and their names afterwards.
     """
     ours, before = _ours(folder), partial / "before"
     moved: list[tuple[Path, Path]] = []
@@ -225,22 +234,22 @@ def _publish(partial: Path, folder: Path, outputs: Sequence[str]) -> None:
             before.rmdir()
         why = f"{error.strerror}: {error.filename}" if error.filename else error.strerror or error
         raise VdfmuError(f"{folder}: cannot be written: {why}. Choose another folder with --out.") from error
-    with suppress(OSError):  # something else is in it
+    with suppress(OSError):  # it contains something else
         _remove(before, old)
         before.rmdir()
         partial.rmdir()
 
 
 def written(folder: Path, outputs: Sequence[str]) -> list[str]:
-    """Return the names of existing files of a run, with figures and results in formats of plugins."""
+    """Return the names of a run's existing files, including figures and results in formats of plugins."""
     names = {*outputs, *result_files(folder), *figure_files(folder)}
     return sorted(name for name in names if exists(folder / name))
 
 
 def write_summary(summary: dict[str, Any], folder: Path, files: Iterable[str] | None = None) -> None:
-    """Write ``summary.json`` with the names of the run's files, by default all that are there.
+    """Write ``summary.json`` with the names of the run's files, by default of all existing ones.
 
-    A later run may replace these.
+    A later run may replace the listed files.
     """
     path = folder / "summary.json"
     names = (file.name for file in folder.iterdir()) if files is None else files

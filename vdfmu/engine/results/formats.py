@@ -1,4 +1,4 @@
-"""The formats that results are written in, one row each: a new one is a file that has a `FORMAT`, and its row here."""
+"""The formats of results, one row each. A new one needs a file with a `FORMAT` and a row here."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from vdfmu.base.extras import extra_modules
 from vdfmu.base.plugins import Plugins, PluginTable
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def figure_files(folder: Path) -> list[str]:
 
 
 class Stream(NamedTuple):
-    """A format of text whose rows are written as they come."""
+    """A text format whose rows are written during the run."""
 
     head: Callable[[Sequence[Signal]], str]
     """Returns the lines above the rows."""
@@ -42,26 +43,28 @@ class Stream(NamedTuple):
 
 
 class Format(NamedTuple):
-    """A format of files of results."""
+    """A file format of results."""
 
     needs: Callable[[], object]
-    """Raises UsageError if a package that it needs is not installed."""
+    """Raises UsageError if a required package is not installed."""
     write: Callable[[Recorded, Path], None]
     """Writes the signals; see `vdfmu.Results.write`."""
     read: Callable[[Path], Recorded]
-    """Reads what `write` wrote."""
+    """Reads a file of `write`."""
     streams: Stream | None = None
-    """None: it is written when the run ends."""
+    """Writes rows during the run; None if the file is written when the run ends."""
 
 
 def _of(module: str) -> Callable[[], Format]:
     return lambda: import_module(f"vdfmu.engine.results.{module}").FORMAT
 
 
-_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet"), ".mat": _of("mat_file")}
+_SHIPPED = {".csv": _of("csv_file"), ".parquet": _of("parquet")}
+for _extra in extra_modules("result_formats"):
+    _SHIPPED |= _extra.FORMATS
 PLUGINS = Plugins("formats", "format of results", "a function that returns a Format", callable)
 FORMATS: PluginTable[Callable[[], Format]] = PluginTable(PLUGINS, _SHIPPED, prefix=".")
-"""Formats by suffix, imported on use. Of several in a folder the last is read."""
+"""Formats by suffix, imported on use. If a folder has several, the last is read."""
 
 
 def format_of(path: Path) -> Format:
@@ -71,13 +74,13 @@ def format_of(path: Path) -> Format:
 
 
 def result_files(folder: Path | None = None) -> tuple[str, ...]:
-    """Return the names of result files in the folder of a run; in formats of plugins only if they exist."""
+    """Return the names of result files in the folder of a run; those in formats of plugins only if they exist."""
     there = () if folder is None else sorted(path.suffix for path in folder.glob("results.*"))
     suffixes = dict.fromkeys((*FORMATS, *(suffix for suffix in there if suffix in FORMATS)))
     return tuple(f"results{suffix}" for suffix in suffixes)
 
 
 def choice_of_formats(suffixes: Iterable[str] | None = None) -> str:
-    """Return the formats as text; by default all, and plugins are loaded."""
+    """Return the formats as text, by default all, for which plugins are loaded."""
     names = [suffix[1:] for suffix in (FORMATS.names() if suffixes is None else suffixes)]
     return f"{', '.join(names)}, or {','.join(names)} for all"

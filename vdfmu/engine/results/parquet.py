@@ -1,7 +1,7 @@
-"""Results in Parquet: the numbers of CSV in a third of the space, with the summary of the run in the same file.
+"""Results in Parquet: the numbers of CSV in a third of the space, and the run's summary in the same file.
 
-Columns are ``time`` and the signals. The metadata of a column has its ``unit``, the file's metadata has ``vdfmu``, the
-summary as JSON. Columns are compressed, reals as split bytes (BYTE_STREAM_SPLIT). pyarrow is imported on use.
+Columns are ``time`` and the signals. A column's metadata contains its ``unit``, the file's metadata ``vdfmu``, the
+summary as JSON. Columns are compressed, and bytes of reals are split (BYTE_STREAM_SPLIT). pyarrow is imported on use.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import KINDS, TYPES, Recorded, Signal
 
 _GROUP = 2**16
-"""Rows of a compressed group, the part of a long run in memory."""
+"""Rows of a compressed group, which is the part of a long run in memory."""
 _KEY = b"vdfmu"
 _KINDS = {"double": "real", "int32": "integer", "bool": "boolean"}
-"""Kinds of signals by the types of their columns."""
+"""Kinds of signals by the type of their column."""
 
 
 def needed() -> tuple[ModuleType, ...]:
@@ -53,14 +53,14 @@ def write_parquet(results: Recorded, path: Path) -> None:
 
 
 def _array(pa: ModuleType, column: NDArray[Any]) -> Any:
-    """Return a column of pyarrow, without the slow import of pandas by its own conversion."""
+    """Return a column of pyarrow without its own conversion, which would import pandas slowly."""
     kinds = {"f": pa.float64(), "i": pa.int32(), "b": pa.bool_()}
     values = np.packbits(column, bitorder="little") if column.dtype.kind == "b" else np.ascontiguousarray(column)
     return pa.Array.from_buffers(kinds[column.dtype.kind], len(column), [None, pa.py_buffer(values)])
 
 
 def read_parquet(path: Path) -> Recorded:
-    """Read what `write_parquet` wrote, or another Parquet file with ``time`` in the first column."""
+    """Read a file of `write_parquet`, or another Parquet file with ``time`` in the first column."""
     return parquet_results(read_foreign(path))
 
 

@@ -39,7 +39,7 @@ class Signal(NamedTuple):
 
 
 class Recorded:
-    """Recorded signals on the communication points, without files and pictures; see :class:`vdfmu.Results`."""
+    """Recorded signals at the communication points, without files and pictures; see :class:`vdfmu.Results`."""
 
     def __init__(
         self,
@@ -59,23 +59,23 @@ class Recorded:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Facts about the run. Those that :meth:`judge_by` promised are made when it is first asked for."""
+        """Facts about the run. The verdict of :meth:`judge_by` is made when the summary is first read."""
         judge, self._judge = self._judge, None
         if judge is not None:
             judge(self)
         return self._summary
 
     def judge_by(self, judge: Callable[[Any], object]) -> None:
-        """Let a function add a verdict to the summary when the summary is first asked for, so that runs stay fast."""
+        """Set the function that adds a verdict when the summary is first read, so that runs stay fast."""
         self._judge = judge
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the results with their verdict, for another process, without the functions that made it."""
+        """Return the results with their verdict but without the functions that made it, for another process."""
         return self.__dict__ | {"_summary": self.summary, "_judge": None, "_draw": None}
 
     @property
     def names(self) -> list[str]:
-        """The names of the signals, without time."""
+        """The names of the signals without the time."""
         return list(self._signals)
 
     @property
@@ -104,7 +104,7 @@ class Recorded:
 
     @cached_property
     def groups(self) -> dict[str, dict[tuple[int, ...], str]]:
-        """Names without indices, to the signals of each index: ``{"plant.q": {(1,): "plant.q[1]", ...}, ...}``.
+        """Names without indices to the signals by index: ``{"plant.q": {(1,): "plant.q[1]", ...}, ...}``.
 
         A signal without indices is a group with the index ``()``.
         """
@@ -163,19 +163,19 @@ class Recorded:
         return shape if whole else None
 
     def renamed(self, rename: Callable[[str], str]) -> Self:
-        """Return the same results with other names of the signals."""
+        """Return the same results with other signal names."""
         signals = [signal._replace(name=rename(signal.name)) for signal in self._signals.values()]
         return type(self)(self.time, signals, self.data, self.summary, self.messages)
 
     def first(self, rows: int) -> Self:
-        """Return the first rows; the same results if there are no more."""
+        """Return the results with only the first rows; unchanged if there are no more."""
         if rows >= len(self):
             return self
         data = {kind: array[:rows] for kind, array in self.data.items()}
         return type(self)(self.time[:rows], list(self._signals.values()), data, self.summary, self.messages)
 
     def thinned(self, most: int) -> Self:
-        """Return at most `most` rows at equal distances, with the first; the same results if they are few enough."""
+        """Return at most `most` evenly spaced rows, including the first; unchanged if there are few enough."""
         stride = -(-len(self) // most)
         if stride <= 1:
             return self
@@ -187,8 +187,8 @@ class Recorded:
     def blocks(self, rows: int, overlap: int = 0) -> Iterator[Self]:
         """Yield blocks of at most `rows` rows, each after the last `overlap` rows before it.
 
-        So any ``overlap + 1`` consecutive rows are together in exactly one block, also if the last block is a single
-        row: a difference over them is taken once. Pages of arrays on disk leave memory.
+        So any ``overlap + 1`` consecutive rows are together in exactly one block, even if the last block is a single
+        row, and a difference over them is taken once. Pages of arrays on disk are released from memory.
         """
         signals = list(self._signals.values())
         for first in range(0, len(self), rows):

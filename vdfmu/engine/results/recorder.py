@@ -1,4 +1,4 @@
-"""Rows of a run in memory or on disk: as text that survives a crash, and as numbers to be mapped."""
+"""Rows of a run in memory or on disk: as text that survives a crash, and as numbers for memory maps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from vdfmu.engine.results.results import Signal
 ROWS = 512
 """Most rows in memory, except in a run in real time."""
 SECONDS = 2.0
-"""Longest time of a row in memory, if another follows."""
+"""Longest time [s] that a row stays in memory if another follows."""
 
 
 class RowsInMemory:
@@ -47,34 +47,34 @@ class RowsInMemory:
         self._put(k - self.room(k)[0])
 
     def room(self, k: int) -> tuple[int, int]:
-        """Make room for the next row, `k`; return the first row in memory, and the first that has no room."""
+        """Make room for the next row, `k`; return the first row in memory, and the first that does not fit."""
         return 0, k + ROWS
 
     def finish(self, time: Floats) -> Mapping[str, NDArray[Any]]:
-        """Return the rows up to the last `time`, by kind."""
+        """Return the rows up to the last `time` by kind."""
         return {kind: array[: len(time)] for kind, array in self.data.items()}
 
 
 class Tap:
-    """Looks at the components of a run in some rows, and at signals in all rows. It leaves the run unchanged."""
+    """Reads the components of a run in some rows, and signals in all rows, without changing the run."""
 
     wanted: Sequence[str] = ()
     """Names of real signals for `block`, with ``*`` for any text; they need not exist."""
     size = 1024
-    """Rows of a block."""
+    """Number of rows of a block."""
 
     def begin(self, grid: Grid, names: Sequence[str]) -> None:
         """Begin a run; `names` are the existing signals of `wanted`."""
 
     def due(self, k: int) -> float:
-        """Return the next row for `take`, `k` or a later one; default none."""
+        """Return the next row for `take`, `k` or a later one; by default none."""
         return math.inf
 
     def take(self, k: int, time: float, components: Any) -> None:
-        """Look at the components in row `k`, at a time [s]."""
+        """Read the components in row `k`, at a time [s]."""
 
     def block(self, times: Floats, values: Floats) -> None:
-        """Look at the signals (m, names) in the next m rows, `size` of them or the last."""
+        """Read the signals (m, names) in the next m rows: `size` of them, or the last ones."""
 
 
 class Blocks(RowsInMemory):
@@ -92,20 +92,20 @@ class Blocks(RowsInMemory):
         return self._first, self._first + len(self._rows)
 
     def flush(self, end: int) -> None:
-        """Bring the remaining rows before row `end` to the tap."""
+        """Pass the remaining rows before row `end` to the tap."""
         if end > self._first:
             self._tap.block(self._times(self._first, end), self._rows[: end - self._first])
             self._first = end
 
 
 _LARGE = 1_000_000_000
-"""Size [bytes] from which on a file is announced before it is written."""
+"""Size [bytes] from which a file is announced before it is written."""
 _REAL, _OTHER = 20, 3
-"""Bytes of a value in CSV with its comma: of a real number mostly 16 or 17 digits with point, exponent and sign."""
+"""Bytes of a value in CSV with its comma: a real number mostly has 16 or 17 digits, with point, exponent and sign."""
 
 
 def announce_size(paths: Sequence[Path], signals: Sequence[Signal], rows: int) -> None:
-    """Warn of a file of text that will be larger than 1 GB, before its first row."""
+    """Warn of a text file that will be larger than 1 GB before its first row."""
     reals = sum(signal.kind == "real" for signal in signals) + 1  # and the time
     size = rows * (_REAL * reals + _OTHER * (len(signals) + 1 - reals))
     for path in paths:
@@ -117,13 +117,13 @@ def announce_size(paths: Sequence[Path], signals: Sequence[Signal], rows: int) -
 
 
 class Recorder(RowsInMemory):
-    """Writes rows to disk block by block, after `longest` [s] at the latest.
+    """Writes rows to disk block by block, at least every `longest` [s].
 
-    Existing result files `paths` are replaced. A file whose format does not stream is written after the run, and the
-    numbers are in its folder until then. `data` is the block by kind, (rows, columns). ``put(i)`` stores the current
-    signals in its row i, and ``times(first, end)`` returns the times [s] of rows.
+    Existing result files `paths` are replaced. A file whose format does not stream is written after the run; until then
+    the numbers are in its folder. `data` is the block by kind, (rows, columns). ``put(i)`` stores the current signals
+    in its row i, and ``times(first, end)`` returns the times [s] of rows.
 
-    Every method raises VdfmuError if a file cannot be written. All complete blocks are in it.
+    Every method raises VdfmuError if a file cannot be written; then the file has all complete blocks.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Recorder(RowsInMemory):
                     rows[kind] = np.empty(shape, block.dtype)
                 else:
                     rows[kind] = np.memmap(self._files[kind], block.dtype, "c", shape=shape)
-                    self._files[kind].close()  # the map stays
+                    self._files[kind].close()  # the mapping stays valid
         except OSError as error:
             raise no_rows(self._path, error) from error
         return rows
@@ -190,9 +190,9 @@ class Recorder(RowsInMemory):
                 write_all(file, stream.lines(time, self._signals, self.data, rows).encode())
             for kind, file in self._files.items():
                 write_all(file, self.data[kind][rows].tobytes())
-        except BaseException as error:  # a second Ctrl-C too
+        except BaseException as error:  # even after a second Ctrl-C
             for file, position in before:
-                with suppress(OSError):  # of the same disk
+                with suppress(OSError):  # on the same disk
                     file.truncate(position)
                     file.seek(position)
             if isinstance(error, OSError):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.text import amount
 from vdfmu.engine.results.formats import format_of
 from vdfmu.engine.results.recorded import KINDS, TYPES, Recorded, Signal, group_of
@@ -71,10 +72,10 @@ def _needed(package: str) -> Any:
 
 
 class Results(Recorded):
-    """Recorded signals on the communication points.
+    """Recorded signals at the communication points.
 
-    A row has the outputs at its communication point; an input has the value that its unit used in the step
-    that ended there (first row: as set during initialization).
+    A row contains the outputs at its communication point, and for inputs the value that the unit used in the step that
+    ended there (first row: as set during initialization).
 
     Parameters
     ----------
@@ -101,17 +102,17 @@ class Results(Recorded):
         return repr(self.contents())
 
     def _repr_html_(self) -> str:
-        """Return the headline of the verdict, the diagram of the system and the contents, as far as there are any."""
+        """Return the verdict's headline, the diagram of the system and the contents, as far as they exist."""
         headline, sign = headline_of(self.summary), SIGNS.get(state_of(self.summary), "")
         verdict = f"<p><strong>{sign} {escape(headline)}</strong></p>" if headline else ""
         return verdict + (self._draw(self) if self._draw is not None else "") + self.contents().to_html()
 
     def draw_by(self, draw: Callable[[Any], str]) -> None:
-        """Let a function draw the system that was run, as HTML for a notebook."""
+        """Set the function that draws the system that was run, as HTML for a notebook."""
         self._draw = draw
 
     def contents(self) -> Listing:
-        """Return the contents as a table: groups, their shapes, units and extremes."""
+        """Return the contents as a table: groups with their shapes, units and extremes."""
         rows: list[tuple[Any, ...]] = []
         for group, elements in self.groups.items():
             columns = [self[name] for name in elements.values()]
@@ -126,11 +127,11 @@ class Results(Recorded):
         return Listing(title, ("signal", "shape", "unit", "least", "largest"), rows)
 
     def _named(self, name: str) -> dict[int, str]:
-        """Return the names of the values of an enumeration or a mode by value; empty for other signals."""
+        """Return the value names of an enumeration or a mode by value; empty for other signals."""
         return {value: text for text, value in self.summary.get("names", {}).get(name, {}).items()}
 
     def texts(self, name: str) -> NDArray[np.str_]:
-        """Return the names of the values of an enumeration or a mode, (m,).
+        """Return the values of an enumeration or a mode by their names, (m,).
 
         UsageError for a signal whose values have no names.
         """
@@ -172,7 +173,7 @@ class Results(Recorded):
         return dataset
 
     def compare(self, other: Results) -> Listing:
-        """Return the differences from other results over their common time, by group, the largest of each unit first.
+        """Return the differences from other results over their common time by group, the largest of each unit first.
 
         Values of `other` are interpolated between its rows; integers and booleans are held. Raises UsageError if the
         results have no signals or time in common.
@@ -184,7 +185,7 @@ class Results(Recorded):
         rows_of_both = np.flatnonzero((self.time >= begin) & (self.time <= end))
         if not len(rows_of_both):
             times = (f"{t[0]:g} to {t[-1]:g} s" for t in (self.time, other.time))
-            raise UsageError(f"compare: expected results of a common time, got {' and '.join(times)}.")
+            raise UsageError(f"compare: expected results that overlap in time, got {' and '.join(times)}.")
         time = self.time[rows_of_both]
         same = np.array_equal(time, other.time)
         before = np.searchsorted(other.time, time, side="right") - 1
@@ -222,7 +223,7 @@ class Results(Recorded):
         Parameters
         ----------
         *names : str
-            Signals or groups; by default as many as a picture can show.
+            Signals or groups; by default as many as fit into a picture.
         over : mapping of str to Results, optional
             Other runs to draw over this run, by label.
         path : path, optional
@@ -237,17 +238,15 @@ class Results(Recorded):
         UsageError
             For an unknown signal, or a file that cannot be written.
         """
-        from vdfmu.engine.results.picture import plot  # takes long to import
-
-        return plot(self, names, over or {}, path)
+        return module_of_extra("picture", "pictures", "plot").plot(self, names, over or {}, path)
 
     def write(self, path: str | Path) -> None:
-        """Write a file of results in the format of its suffix, as ``--format``; by default CSV.
+        """Write a file of results in the format of its suffix, see ``--format``; CSV by default.
 
         The first line of CSV has the names, the second the units (``integer`` and ``boolean`` for these kinds), then
-        follows a line for each communication point. Numbers have the shortest form that reads back to the same bits.
+        there is a line for each communication point. Numbers have the shortest form that is read back to the same bits.
         The write is atomic. Parquet and MATLAB files have the same bits in a third of the space, the units and the
-        summary; see `vdfmu.engine.results.parquet` and `mat_file`.
+        summary; see their modules.
 
         UsageError if a package is missing, ``pip install vdfmu[parquet]``; VdfmuError if the file cannot be written.
         """
@@ -257,8 +256,8 @@ class Results(Recorded):
     def read(cls, path: str | Path) -> Results:
         """Read a file of `write` or a run.
 
-        Files contain their summary, except CSV: its summary is the ``summary.json`` next to it. UsageError if the file
-        or a package is missing, or for another form.
+        Files contain their summary, except that the summary of CSV is the ``summary.json`` next to it. UsageError if
+        the file or a package is missing, or if the file has another form.
         """
         recorded = format_of(Path(path)).read(Path(path))
         return cls(recorded.time, recorded.signals, recorded.data, recorded.summary)

@@ -1,4 +1,4 @@
-"""The verdict on a run in its summary: checks against limits, their states, and a headline for the worst."""
+"""The verdict on a run in its summary: checks against limits, their states, and a headline about the worst."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 GOOD, DOUBTFUL, FAILED = STATES = ("good", "doubtful", "failed")
-"""States of a verdict, the worst last. A failed run exits with code 1."""
+"""States of a verdict, worst last. A failed run exits with code 1."""
 UNJUDGED = "not judged"
-"""State of a check that does not apply, or that was not asked for. It does not change the verdict."""
+"""State of a check that does not apply or was not requested. It does not affect the verdict."""
 SIGNS = {GOOD: "\u2713", DOUBTFUL: "!", FAILED: "\u2717", UNJUDGED: "\u2013"}
 LONGEST = 90
-"""Most characters of a headline."""
+"""Longest headline [characters]."""
 _KEPT = rf"^.{{{LONGEST // 2},{LONGEST - 2}}}"
 CUT = re.compile(rf"{_KEPT}(?=[;:.] |, [A-Za-z]| \()|{_KEPT}(?= )|^.{{{LONGEST - 2}}}")
-"""Where a text that is too long is cut: after its last clause that fits, else after a word, so that no number changes.
+"""Where a text that is too long is cut: after the last clause that fits, else after a word, so that numbers stay whole.
 
 A comma before a number may be part of a list, such as ``joints 1, 2``. The pages use the same pattern.
 """
@@ -32,16 +32,16 @@ class Check(NamedTuple):
     sentence: str
     """What happened, where and when; short enough for the headline."""
     more: str = ""
-    """Further measured values, or the whole message of an error."""
+    """Additional measured values, or the complete message of an error."""
     value: float = math.nan
     limit: float = math.nan
-    """The number that was judged and the limit that it was compared with, in one unit; NaN without them."""
+    """The judged number and its limit, in the same unit; NaN if there are none."""
     by: str = ""
-    """Whose limit it is: an option, a file, or the reference that recommends it."""
+    """Origin of the limit: an option, a file, or a reference that recommends it."""
 
     @property
     def text(self) -> str:
-        """The sentence with the further values."""
+        """The sentence with the additional values."""
         first = self.sentence.partition(" ")[0]
         sentence = (
             f"{first.capitalize()}{self.sentence[len(first) :]}"
@@ -52,11 +52,11 @@ class Check(NamedTuple):
 
     @property
     def source(self) -> str:
-        """The limit and whose it is; empty without a limit."""
+        """The limit and its origin; empty without a limit."""
         return f"limit {self.limit:.3g}: {self.by}" if math.isfinite(self.limit) else ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the check for JSON, without numbers that it does not have."""
+        """Return the check for JSON, without missing numbers."""
         facts = self._asdict()
         return {key: value for key, value in facts.items() if value != "" and value == value}
 
@@ -65,8 +65,8 @@ def verdict_of(checks: Sequence[Check], results: Sequence[str] = ()) -> dict[str
     """Return the entry ``verdict`` of a summary: ``state``, ``headline``, ``results`` and ``checks``.
 
     The headline is the sentence of the worst check, or of the first if several are equally bad. For a good run it is
-    the first of `results`, phrases on what the run achieved, and as many of the next ones as fit. Checks that were
-    not judged are named after the results. A run without any check that could be judged is doubtful.
+    the first of `results`, phrases about what the run achieved, and as many of the next ones as fit. Checks that were
+    not judged are named after the results. A run is doubtful if none of its checks could be judged.
     """
     judged = [check for check in checks if check.state != UNJUDGED]
     state = max((check.state for check in judged), key=STATES.index, default=DOUBTFUL)

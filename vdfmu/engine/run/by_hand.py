@@ -1,4 +1,4 @@
-"""A run by hand: the user makes its steps, for a controller or reinforcement learning."""
+"""A run by hand, whose steps the user makes, for a controller or reinforcement learning."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vdfmu.engine.run.run import Run
 
 
 class ByHand:
-    """Steps and values of a run of components, here or in a process of their own; it records nothing."""
+    """Steps and values of a run of components, in this or their own process; nothing is recorded."""
 
     def __init__(self, components: Components | Isolated, run: Run) -> None:
         self._components, self._exchange, self._run = components, components.exchange, run
@@ -37,7 +37,7 @@ class ByHand:
         return self._run.time
 
     def restart(self) -> bool:
-        """Go back to the start from saved states; False if that needs a new initialization."""
+        """Return to the start from saved states; False if a new initialization is needed."""
         self._components.to_start()
         for memory, before in self._memory:
             memory[:] = before
@@ -45,7 +45,7 @@ class ByHand:
         return self._returns
 
     def step(self, count: int) -> None:
-        """Do some steps."""
+        """Make a number of steps."""
         if not isinstance(count, (int, np.integer)) or count < 0:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise UsageError(f"step: expected a number of steps, 0 or more, got {count!r}.")
         run, ended = self._run, self._components.box.ended
@@ -89,7 +89,7 @@ class ByHand:
         return owner, sinks
 
     def get(self, name: str) -> Any:
-        """Return a number, or the array of all numbers whose names begin with it."""
+        """Return a number, or the array of all numbers of this name."""
         return (self._sources.get(name) or self._sources.setdefault(name, self._source_of(name)))()
 
     def _source_of(self, name: str) -> Callable[[], Any]:
@@ -123,7 +123,7 @@ class ByHand:
         return lambda: np.array([number() for number in numbers]).reshape(shape)
 
     def _place(self, owner: str, variable: FmuVariable) -> tuple[NDArray[Any], int] | None:
-        """Return the memory and place of a number in the master; None if only the component has it."""
+        """Return the memory and the place of a number in the master; None if only the component has it."""
         if variable.kind in TEXTS:
             return None
         bank = self._exchange.banks[KINDS.index(variable.kind)]

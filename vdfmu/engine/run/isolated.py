@@ -1,8 +1,8 @@
 """The components of one run in a separate process, where they may crash, end, or never return.
 
-Master and process share the memory of the `Exchange`: a step is one message to the process and one back, for any
-number of components. There the process also marks the component that it calls, so that the master can name it. Prints
-of FMUs go to the error output, with control characters escaped.
+Master and process share the memory of the `Exchange`, so a step is one message to the process and one back for any
+number of components. In this memory the process also marks the component that it calls, so that the master can name it.
+What FMUs print goes to the error output, with control characters escaped.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from vdfmu.engine.plan.grid import Grid
 from vdfmu.engine.results.recorder import RowsInMemory
 
 _WORDS = 2**17
-"""Words of memory for the rows of steps in C, see `windows`; at least one row fits."""
+"""Words of memory for the rows of steps in C, see `windows`, or more if one row needs more."""
 CALLS = "calls"
 """File next to the memory: a line for each function of a component, written before its first call. The word `running`
 of the exchange is the number of the line, from 1, during a call, and its negative afterwards."""
 _START = 60.0
 """Additional time for the start of the process [s]."""
 _PATIENCE = 0.5
-"""Longest time of a step after Ctrl-C [s]."""
+"""Longest time [s] that a step may take after Ctrl-C."""
 
 
 def _asked(name: str) -> Any:
@@ -55,7 +55,7 @@ def _asked(name: str) -> Any:
 
 
 class LostProcessError(CosimError):
-    """The process of the components has ended, or did not answer in time."""
+    """The components' process has ended, or did not answer in time."""
 
 
 class Isolated(Stepper):
@@ -110,18 +110,18 @@ class Isolated(Stepper):
         width = sum(len(places) for each in columns for places in each.values())
         size = min(grid.n, max(1, _WORDS // max(width, 1)))
         self._plans += 1
-        rows = self._memory.with_name(f"rows_{self._plans}")  # both processes may still have that of an earlier run
+        rows = self._memory.with_name(f"rows_{self._plans}")  # both processes may still have the one of an earlier run
         with storing(rows):
             rows.write_bytes(bytes(8 * max(size * width, 1)))
         why = NO_COMPILER if library() is None else self._ask("compile", tuple(grid), columns, size, rows)
         return why or IsolatedSteps(self, grid, keepers, windows(mapped(rows), columns, size))
 
     def do_steps(self, end: int) -> None:
-        """Do steps in C to row `end` at most."""
+        """Make steps in C up to row `end`."""
         self._ask("do_steps", end)
 
     def facts(self) -> dict[str, Any]:
-        """Return the summary's entries on the steps, if the process lives."""
+        """Return the summary's entries on the steps, if the process is alive."""
         return {} if self._child is None else self._ask("facts")
 
     def notes(self) -> list[str]:
@@ -146,7 +146,7 @@ class Isolated(Stepper):
         self._ask("reset", starts, dict(checked.multiples))
 
     def close(self) -> CosimError | None:
-        """Free all, end the process, and return the first failure."""
+        """Free all components, end the process, and return the first failure."""
         failure = None
         self._stepping = False
         self.pressed = lambda: False
@@ -193,14 +193,14 @@ class Isolated(Stepper):
     def _called(self) -> tuple[str, str]:
         """Return the component and the function that the process called last; empty if it called none."""
         number = abs(self.exchange.running.value)
-        with suppress(OSError, ValueError, IndexError):  # code of the component may have written there, too
+        with suppress(OSError, ValueError, IndexError):  # the component's code may have written there too
             lines = self._memory.with_name(CALLS).read_text(encoding="utf-8", errors="replace").splitlines()
             position, call = lines[number - 1].split(" ") if number else ("", "")
             return self._names[int(position)], call
         return "", ""
 
     def _lost(self) -> CosimError:
-        """Return the error of a process that has ended, or sends an invalid answer."""
+        """Return the error of a process that has ended or sends an invalid answer."""
         code, peak = self._end()
         unit, call = self._called()
         time = self.exchange.clock.value if self._stepping else self.box.time
@@ -226,7 +226,7 @@ class Isolated(Stepper):
         return LostProcessError(unit, call, time, why, kind=kind)
 
     def _stop(self) -> bool:
-        """Pass Ctrl-C on; return whether to cut off a long step."""
+        """Forward Ctrl-C; return whether to abort a long step."""
         if self.pressed():
             self.exchange.pressed.value = 1
             self._pressed_at = min(self._pressed_at, monotonic())
@@ -247,7 +247,7 @@ class Isolated(Stepper):
 
 
 class IsolatedSteps:
-    """Steps of isolated components in C, which leave their rows in `windows`; see `CompiledSteps`."""
+    """Steps of isolated components in C, whose rows are in `windows`; see `CompiledSteps`."""
 
     lasting = False
 
@@ -270,19 +270,19 @@ class IsolatedSteps:
 
 
 class Window(RowsInMemory):
-    """Rows of a block of steps in C, in memory that both processes share."""
+    """Rows of a block of steps in C, in memory shared by both processes."""
 
     def __init__(self, data: Mapping[str, NDArray[Any]], columns: Mapping[str, Sequence[int]], size: int) -> None:
         super().__init__(data, columns, lambda k: None)
         self._size = size
 
     def room(self, k: int) -> tuple[int, int]:
-        """Make room for a block from row `k` on; see `RowsInMemory.room`."""
+        """Make room for a block from row `k`; see `RowsInMemory.room`."""
         return k, k + self._size
 
     def bring(self, keeper: RowsInMemory, first: int, after: int) -> None:
-        """Bring the rows from `first` on to a keeper."""
-        k, after = first, min(after, first + self._size)  # code of a component may have written the number of rows
+        """Pass the rows from `first` to a keeper."""
+        k, after = first, min(after, first + self._size)  # a component's code may have changed the number of rows
         while k < after:
             begin, full = keeper.room(k)
             end = min(after, full)
@@ -292,7 +292,7 @@ class Window(RowsInMemory):
 
 
 def windows(words: Floats, columns: Sequence[Mapping[str, Sequence[int]]], size: int) -> list[Window]:
-    """Return windows of `size` rows in shared memory, for the places of each keeper by kind."""
+    """Return windows of `size` rows in shared memory for the places of each keeper, by kind."""
     made: list[Window] = []
     for each in columns:
         data: dict[str, NDArray[Any]] = {}

@@ -25,7 +25,7 @@ from vdfmu.engine.run.isolated import CALLS, mapped, windows
 
 
 class Server:
-    """Serves requests of `Isolated` in the process, by methods of itself, the stepper or the components."""
+    """Serves requests of `Isolated` with its own methods and those of the stepper or the components."""
 
     def __init__(self, memory: str) -> None:
         self._said: list[LogMessage] = []
@@ -35,7 +35,7 @@ class Server:
         self._calls, self._lines = open(Path(memory).with_name(CALLS), "w", encoding="utf-8"), 0
 
     def load(self, start: bytes) -> None:
-        """Load the pickled `start`: a Checked, and the folders of its unpacked FMUs."""
+        """Load the pickled `start`: a `Checked`, and the folders of its unpacked FMUs."""
         checked, folders = pickle.loads(start)
         positions = {name: i for i, name in enumerate(checked.descriptions)}
         running = Exchange(checked, {}, self._box, self._words).running
@@ -78,7 +78,7 @@ class Server:
         return getattr(self._derivatives, call)(*arguments)
 
     def value(self, name: str, variable: str) -> Value:
-        """See `Components.value`; binary values as hexadecimal text."""
+        """See `Components.value`; binary values are hexadecimal text."""
         value = self._components.value(name, variable)
         return value.hex() if isinstance(value, bytes) else value
 
@@ -91,7 +91,7 @@ class Server:
             exchange.recorders(1, record)
 
     def compile(self, grid: tuple[float, float, float, int], columns: Any, size: int, rows: Path) -> str:
-        """Plan steps in C with rows in the `windows` of a file; return why not, or an empty text."""
+        """Plan steps in C with rows in the `windows` of a file; return an empty text, or why that is impossible."""
         steps = self._components.compiled(Grid(*grid), windows(mapped(rows), columns, size))
         if isinstance(steps, str):
             return steps
@@ -108,13 +108,13 @@ class Server:
         self._stepper.advance(time, step, stop)
 
     def close(self, time: float) -> list[Any] | None:
-        """See `Components.close`; `time` is the last row's."""
+        """See `Components.close`; `time` is that of the last row."""
         self._box.time = time
         failure = self._components.close()
         return None if failure is None else list(failure.facts)
 
     def method(self, name: str) -> Callable[..., Any]:
-        """Return a method of this object, of the stepper for facts and notes, else of the components."""
+        """Return a method of this object, for facts and notes of the stepper, else of the components."""
         owner = self if hasattr(self, name) else self._stepper if name in ("facts", "notes") else self._components
         return getattr(owner, name)
 
@@ -141,20 +141,20 @@ class Server:
 
 
 def _fault(error: Exception) -> str:
-    """Return the message of an error that no component has raised."""
+    """Return the message of an error that was not raised by a component."""
     if isinstance(error, MemoryError):
-        return "the memory of the components' process is full: memory_limit (--memory-limit) gives it more"
+        return "the memory of the components' process is full: raise memory_limit (--memory-limit)"
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}, line {frame.lineno}"
     return f"{kind_text(error)} ({place}). This is a fault of vdfmu, not of a component; please report it"
 
 
 def serve(memory: str, most: str) -> None:
-    """Serve requests until their end; `memory` is a file, `most` in MB."""
+    """Serve requests until there are no more; `memory` is a file, `most` is in MB."""
     parent = Parent()
     if math.isfinite(float(most)):
         limit("DATA", int(float(most) * 2**20))
-    logging.getLogger("vdfmu.compiler.fmu").addHandler(logging.NullHandler())  # its log comes back as messages
+    logging.getLogger("vdfmu.compiler.fmu").addHandler(logging.NullHandler())  # its log is returned as messages
     server = Server(memory)
     parent.reply()  # it has started
     for request in parent.requests():

@@ -14,7 +14,7 @@ from vdfmu.engine.run.simulator import Simulator
 
 @with_options
 def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]) -> Results:
-    """Co-simulate a system of FMUs; integrate FMUs for model exchange.
+    """Co-simulate a system of FMUs; FMUs for model exchange are integrated.
 
     Row k is at ``start + k * step``, the last at `stop`; time is never accumulated. For the order of values in each
     algorithm see `vdfmu.engine.plan.schedule.make_schedule`.
@@ -29,10 +29,10 @@ def simulate(system: FlatSystem | str | Path, **options: Unpack[SimulateOptions]
     Returns
     -------
     Results
-        Its `summary` has algorithm, order, step, number of steps and ``wall_s``, the wall time of the steps. Continuous
-        algorithms add ``communication``: numbers of steps, of rejected steps and of the units' steps, and the shortest
-        and the longest step. A unit may end the run before its stop (fmi2Discard with fmi2Terminated); ``ended`` has
-        the component and the time.
+        Its `summary` contains the algorithm, the order, the step, the number of steps and their wall time, ``wall_s``.
+        Continuous algorithms add ``communication``: the numbers of steps, of rejected steps and of the units' steps,
+        and the shortest and the longest step. A unit may end the run before its stop (fmi2Discard with fmi2Terminated);
+        ``ended`` has the component and the time.
 
     Raises
     ------

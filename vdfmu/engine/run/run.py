@@ -1,4 +1,4 @@
-"""A run of loaded components: planned once, made from row to row, and again if its plan lasts."""
+"""A run of loaded components: planned once, made row by row, and repeated if its plan stays valid."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class Interrupted(KeyboardInterrupt):
 
 
 def wanted(grid: Grid, record: Sequence[str] | None) -> object:
-    """Return what decides the plan of a run of the same components, without files and taps."""
+    """Return what determines the plan of a run of the same components, except files and taps."""
     return grid, None if record is None else tuple(record)
 
 
 class Run:
-    """A run on a grid of components that are initialized: its stepper, its rows, and its steps in C or in Python.
+    """A run of initialized components on a grid: its stepper, its rows, and its steps in C or in Python.
 
     :meth:`begin` makes the first row, :meth:`step` the next ones, and :meth:`results` returns them; :meth:`whole` does
-    it all. A run that `lasts` may begin again after a reset of its components, because start values do not change its
-    plan. `record`, `observer` and `pace` are those of :class:`vdfmu.engine.options.RowOptions`; rows are written to
+    all of this. A run that `lasts` may begin again after a reset of its components, because start values do not change
+    its plan. `record`, `observer` and `pace` are those of :class:`vdfmu.engine.options.RowOptions`; rows are written to
     `files`. For `taps` see :meth:`vdfmu.engine.run.Simulator.run`.
     """
 
@@ -80,13 +80,13 @@ class Run:
             )
         self._how, self._steps = (f"{FMPY}: {steps}", None) if isinstance(steps, str) else (C, steps)
         self.lasts = bool(self._steps and self._steps.lasting and grid.n <= ROWS and not (files or taps))
-        """Whether it may begin again."""
+        """Whether it may be repeated."""
         self._times = grid.times(0, grid.n + 1) if self.lasts else None
         self.row = -1
         """The last complete row."""
         self.summary: dict[str, Any] = {}
         self._looks: list[Tap] = []
-        """Taps of single rows, in their order."""
+        """Taps of single rows, in order."""
         self._guard, self._observer, self._pace = InterruptGuard(), None, None
         self._began = 0.0
 
@@ -96,18 +96,18 @@ class Run:
         return self.grid.time(max(self.row, 0))
 
     def by_hand(self) -> None:
-        """Forget the facts and taps of the run before: steps by hand have none."""
+        """Discard the facts and taps of the previous run, because steps by hand have none."""
         self.summary, self._looks = {"notes": [], "stop": self.grid.end}, []
         self._observer = self._pace = None
 
     def begin(self) -> None:
-        """Make the first row of components that are at their start."""
+        """Make the first row; the components must be at their start."""
         self._exchange.row.value, self.row = 0, -1
         self._keep(0)
         self.row = 0
 
     def step(self, end: int) -> None:
-        """Do steps to row `end`, until a component ends the simulation."""
+        """Make steps up to row `end`, or until a component ends the simulation."""
         box, guard, advance = self._box, self._guard, self._in_c if self._steps is not None else self._in_python
         while self.row < end:
             advance(end)
@@ -122,7 +122,7 @@ class Run:
     def whole(
         self, summary: dict[str, Any], progress: Any, observer: Observer | None = None, speed: float | None = None
     ) -> Results:
-        """Begin, do all steps and return the results, with further facts in the `summary`.
+        """Begin, make all steps and return the results, with `summary` added to their facts.
 
         Calls ``progress(k, n)`` if it is not None. `speed` is the option `pace`.
         """
@@ -162,7 +162,7 @@ class Run:
         return self.results()
 
     def _keep(self, k: int) -> None:
-        """Check and keep row `k`, and show it to the taps."""
+        """Check and store row `k`, and show it to the taps."""
         self._exchange.refuse_not_finite("doStep" if k else "initialization", self.grid.time(k))
         for keeper in (self._rows, *self._blocks):
             keeper.keep(k)
@@ -174,7 +174,7 @@ class Run:
                 tap.take(k, self.grid.time(k), self._components)
 
     def _in_python(self, end: int) -> None:
-        """Do a step with its row."""
+        """Make a step and its row."""
         grid, k = self.grid, self.row
         self._box.time = time = grid.time(k)
         self._stepper.advance(time, grid.step if k < grid.n - 1 else grid.last, grid.time(k + 1))
@@ -182,7 +182,7 @@ class Run:
         self.row = k + 1
 
     def _in_c(self, end: int) -> None:
-        """Do steps with their rows to row `end` at most, and to the next row that a tap looks at."""
+        """Make steps and their rows up to row `end` or the next row that a tap needs."""
         assert self._steps is not None
         due = min((tap.due(self.row + 1) for tap in self._looks), default=end)
         try:
@@ -209,7 +209,7 @@ class Run:
         return last
 
     def results(self) -> Results:
-        """Return the rows so far, and write them to files whose format does not stream."""
+        """Return the rows so far, after writing them to files whose format does not stream."""
         summary, done, box, rows = self.summary, self.row, self._box, self._rows
         summary["wall_s"] = clock.perf_counter() - self._began - rows.seconds
         if self._pace is not None:
@@ -224,7 +224,7 @@ class Run:
         for block in self._blocks:
             block.flush(done + 1)
         data = rows.finish(time)
-        if self.lasts:  # the next run takes the memory
+        if self.lasts:  # the next run reuses the memory
             data = {kind: array.copy() for kind, array in data.items()}
         results = Results(time, self._signals, data, summary, box.kept)
         for path in self._files if done >= 0 else ():

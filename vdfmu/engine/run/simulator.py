@@ -1,4 +1,4 @@
-"""`Simulator`: load a system package once, run it often."""
+"""`Simulator`: load a system package once and run it many times."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Simulator:
     Raises
     ------
     SspError, UsageError
-        See :func:`vdfmu.engine.run.simulate`, here and at the beginning of the block.
+        See :func:`vdfmu.engine.run.simulate`; raised here and at the beginning of the block.
 
     Examples
     --------
@@ -83,9 +83,9 @@ class Simulator:
         """Context of the components: their folder, and the report of a component that ends the process."""
         self._box, self._resting = MessageBox(options["log"]), False
         self._lasts = False
-        """Whether components may stay loaded after a run, for others."""
+        """Whether components may stay loaded after a run for later ones."""
         self._run: Run | None = None
-        """The last run, if it is needed or may begin again."""
+        """The last run, if it is still needed or may be repeated."""
         self._results: Results | None = None
         """Results of the last run."""
         self._by_hand: ByHand | None = None
@@ -93,7 +93,7 @@ class Simulator:
         self._asked: tuple[Any, Checked] | None = None
         """Step and plain parameters of the last run, and the system with them."""
         self.owner: object = None
-        """What keeps the files of the system, such as a temporary folder, as long as the simulator exists."""
+        """Object that keeps the files of the system, such as a temporary folder, as long as the simulator exists."""
 
     def __enter__(self) -> Simulator:
         options = self._options
@@ -135,7 +135,7 @@ class Simulator:
         parameters : mapping of str to value, optional
             For this run; they override the simulator's.
         taps : sequence of Tap
-            Read the components at some rows, see `vdfmu.engine.results.recorder.Tap`.
+            Taps that read the components at some rows; see `vdfmu.engine.results.recorder.Tap`.
         **options
             :class:`vdfmu.engine.options.RowOptions`.
 
@@ -149,7 +149,7 @@ class Simulator:
     def run_with(
         self, options: RowOptions, parameters: Mapping[str, Value] | None = None, taps: Sequence[Tap] = ()
     ) -> Results:
-        """Run the system as :meth:`run`, with options whose types were checked."""
+        """Run the system like :meth:`run`, with options whose types were checked."""
         grid, stream = self.grid(options["start"], options["stop"], options["step"]), options["stream"]
         files = [stream] if isinstance(stream, Path) else list(stream or ())
         for path in files:
@@ -179,7 +179,7 @@ class Simulator:
         return self._results
 
     def rest(self) -> bool:
-        """Return whether components may stay loaded until the next run; none of them runs until then."""
+        """Return whether components may stay loaded until the next run, during which none is called."""
         self._resting = self._components is not None and self._lasts
         return self._resting
 
@@ -194,7 +194,7 @@ class Simulator:
     ) -> None:
         """Begin a run by hand, with steps by :meth:`step`; for arguments see :meth:`run`.
 
-        With the same arguments as before, components of FMI 2.0 restore their saved state if inputs hold over each
+        With the same arguments as before, components of FMI 2.0 restore their saved state if inputs are held over each
         step. All others are initialized again. For errors see :meth:`run`.
         """
         values = {key: repr(np.asarray(value).tolist()) for key, value in (parameters or {}).items()}  # 1 == True
@@ -211,7 +211,7 @@ class Simulator:
 
     @checks_types
     def step(self, count: int = 1) -> None:
-        """Do steps by hand; UsageError beyond the stop, CosimError if a component fails or ends the run."""
+        """Make steps by hand. UsageError beyond the stop, CosimError if a component fails or ends the run."""
         steps = self._by_hand or self._stepped
         try:
             steps.step(count)
@@ -275,7 +275,7 @@ class Simulator:
     def _prepared(self, step: float, parameters: Mapping[str, Value] | None) -> Checked:
         """Return the system with the parameters of a run."""
         if self._checked is None:
-            raise UsageError("Simulator: its runs are made in a block, 'with Simulator(...) as simulator:'.")
+            raise UsageError("Simulator: run it within a block, 'with Simulator(...) as simulator:'.")
         plain = parameters is None or all(isinstance(value, _PLAIN) for value in parameters.values())
         asked = (step, repr(parameters)) if plain else None  # 1 == True, 0.0 == -0.0
         if asked is not None and self._asked is not None and self._asked[0] == asked:
@@ -294,9 +294,9 @@ class Simulator:
         return self._checked
 
     def stand(self, time: float | None = None, step: float | None = None) -> Components | Isolated:
-        """Run the system to a time, by default its start; return its components, with their inputs at this time.
+        """Run the system to a time, by default its start, and return its components with their inputs at this time.
 
-        They stay until the next run or the end of the block. For errors see :meth:`run`.
+        They stay loaded until the next run or the end of the block. For errors see :meth:`run`.
         """
         grid = self.grid(None, None, step)
         time = grid.begin if time is None else time
@@ -309,7 +309,7 @@ class Simulator:
             raise UsageError(f"at: expected a time of the run from {grid.begin:g} s, got {time:g} s.")
         components = self._components
         assert components is not None
-        self._run = None  # a user may change what it needs
+        self._run = None  # the user may change what the run needs
         if time != grid.begin:
             components.bring_inputs(time)
         return components
@@ -317,7 +317,7 @@ class Simulator:
     def _ready(
         self, checked: Checked, grid: Grid, notes: Sequence[str] = (), again: bool = False
     ) -> Components | Isolated:
-        """Return the components initialized, after `notes`; with `again` isolated ones keep their process."""
+        """Return the initialized components, after `notes`; with `again` isolated ones keep their process."""
         self._by_hand = None
         if isinstance(self._components, Isolated) and not again:
             self._free()
@@ -333,7 +333,7 @@ class Simulator:
         return components
 
     def _load(self, checked: Checked) -> Components | Isolated:
-        """Unpack and load the components, here or in a process of their own."""
+        """Unpack and load the components in this process or in their own."""
         self._box.time = 0.0
         self._tell(checked)
         try:
@@ -358,7 +358,7 @@ class Simulator:
         return "" if self._run is None else self._run.saved()
 
     def _tell(self, checked: Checked) -> None:
-        """Forget the last run, except for a plan that lasts, and report the notes of the next."""
+        """Discard the last run, except for a plan that stays valid, and report the notes of the next."""
         box = self._box
         box.flush()
         box.kept.clear()

@@ -1,4 +1,4 @@
-"""The compiled communication steps of a system, as a worker gets them, and their runs in lanes."""
+"""The compiled communication steps of a system, in the form sent to workers, and their runs in lanes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from vdfmu.base.text import matching
 from vdfmu.engine.results.results import Results, Signal
 
 LANES = 8
-"""Most lanes that a processor has."""
+"""Largest number of lanes of a processor."""
 _ALIGNED = 64
 """Alignment of the memory in bytes."""
 _MOST = 2**30
-"""Most bytes of the rows of all lanes."""
+"""Largest size of the rows of all lanes [byte]."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +28,17 @@ class BatchProgram:
     """The compiled communication steps of a system."""
 
     libraries: tuple[bytes, ...]
-    """See :data:`vdfmu.extras.batch.programs.LEVELS`, as many as the platform has."""
+    """Libraries, one for each of :data:`vdfmu.extras.batch.programs.LEVELS` that the platform has."""
     memory: Floats
     """Values before the start, (m,)."""
     parameters: Mapping[str, tuple[int, float, float]]
-    """Variables that a point may set, ``component.variable``: place, least and largest value."""
+    """Variables that a point may set: ``component.variable`` to place, smallest and largest value."""
     signals: Mapping[str, tuple[int, str]]
-    """Signals that can be recorded: place and unit."""
+    """Signals that can be recorded, to place and unit."""
     optional: list[list[int]]
-    """Places set by calls that run only if one of these places is recorded."""
+    """Places set by each call that only runs if one of them is recorded."""
     fed: npt.NDArray[np.int64]
-    """Places of the inputs from outside, (k,)."""
+    """Places of the external inputs, (k,)."""
     course: Floats
     """Their values in the steps, (n, k)."""
     points: Floats
@@ -50,19 +50,19 @@ class BatchProgram:
 
     @property
     def lanes(self) -> int:
-        """Most points that run side by side."""
+        """Largest number of points that run side by side."""
         return LANES
 
     def engine(self, record: Sequence[str]) -> Engine:
-        """Return what runs points of this program, and records signals."""
+        """Return an object that runs points of this program and records signals."""
         return Engine(self, record)
 
 
 class Engine:
-    """Runs a program, with as many points side by side as this processor has lanes.
+    """Runs a program with as many points side by side as this processor has lanes.
 
-    The results have the signals of the patterns `record`. The `level` is a place in
-    :data:`~vdfmu.extras.batch.programs.LEVELS`, by default the highest that the processor runs.
+    The results contain the signals that match the patterns `record`. The `level` is an index of
+    :data:`~vdfmu.extras.batch.programs.LEVELS`, by default the highest that the processor supports.
     """
 
     def __init__(self, program: BatchProgram, record: Sequence[str], level: int | None = None) -> None:
@@ -80,10 +80,10 @@ class Engine:
         self._memory = aligned(len(program.memory), self.lanes)
 
     def run(self, points: Sequence[Mapping[str, Any]]) -> list[Results | None]:
-        """Run points, each the values of some parameters by ``component.variable``.
+        """Run points, each given by the values of some parameters by ``component.variable``.
 
-        None for a point that fails or is out of its limits: an FMU says why. None for all if their rows need more than
-        `_MOST` bytes.
+        The result of a point that fails or exceeds its limits is None; its FMU reports the reason. All are None if
+        their rows need more than `_MOST` bytes.
         """
         if self.lanes * len(self._program.time) * len(self._signals) * 8 > _MOST:
             return [None] * len(points)
@@ -123,14 +123,14 @@ class Engine:
 
 
 def lane_library(program: BatchProgram, level: int | None = None) -> tuple[int, CDLL]:
-    """Return the library of a level, by default the highest that this processor runs, with the level."""
+    """Return the library of a level, by default the highest that this processor supports, and the level."""
     plain = load_library(program.libraries[0], "lanes")
     level = int(plain.level()) if level is None else level
     return level, load_library(program.libraries[level], "lanes") if level else plain
 
 
 def shown_calls(program: BatchProgram, names: Iterable[str]) -> npt.NDArray[np.bool_]:
-    """Whether each call of `BatchProgram.optional` runs, for signals that are recorded."""
+    """Return whether each call of `BatchProgram.optional` runs, given the recorded signals."""
     shown = {program.signals[name][0] for name in names}
     return np.array([not shown.isdisjoint(places) for places in program.optional], dtype=np.bool_)
 

@@ -1,4 +1,4 @@
-"""The program of a system as C in lanes: several parameter sets side by side, each in a lane of vectors."""
+"""The program of a system as C for lanes: several parameter sets side by side, each in a lane of vectors."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from vdfmu.system.program import MovingUnit, SystemProgram
 from vdfmu.system.reference.reference import Code
 
 _DIVISION = re.compile(r" / (w\d+);")
-"""End of a line of C that divides. It becomes a product, so that a compiler reuses reciprocals."""
+"""End of a line of C that divides. It is replaced by a product, so that the compiler can reuse reciprocals."""
 _ROUNDS = {ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD}
 
 
 def lane_sources(program: SystemProgram) -> tuple[dict[str, bytes], list[list[int]]]:
-    """Return file name to content of the C, and the places set by each call that runs only where these are recorded.
+    """Return file name to C text, and the places set by each call that only runs if one of them is recorded.
 
-    Choices are compiled as they are in the memory of the system. KernelError for a function without C text.
+    Choices are compiled with their values in the memory of the system. KernelError for a function without C text.
     """
     code = _LaneCode(program)
     folder = data_path("fmu_src")
@@ -39,7 +39,7 @@ def lane_sources(program: SystemProgram) -> tuple[dict[str, bytes], list[list[in
 
 
 class _LaneCode(Code):
-    """C text of a system in lanes."""
+    """C text of a system for lanes."""
 
     head = "double *m, double t, const bool *shown"
     unused = "(void)t, (void)shown;"
@@ -48,10 +48,10 @@ class _LaneCode(Code):
         super().__init__(program.system)
         self.program = program
         self.optional: dict[tuple[str, str], list[int]] = {}
-        """Unit and function to the places that a call sets whose results no unit reads."""
+        """Unit and function to the places set by a call whose results no unit reads."""
 
     def call(self, name: str, unit: Traced, call: Call) -> Iterator[str]:
-        """Yield the lines of a call; outputs that nothing reads are calculated if they are recorded."""
+        """Yield the lines of a call; outputs that nothing reads are only calculated if they are recorded."""
         lines = super().call(name, unit, call)
         if call in unit.interface.program.outputs:
             places = [place for group in call.sets for place in self._places(name, unit, group)]
@@ -65,7 +65,7 @@ class _LaneCode(Code):
         return range(begin + where.start, begin + where.stop)
 
     def text(self) -> str:
-        """Return the text of the whole."""
+        """Return the complete text."""
         program = self.program
         functions = [f"static {self.function(name, actions)}" for name, actions in program.lists.items()]
         units = [text for i, moving in enumerate(program.moving) for text in self._unit(i, moving)]
@@ -74,7 +74,7 @@ class _LaneCode(Code):
         sizes["MOST_INPUTS"] = max(unit.interface.size for unit in self.system.units.values())
         return "\n".join(
             [
-                head("The order of a step of the units of a system, and what they calculate, in lanes."),
+                head("The order and the calculations of a step of a system's units, for lanes."),
                 '#include "lanes.h"\n',
                 *(_kernel_text(function, function.name() in sampled) for function in self.called.values()),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",
@@ -140,9 +140,9 @@ class _LaneCode(Code):
 
 
 def _kernel_text(function: ca.Function, exact: bool) -> str:
-    """Return the C of a traced function, with reciprocals and fused products unless it rounds or must be `exact`.
+    """Return the C text of a traced function, with reciprocals and fused products unless it rounds or must be `exact`.
 
-    Rounded and sampled values jump, so their operands need the bits of an FMU.
+    Rounded and sampled values jump, so their operands must be bit-identical to an FMU's.
     """
     text, parts = kernel_source(function), (function, *function.find_functions())
     if exact or not _ROUNDS.isdisjoint(part.instruction_id(k) for part in parts for k in range(part.n_instructions())):
@@ -152,13 +152,13 @@ def _kernel_text(function: ca.Function, exact: bool) -> str:
 
 _WIDE = ("-mavx2", "-mfma", "-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512")
 LEVELS = ((4, ()), (4, ("-mavx2", "-mfma")), (8, _WIDE))
-"""Lanes and flags of the libraries: for any processor, for those with AVX2, for those with AVX-512."""
+"""Number of lanes and flags of the libraries for any processor, for AVX2, and for AVX-512."""
 FLAGS = ("-ffp-contract=fast-honor-pragmas",)
-"""Allows fused multiply-add: the results are not bit-identical to an FMU's anyway."""
+"""Allows fused multiply-add, because the results are not bit-identical to an FMU's anyway."""
 
 
 def make_program(description: SystemDescription, varied: Iterable[str]) -> BatchProgram:
-    """Compile a system with `varied` parameters for lanes. UsageError, with all reasons, if it cannot run in them."""
+    """Compile a system with `varied` parameters for lanes. UsageError with all reasons if that is impossible."""
     try:
         zig()
     except FmuError:

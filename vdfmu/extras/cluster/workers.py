@@ -1,4 +1,4 @@
-"""Chunks of a study on the workers of a Dask scheduler."""
+"""Runs chunks of a study on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from vdfmu.study.sweeps.worker import Chunks, Worker
 _PATIENCE = 300.0
 """Time [s] for which a scheduler, or all of its workers, may be unreachable."""
 _CONNECTING = 30.0
-"""Time [s] that a connection may take: a scheduler of a loaded machine has taken 10 s to start."""
+"""Time limit of a connection [s]; on a loaded machine a scheduler took 10 s to start."""
 _ASKED = 0.5
 """Interval [s] at which a scheduler is asked for its workers."""
 _TRIES = 10
-"""Times that a chunk is sent out: each time its worker was killed."""
+"""How often a chunk is sent out if its worker is killed each time."""
 _local = threading.local()
 
 
 class DaskWorkers:
     """Workers of a Dask scheduler.
 
-    The scheduler sends the chunks of a lost worker to another one. If the scheduler itself is lost, this waits for
-    another one at its address, and sends the unfinished chunks again. UsageError without a scheduler or Dask.
+    The scheduler sends the chunks of a lost worker to another one. If the scheduler itself is lost, this waits for a
+    new one at the same address and sends the unfinished chunks again. UsageError without a scheduler or Dask.
     """
 
     def __init__(self, job: bytes, address: str, time_limit: float | None) -> None:
@@ -41,7 +41,7 @@ class DaskWorkers:
             raise UsageError(f"scheduler: needs Dask, got: {error}. Install it: pip install 'vdfmu[sweep]'.") from None
         self._kind, self._job, self._address, self._time_limit = Client, job, address, time_limit
         try:
-            get_address_host_port(address)  # a client of a bad address complains when Python ends
+            get_address_host_port(address)  # a client with a wrong address complains when Python ends
             self._client: Any = Client(address, timeout=_CONNECTING, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise UsageError(f"scheduler: no Dask scheduler answers at {address}: {error}.") from None
@@ -90,12 +90,12 @@ _LOST = (OSError, futures.CancelledError, asyncio.CancelledError)
 def _rounds(
     client: Any, job: bytes, chunks: Chunks, waiting: list[tuple[list[Task], int]], time_limit: float | None
 ) -> Generator[list[Row]]:
-    """Yield the rows of chunks from one scheduler. `waiting` holds the chunks to send out, with the number of tries."""
+    """Yield the rows of chunks from one scheduler. `waiting` are the chunks to send out, with the number of tries."""
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
     def ask(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """Call a function of the client; its connection may have ended, whatever it then raises."""
+        """Call a function of the client, whose connection may have ended, which raises various errors."""
         try:
             return function(*arguments, **options)
         except (Exception, asyncio.CancelledError) as error:
@@ -164,7 +164,7 @@ def _rounds(
 
 
 def run_chunk(job: bytes, tasks: Sequence[Task], time_limit: float | None) -> list[Row]:
-    """Run points on a worker of Dask, in a process that lives from chunk to chunk."""
+    """Run points on a Dask worker, in a process that is kept from chunk to chunk."""
     if getattr(_local, "job", None) != job:
         if hasattr(_local, "worker"):
             _local.worker.close()

@@ -1,4 +1,4 @@
-"""The comparison of several runs: which is better, in which measure, by how much; settings and results that differ."""
+"""Compares several runs: which is better, in which measure, by how much, and which settings and results differ."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _BETTER = {
     "tool_error": ("tool error", -1), "joint_error": ("worst joint", -1), "margin": ("modulus margin", 1),
     "torque": ("peak torque", -1), "depth": ("penetration", 0), "contact": ("contact force", 0),
 }  # fmt: skip
-"""Key figure to its text, and 1 if more is better, -1 if less is, 0 if neither is."""
+"""Key figure to its text, and 1 if more is better, -1 if less is better, else 0."""
 _SAME = 0.05
-"""Share by which key figures that are the same differ at most."""
+"""Relative difference up to which key figures are the same."""
 _DO = "What they do"
-"""Heading of the key figures."""
+"""Heading above the key figures."""
 _LISTED = 3
-"""Most different settings that the answer names."""
+"""Largest number of different settings named in the answer."""
 
 
 def comparison(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> Iterator[str]:
@@ -45,7 +45,7 @@ def comparison(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) 
 
 
 def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> str:
-    """Return which run is better, in which measure, by how much, and the settings that differ."""
+    """Return a sentence on which run is better, in which measure, by how much, and which settings differ."""
     summaries = [run.summary for run in runs]
     wins: dict[str, list[str]] = {}
     for key, (words, sign) in _BETTER.items():
@@ -83,9 +83,9 @@ def _listed(texts: Sequence[str]) -> str:
 
 
 def sortable(heads: Sequence[str], rows: Iterable[Sequence[str]], summaries: Sequence[Summary], last: str = "") -> str:
-    """Return a table with a row for each run, which ``web/sort.js`` sorts: `rows` are its cells in HTML.
+    """Return a table with a row per run, which ``web/sort.js`` sorts; `rows` are the cells in HTML.
 
-    Key figures of the summaries follow the cells; with `last`, before the last cell, which has this head.
+    Key figures of the summaries follow the cells or, with `last`, come before the last cell, which has this heading.
     """
     every: list[Summary] = [summary.get("key_figures") or {} for summary in summaries]
     shown = {key: words for key, (words, _) in _BETTER.items() if any(key in figures for figures in every)}
@@ -105,7 +105,7 @@ def sortable(heads: Sequence[str], rows: Iterable[Sequence[str]], summaries: Seq
 
 
 def figure_sheet(names: Sequence[str], summaries: Sequence[Summary]) -> Sheet | None:
-    """Return the key figures that two runs have, with the change."""
+    """Return the key figures that both runs have, with the change."""
     every: list[Summary] = [summary.get("key_figures") or {} for summary in summaries]
     rows: list[tuple[str, ...]] = []
     for key, (words, _) in _BETTER.items():
@@ -129,7 +129,7 @@ _MEASURED = (
     "No reference",
     "Parameters",
 )
-"""Facts that are results, or that are compared value by value."""
+"""Facts that are results, or that are compared value by value instead."""
 _SHOWN = 6
 """Most elements of an array that are listed."""
 _MISSING = "-"
@@ -138,7 +138,7 @@ Values = Mapping[str, Mapping[str, tuple[Any, str]]]
 
 
 def difference_sheet(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
-    """Return the different settings of runs: facts, and values of their packages, or of ``--set``."""
+    """Return the settings in which runs differ: facts, and values in their packages or in ``--set``."""
     summaries = [run.summary for run in runs]
     tables = [
         {name: text for name, text in facts(summary) if name not in _MEASURED}
@@ -163,13 +163,13 @@ def difference_sheet(names: Sequence[str], runs: Sequence[ShownRun]) -> Sheet:
 
 
 def _compared(tables: Sequence[Mapping[str, Any]], missing: str) -> list[tuple[str, ...]]:
-    """Return a row for each key of tables, without a change."""
+    """Return a row for each key of tables, without changes."""
     keys = dict.fromkeys(key for table in tables for key in table)
     return [(key, *(str(table.get(key, missing)) for table in tables), "") for key in keys]
 
 
 def joint_sheets(names: Sequence[str], summaries: Sequence[Summary]) -> list[Sheet]:
-    """Return a table for each error that several runs have, joint by joint; of two runs with the change."""
+    """Return a table for each error that several runs have, joint by joint; for two runs with the change."""
     made: list[Sheet] = []
     for heading, key, unit_key in TRACKING:
         runs = [
@@ -198,7 +198,7 @@ def change(before: float | None, after: float | None) -> str:
 
 
 def _package_values(path: Path) -> Values | None:
-    """Return the values that the bindings of a package give, by array and element; None without a package."""
+    """Return the values bound in a package, by array and element; None without a package."""
     try:
         components = load_ssp(path).components if path.is_file() else None
     except SspError:
@@ -234,7 +234,7 @@ def _value_rows(runs: Sequence[Values]) -> list[tuple[str, ...]]:
 
 
 def _text(values: Sequence[Any]) -> str:
-    """Return values in a row; once if all are the same."""
+    """Return values in a row, or only one if all are the same."""
     flat = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
     words = [_MISSING if value is None else f"{value:g}" if isinstance(value, float) else str(value) for value in flat]
     if len(set(words)) == 1:

@@ -29,7 +29,7 @@ def write_gallery(folder: Path, path: Path) -> Path:
 
 
 def gallery_page(folder: Path, place: Path) -> bytes:
-    """Return the list of runs in a folder, newest first, only by their summaries. Links are relative to `place`."""
+    """Return the list of runs in a folder, newest first, from their summaries only. Links are relative to `place`."""
     runs, states, problems = list[_ListedRun](), Counter[str](), list[str]()
     for run in run_folders(folder):
         name = run.relative_to(folder).as_posix()
@@ -79,7 +79,7 @@ def _row(folder: Path, link: str) -> _ListedRun:
 
 
 def _link(folder: Path, place: Path, name: str) -> str:
-    """Return a link to the page of a run or a study; without a page, to its folder."""
+    """Return a link to the page of a run or a study, or to its folder if there is no page."""
     target = folder / NAME if (folder / NAME).is_file() else folder
     address = quote(os.fsencode(Path(os.path.relpath(target.resolve(), place.resolve())).as_posix()))
     return f'<a href="{address}">{escape(name)}</a>'

@@ -1,7 +1,7 @@
 """A whole system as one container FMU, without a master.
 
-FMPy's container is an FMU 2.0 with the units inside. Its compiled code steps all units from the outputs at the start of
-the step, at one fixed step. Its variables are ``component.variable``.
+FMPy's container is an FMU 2.0 with the units inside. Its compiled code steps all units with one fixed step, with inputs
+from the outputs at the start of the step. Its variables are ``component.variable``.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.
     Parameters
     ----------
     system : System or path
-        An SSP of FMI 2.0 units with native binaries; Python FMUs do not run inside a container.
+        An SSP of FMI 2.0 units with native binaries, because Python FMUs do not run inside a container.
     path : path
         The FMU to write.
     step : float [s]
-        The step at which the units exchange values. The container's own step must be a multiple.
+        The step at which the units exchange values. The container's own step must be a multiple of it.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def write_container(system: FlatSystem | str | os.PathLike[str], path: str | os.
     Raises
     ------
     SspError
-        If the system cannot be run, see :func:`vdfmu.engine.plan.check.check_system`.
+        If the system cannot be run; see :func:`vdfmu.engine.plan.check.check_system`.
     UsageError
         If a connection changes units or values, or a unit needs Python.
     FmuError
@@ -128,17 +128,17 @@ def _write(checked: Checked, path: Path, step: float, folder: Path) -> None:
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     unzipped, whole = folder / "unzipped", folder / "container.fmu"
-    unzipped.mkdir()  # it is emptied first
+    unzipped.mkdir()  # pack empties it first
     try:
         create_container_fmu(configuration, unzipped, whole)
     except zipfile.BadZipFile as error:  # the file was just written
         raise StorageError(f"{path}: cannot be written: {error}. Repeat the command.") from None
-    # repacked: the same system gives the same bytes, and fmpy omits files that the disk does not return
+    # repacked for reproducible bytes, and because fmpy skips files that the disk fails to list
     pack_zip(path, {str(file.relative_to(unzipped).as_posix()): file.read_bytes() for file in _files(unzipped)})
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Yield all files below a folder; OSError if the disk does not list them."""
+    """Yield all files below a folder; OSError if the disk fails to list them."""
 
     def fail(error: OSError) -> None:
         raise error
@@ -148,9 +148,9 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _bundles(checked: Checked) -> list[list[Link]]:
-    """Return the links of each call of the container, in the order of the initialization.
+    """Return the connections that each call of the container carries, in the order of the initialization.
 
-    A bundle has all links of a type between two units, unless bundles then depend on each other in a cycle.
+    A bundle contains all connections of a type between two units, unless bundles would depend on each other in a cycle.
     """
     whole: dict[tuple[str, str, str], list[Link]] = {}
     for link in checked.schedule.initial.links:
@@ -167,14 +167,14 @@ def _bundles(checked: Checked) -> list[list[Link]]:
 
 
 def _feeds(unit: Description, feeding: Sequence[Link], fed: Sequence[Link]) -> bool:
-    """Whether outputs of a unit depend on inputs during initialization."""
+    """Return whether outputs of a unit depend on inputs during initialization."""
     arriving = {link.end[1] for link in feeding}
     declared = [unit.initial_dependencies.get(link.start[1]) for link in fed]
     return any(names is None or arriving & names for names in declared)
 
 
 _FMI_3_TYPE = {"Real": "Float64", "Integer": "Int32"}
-"""How the container's configuration names the types of FMI 2.0; fmpy translates them for variables only."""
+"""Names of FMI 2.0's types in the container's configuration; fmpy translates them only for variables."""
 
 
 def _variable(component: Component, name: str) -> fmi.ModelVariable:
@@ -184,7 +184,7 @@ def _variable(component: Component, name: str) -> fmi.ModelVariable:
 def _model(
     checked: Checked, components: dict[str, Component], step: float
 ) -> tuple[fmi.ModelDescription, dict[fmi.ModelVariable, list[tuple[Component, fmi.ModelVariable]]]]:
-    """Return the container's model description, and the unit's variable behind each of its variables."""
+    """Return the container's model description, and for each of its variables the variable of the unit."""
     connected = {link.end for link in checked.links}
     units: dict[str, Any] = {}
     # value reference 0 is the time; fmpy numbers the variables in order

@@ -1,4 +1,4 @@
-"""Decomposition of a scenario: arms become systems of links and joints."""
+"""Decomposes a scenario: arms become systems of links and joints."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vdfmu.system.scenario.system_file import Part, SystemFile
 from vdfmu.system.scenario.values import Values, is_free, system_values
 
 _UNITS = {Plant: "plant", Feedforward: "feedforward"}
-"""Units that are decomposed, with the prefix of the units of their joints, links and tool."""
+"""Units that are decomposed, and the prefix in the names of their joints', links' and tool's units."""
 _BOX, _GAP, _ROW = (70.0, 100.0), 130.0, 180.0
 """Size of a component in a diagram, and distances in a row and between rows [mm]."""
 
@@ -86,7 +86,7 @@ def _lacking(robot: Robot) -> Iterator[str]:
 
 
 def _start_values(robot: Robot, table: Variables, values: Values) -> Values:
-    """Return the equilibrium of rotors and springs, for plants that start in motion or have rotor coupling."""
+    """Return the equilibrium of rotors and springs for plants that start in motion or have rotor coupling."""
     groups = ("q_0", "q_dot_0", "F_e")
     q_0, q_dot_0, F_e = (np.array([values.get(v.name, v.start) for v in table if v.group == group]) for group in groups)
     if not values.get("equilibrium", True) or not (q_dot_0.any() or robot.rotor_coupling):
@@ -106,7 +106,7 @@ def _pieces(name: str, kind: str, robot: Robot) -> Iterator[tuple[str, str]]:
 
 
 def cutting_point(before: str, a: Any, after: str, b: Any, side: str = "C") -> Iterator[tuple[str, str]]:
-    """Yield the connections of two components at their cutting point: signals of the same quantity in their units.
+    """Yield the connections of two components at their cutting point: signals of the same quantity.
 
     Signals have the letter of the cutting point: ``V_A`` and ``V_B`` of a joint, ``V_B`` and ``V_C`` of its link. A
     link has a second point D towards the tip, with other forces. A base at rest has a single velocity.
@@ -140,7 +140,7 @@ def _joined(
 
 
 def _ends(end: str, taken: Mapping[str, tuple[str, Robot]], problems: list[str]) -> dict[int, str]:
-    """Return the ends that replace an end of a connection, by joint from 1; an end that belongs to no joint is at 0."""
+    """Return the ends that replace an end of a connection, by joint from 1; 0 means no joint."""
     component, _, name = end.partition(".")
     if component not in taken:
         return {0: end}
@@ -178,7 +178,7 @@ def _values(
 
 
 def _is_off(robot: Robot, row: Row, i: int) -> bool:
-    """Whether a number of a joint belongs to an option that the robot, or this joint, does not have."""
+    """Return whether a joint's number belongs to an option that the robot, or this joint, does not have."""
     if row.section not in OPTIONAL:
         return False
     return not getattr(robot, row.section) or bool(row.part_of and not getattr(robot, row.part_of)[i])

@@ -1,8 +1,8 @@
-"""A unit as a block of eFMI: its variables, and the calls of its methods.
+"""A unit as an eFMI block: its variables, and the calls of its methods.
 
-Parameters that are fixed in a run, parameters of the robot and choices are constant here. Only the chosen methods are
-written. The value of a sampled state before the sample is a separate state, as ``previous(x)`` in Modelica. A unit that
-reads the time counts its steps.
+Parameters that are fixed in a run, parameters of the robot, and choices are constants here, and only the chosen methods
+are written. The value of a sampled state before the sample is a separate state, like ``previous(x)`` in Modelica. A
+unit that reads the time counts its steps.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from vdfmu.compiler.unit.trace import Call, argument_name
 from vdfmu.compiler.unit.variable import Variable
 
 PERIOD, FIRST, STEPS = "period", "firstStep", "steps"
-"""Variables of a block that its unit may not declare, except for the period of a sampled unit."""
+"""Names of a block's own variables, which its unit must not declare, except for the period of a sampled unit."""
 _RESERVED = (PERIOD, FIRST, STEPS, "errorSignals", "self")
-_WORDS = set(  # words of GALEC, and its functions
+_WORDS = set(  # keywords and functions of GALEC
     "block protected public end record function method signals algorithm input output parameter constant Boolean "
     "Integer Real limit if signal in then elseif else for loop and or not size self while do until break return "
     "enumeration min max sign absolute integer real fractional ln lg pi euler nan interpolation1D interpolation2D "
@@ -39,9 +39,9 @@ class BlockVariable:
     causality: str
     """"input", "output", "tunableParameter", "constant" or "state"."""
     start: tuple[float, ...]
-    """Start values: one for a whole array, or one for each element."""
+    """Start values: one for a whole array, or one per element."""
     size: int = 0
-    """Length of an array, with matrices row by row; 0 for a scalar."""
+    """Length of an array, in which matrices are row by row; 0 for a scalar."""
     unit: str | None = None
     description: str = ""
     type: str = "Real"
@@ -58,9 +58,9 @@ class SampledBlock:
     Parameters
     ----------
     interface : Interface
-        Start values of tunable parameters, and values of all other parameters.
+        Interface with start values of tunable parameters and values of all others.
     step : float
-        Time from one step to the next [s] of a memoryless unit. A sampled unit has its period.
+        Step [s] of a memoryless unit; a sampled unit uses its period.
     """
 
     def __init__(self, interface: Interface, step: float) -> None:
@@ -69,14 +69,14 @@ class SampledBlock:
         """Calls at the start of the first step, and calls of each step."""
         self.calls = (*self.start, *self.update, *self.outputs)
         self.has_time = any("t" in call.reads for call in self.calls)
-        """Whether a step reads the time: k periods in step k, from 0."""
+        """Whether a step reads the time, which is k periods in step k, from 0."""
         self.is_sampled = bool(program.update)
         self.period = float(interface.find(PERIOD).start) if self.is_sampled else step
         self.name = interface.model_name
         self.variables = tuple(self._variables())
         if len({(v.name, v.before) for v in self.variables}) < len(self.variables):
             names = ", ".join(_RESERVED)
-            raise UsageError(f"{interface.name}: blocks of eFMI reserve the variables {names}. Rename them.")
+            raise UsageError(f"{interface.name}: eFMI blocks reserve the variables {names}. Rename them.")
 
     @property
     def description(self) -> str:
@@ -171,12 +171,12 @@ class SampledBlock:
 
     @property
     def tunable(self) -> list[tuple[BlockVariable, list[tuple[str, float]]]]:
-        """Tunable parameters with their bounds, each as the comparison that is true beyond it, and its number."""
+        """Tunable parameters with their limits, each as a comparison that is true if exceeded, and its number."""
         return [
             (v, [(sign, bound) for sign, bound in (("<", v.minimum), (">", v.maximum)) if bound is not None])
             for v in self.of("tunableParameter")
         ]
 
     def is_before(self, call: Call, name: str) -> bool:
-        """Whether a name in a call is the state before the sample. Updates read this state, a start sets it."""
+        """Return whether a name in a call means the state before the sample, which updates read and the start sets."""
         return call not in self.outputs and any(v.before and v.name == self.named(name) for v in self.variables)

@@ -1,4 +1,4 @@
-"""The folder ``eFMU`` with its manifests. With it an FMU is an eFMU."""
+"""Makes the folder ``eFMU`` with its manifests, which turns an FMU into an eFMU."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def reason_against(unit: type[BaseUnit]) -> str | None:
 
 
 def finish(path: Path, fmu: Content, precision: str, step: float) -> None:
-    """Add the folder ``eFMU`` to the native FMU of a content.
+    """Add the folder ``eFMU`` to the native FMU with this content.
 
-    `precision`: name in :data:`~vdfmu.extras.efmi.production.PRECISIONS`. `step`: time from one step to the next [s]
-    of a memoryless unit. A sampled unit has its period.
+    `precision`: name in :data:`~vdfmu.extras.efmi.production.PRECISIONS`. `step`: step [s] of a memoryless unit; a
+    sampled unit uses its period.
     """
     with storing(path):
         whole = path.read_bytes()
@@ -81,7 +81,7 @@ def _folder(fmu: Content, whole: bytes, precision: str, step: float) -> dict[str
 
 @lru_cache
 def _schemas() -> dict[str, bytes]:
-    """Return path to content of the schemas of eFMI, part of every eFMU."""
+    """Return path to content of the eFMI schemas, which are part of every eFMU."""
     folder = data_path("fmu_src") / "efmi" / "schemas"
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     return {file.relative_to(folder).as_posix(): source_bytes(file) for file in files}
@@ -91,7 +91,7 @@ ALGORITHM, PRODUCTION = "AlgorithmCode", "ProductionCode"
 _MANIFEST = "manifest.xml"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _ORIGIN = "algorithm"
-"""Reference of the production code to the manifest of the algorithm code."""
+"""Reference from the production code to the manifest of the algorithm code."""
 _STRUCTURE = "type.block"
 
 
@@ -135,7 +135,7 @@ def _add(parent: Element, tag: str, **attributes: str) -> Element:
 
 
 def _add_files(root: Element, files: Mapping[str, tuple[bytes, str]]) -> None:
-    """Add the files of a container: name to content and role."""
+    """Add the files of a container, given by name to content and role."""
     listed = _add(root, "Files")
     for name, (content, role) in files.items():
         _add(
@@ -211,7 +211,8 @@ def _production_manifest(
 ) -> Element:
     """Return the manifest of the production code.
 
-    `algorithm` is the manifest of the algorithm code, `code` has header and source, `fmu` the FMU, name to content.
+    `algorithm` is the manifest of the algorithm code, `code` is the header and source, and `fmu` the FMU, as name to
+    content.
     """
     schema = f"../schemas/{PRODUCTION}/efmiProductionCodeManifest.xsd"
     root = origin.root("Manifest", PRODUCTION, block, "0.17.0", schema)
@@ -309,7 +310,7 @@ def _add_logical_data(container: Element, block: SampledBlock) -> None:
 
 
 def _content(block: SampledBlock, origin: _Origin, manifests: Mapping[str, bytes]) -> Element:
-    """Return the root element of ``__content.xml``, for the manifests of the containers by their kind."""
+    """Return the root element of ``__content.xml`` for the containers' manifests by kind."""
     root = origin.root("Content", "Content", block, "0.11.0", "schemas/efmiContainerManifest.xsd")
     root.set("activeFmu", PRODUCTION)
     for kind, text in manifests.items():

@@ -40,13 +40,13 @@ _OTHERS = {
     ca.OP_IF_ELSE_ZERO: "(if {0} <> 0.0 then {1} else 0.0)",
 }
 GALEC_EXPRESSIONS = EXPRESSIONS | {k: f"(if {text} then 1.0 else 0.0)" for k, text in _TRUTHS.items()} | _OTHERS
-"""Operation to its text: C, except for other syntax of GALEC."""
+"""Operation to its text, which is C unless GALEC's syntax differs."""
 
 _INFINITE = "not isFinite({0})"
 
 
 def galec_number(value: float) -> str:
-    """Return a number, always with a point."""
+    """Return a number, always with a decimal point."""
     if not math.isfinite(value):
         return "nan()" if math.isnan(value) else "plusInfinite()" if value > 0.0 else "minusInfinite()"
     digits, e, exponent = repr(float(value)).partition("e")

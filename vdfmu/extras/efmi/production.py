@@ -1,4 +1,4 @@
-"""Production code: a block in C99 for a microcontroller, with one structure as memory and libm as library."""
+"""Production code: a block in C99 for a microcontroller, with one structure as its memory and only libm as library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ METHODS = ("Startup", "Recalibrate", "DoStep")
 
 @dataclass(frozen=True)
 class Precision:
-    """A type of numbers, a row of `PRECISIONS`."""
+    """A type of numbers, which is a row of `PRECISIONS`."""
 
     type: str
     suffix: str
@@ -148,7 +148,7 @@ def _value(v: BlockVariable, value: float, block: SampledBlock, precision: Preci
 
 
 def _literal(value: float, precision: Precision, owner: str) -> str:
-    """Return a number. UsageError, with the owner, if it does not exist in the precision."""
+    """Return a number. UsageError that names the owner if the precision cannot represent it."""
     size = abs(value)
     if precision.bits == 32 and math.isfinite(size) and size and not _SMALLEST <= size <= _LARGEST:
         raise UsageError(
@@ -168,7 +168,7 @@ def _constant(v: BlockVariable, block: SampledBlock, precision: Precision) -> st
 
 
 def _function(block: SampledBlock, call: Call, precision: Precision) -> str:
-    """Return the function of a call, on the structure."""
+    """Return the function of a call on the structure."""
     function = block.interface.functions.casadi_function(call.function)
     texts, count = in_few_places(operations_of(function, _language(block, call, precision)))
     lines = [*(f"{block.name}_Real w{i};" for i in range(count)), *texts]
@@ -198,8 +198,8 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
     def number(value: float) -> str:
         if precision.bits == 32 and value % 2.0 == 1.0 and float(np.float32(value)) != value:
             raise UsageError(
-                f"{block.interface.name}: its equations have the number {value:.0f}, which single precision cannot "
-                "represent, such as in the generator of random numbers. Build it with double precision."
+                f"{block.interface.name}: single precision cannot represent {value:.0f} in its equations. This number "
+                "may come from the generator of random numbers. Build it with double precision."
             )
         return _literal(value, precision, f"{block.interface.name}: a number of its equations")
 
@@ -207,7 +207,7 @@ def _language(block: SampledBlock, call: Call, precision: Precision) -> Language
 
 
 def _expressions(precision: Precision) -> dict[int, str]:
-    """Return operation to text, with truths in parentheses, and literals and functions of the precision."""
+    """Return operation to text, with truth values in parentheses and with the precision's literals and functions."""
     texts = {k: _TRUTH.sub(r"(\1) ?", text) for k, text in EXPRESSIONS.items()}
     texts |= {k: EXPRESSIONS[k].replace("&", "&&").replace("|", "||") for k in (ca.OP_AND, ca.OP_OR)}
     return {
@@ -251,7 +251,7 @@ def _recalibrate(block: SampledBlock, precision: Precision) -> Iterator[str]:
 
 
 def _step(block: SampledBlock) -> Iterator[str]:
-    """Yield the lines of a step. If a value is not finite, the rest is not calculated, and states are not kept."""
+    """Yield the lines of a step. If a value is not finite, the rest is not calculated and states are not updated."""
 
     def calls(listed: Sequence[Call]) -> list[str]:
         return [f"{call.function}(self{', t' if 't' in call.reads else ''});" for call in listed]

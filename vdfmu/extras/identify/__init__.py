@@ -1,4 +1,4 @@
-"""Parameters of an arm from a log of its motion: logs, base parameters, estimation, robot files, and such motions."""
+"""Identifies the parameters of an arm from a log: logs, base parameters, estimation, robot files, suitable motions."""
 
 from typing import TYPE_CHECKING
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _DESIGN = "Instead of a log"
 _CLOSE = 0.5
-"""Smallest correlation that a note names."""
+"""Smallest correlation that is mentioned in a note."""
 
 
 @meets_code(RUNS)
@@ -145,14 +145,14 @@ def identify(
         _print_score(other.name, scored, arm.joint_labels, units)
     written: list[Path] = []
     if plot is not None:
-        from vdfmu.base.style import save
         from vdfmu.extras.identify.drawings import draw_torques
+        from vdfmu.extras.pictures.style import save
 
         save(draw_torques(fit.t, fit.torque, fit.torque_error, units), targets[plot])
         written.append(plot)
     if residuals is not None:
-        from vdfmu.base.style import save
         from vdfmu.extras.identify.drawings import draw_residuals
+        from vdfmu.extras.pictures.style import save
 
         title = f"Residuals of {arm.name}, identified from {log.name}, on {(other or log).name}"
         save(draw_residuals(title, scored, arm), targets[residuals])
@@ -179,7 +179,7 @@ def _design(
     robot: str, duration: float | None, pose: str | None, sensors: dict[str, Any], band: float | None, prior: float,
     out: Path | None, overwrite: bool,
 ) -> None:  # fmt: skip
-    """Choose a motion, write it, and print the expected intervals."""
+    """Choose a motion, write it, and print the predicted intervals."""
     from vdfmu.arm.robot import load_robot
     from vdfmu.base.files import write_whole
     from vdfmu.extras.identify.motion_choice import SensorNoise, design
@@ -232,7 +232,7 @@ def _print(fit: Identified, labels: list[str]) -> None:
 
 
 def _weak(fit: Identified) -> list[str]:
-    """Return notes on weak parameters, by the fix."""
+    """Return notes on weak parameters, grouped by fix."""
     by_advice: dict[str, list[str]] = {}
     links = [name for name in fit.weak if name in fit.base.names]
     for name, why in fit.weak.items():

@@ -9,17 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 
 from vdfmu.arm.robot import Robot
-from vdfmu.base import style
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import Shown
 from vdfmu.engine.results.figure import Curve, Figure
-from vdfmu.engine.results.picture import draw
 from vdfmu.extras.identify.fit import LogScore
-from vdfmu.study.report.drawings import recorded
+from vdfmu.extras.pictures import style
+from vdfmu.extras.pictures.motion_picture import recorded
+from vdfmu.extras.pictures.picture import draw
 
 
 def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str]) -> Picture:
-    """Draw measured torques (m, n), link-side, under the model, and the differences with their histograms."""
+    """Draw measured torques (m, n), link-side, below those of the model, and the differences with histograms."""
     results = recorded(t, {"measured": torque, "model": torque - error, "difference": error})
     figures: list[Figure] = []
     for i, unit in enumerate(units, 1):
@@ -41,7 +41,7 @@ def draw_torques(t: Floats, torque: Floats, error: Floats, units: Sequence[str])
 
 
 def _draw_histogram(axes: Axes, left: Floats, color: str) -> None:
-    """Draw how often residuals occur, values upwards, and a normal distribution of the same deviation around zero."""
+    """Draw a histogram of residuals, values upwards, and a zero-mean normal distribution of the same deviation."""
     axes.hist(left, bins=40, density=True, orientation="horizontal", color=color, alpha=0.6)
     deviation = max(float(np.sqrt(np.mean(left**2))), 1e-300)
     at = np.linspace(-4.0, 4.0, 81)
@@ -54,15 +54,15 @@ _ACROSS = ("speed", "load", "position", "histogram", "spectrum", "autocorrelatio
 
 @style.styled
 def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
-    """Draw residuals of torques, then of deformations, a row for each joint.
+    """Draw residuals of torques, then of deformations, with a row per joint.
 
-    Columns: over the rotor's speed, the load of the drive and the position; the histogram with a normal distribution;
-    the share of power by frequency; the autocorrelation, with bounds of 95 % of independent rows.
+    The columns show them over the rotor's speed, the load of the drive and the position; the histogram with a normal
+    distribution; the share of power by frequency; and the autocorrelation with 95 % bounds for independent rows.
     """
     problem, t = score.rows.problem, score.rows.t
     rows = [(i, "torque", score.torque_error[:, i]) for i in range(robot.n)]
     rows += [(i, "deformation", 1e6 * score.deformation_error[:, i]) for i in range(robot.n) if problem.seen[i]]
-    words = "Measured minus model, in the band of the estimation. Clouds of a complete model are shapeless."
+    words = "Measured minus model, in the band of the estimation. The clouds of a complete model have no structure."
     figure = style.new_figure(title, words, width=16.0, height=1.7 * len(rows) + 1.0)
     for k, (i, quantity, left) in enumerate(rows):
         turns = robot.joint_types[i] == "revolute"
@@ -101,7 +101,7 @@ def draw_residuals(title: str, score: LogScore, robot: Robot) -> Picture:
 
 
 def _spectrum(t: Floats, left: Floats) -> tuple[Floats, Floats]:
-    """Return frequencies and shares of the power, smoothed over three."""
+    """Return frequencies and shares of the power, smoothed over three neighbours."""
     power = np.abs(np.fft.rfft((left - left.mean()) * np.hanning(len(left)))) ** 2
     power = np.convolve(power / max(power.sum(), 1e-300), np.ones(3) / 3.0, mode="same")
     return np.fft.rfftfreq(len(left), t[1] - t[0])[1:], power[1:]

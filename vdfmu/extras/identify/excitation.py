@@ -15,7 +15,7 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
 
 _KNOTS = 24
-"""Knots in the shortest period: the spline then equals the sine to 1e-7 of its amplitude."""
+"""Knots per shortest period, with which the spline equals the sine to 1e-7 of its amplitude."""
 
 
 @checks_types
@@ -31,23 +31,23 @@ def multisine(
     velocity: npt.ArrayLike | None = None,
     acceleration: npt.ArrayLike | None = None,
 ) -> Motion:
-    """Return a sum of sines about a pose, for whole periods between a period of growth and a period of decay.
+    """Return a sum of sines about a pose: whole periods, preceded by a period of growth and followed by one of decay.
 
-    Lines have equal amplitudes. The time of joint j, from 0, is shifted by j / n of the period. UsageError if an
+    All lines have equal amplitudes. Joint j, from 0, is shifted in time by j / n of the period. UsageError if an
     argument does not fit.
 
     Parameters
     ----------
     start : (n,) [rad or m]
     amplitude : float or (n,) [rad or m]
-        Largest deviation from `start` in a period; a limit reduces it, with a note. 0: the joint rests.
+        Largest deviation from `start` in a period, reduced with a note if a limit requires it. With 0 the joint rests.
     lines : sequence of int
         Frequencies, as multiples of 1 / `period`.
     period : float [s]
     periods : int
         Periods of full amplitude, from `period` to ``(1 + periods) period``.
     phases : "schroeder" or "random"
-        Phases of low peaks by Schroeder (1970), or random phases of each joint, by `seed`.
+        Phases with low peaks by Schroeder (1970), or random phases of each joint from `seed`.
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
     """
@@ -93,7 +93,7 @@ def sweep(
     velocity: npt.ArrayLike | None = None,
     acceleration: npt.ArrayLike | None = None,
 ) -> Motion:
-    """Return a sine about a pose with a changing frequency, growing and fading at the ends.
+    """Return a sine about a pose with a changing frequency, which grows at the start and fades at the end.
 
     Other arguments and errors: see :func:`multisine`.
 
@@ -102,9 +102,9 @@ def sweep(
     frequencies : (float, float) [Hz]
         At the start and at the end.
     duration : float [s]
-        It grows and fades over a tenth of it at each end.
+        It grows and fades over a tenth of the duration.
     law : "linear" or "logarithmic"
-        How the frequency changes in time.
+        How the frequency changes with time.
     """
     q = np.atleast_1d(np.array(start, dtype=float))
     both = np.array(frequencies, dtype=float)

@@ -1,7 +1,7 @@
 """Faults of logs: clocks, gaps, wrapped angles, columns in another order, other signs and units.
 
-Certain faults are problems. Faults with one correction are corrected and noted. Likely faults of ratios, time and
-torques are checks of the verdict.
+Definite faults are problems. Faults with an unambiguous correction are corrected and noted. Likely faults of ratios,
+time and torques are checks in the verdict.
 """
 
 from __future__ import annotations
@@ -23,31 +23,33 @@ from vdfmu.extras.identify.problem import regressor
 from vdfmu.study.limits import LIMITS
 
 _UNEVEN = 0.01
-"""Largest difference of a time step from the middle one, as a share, of rows that are used without resampling."""
+"""Largest relative difference of a time step from the median for which rows are used without resampling."""
 _POWER = 0.999
-"""Share of a velocity's power that counts."""
+"""Share of a velocity's power that is considered."""
 _BRIDGED = (384.0 * 1e-4) ** 0.25 / (2.0 * np.pi)
-"""Periods of the fastest motion over which a cubic spline is within 1e-4 of its amplitude: (omega g)^4 / 384."""
+"""Gap, in periods of the fastest motion, over which a cubic spline is accurate to 1e-4 of the amplitude: (omega g)^4 /
+384."""
 _ROUGHER = 1.2
-"""Times as rough as on even rows, beyond which positions show that a clock is wrong."""
+"""Roughness relative to evenly spaced rows beyond which positions show that the clock is wrong."""
 _CERTAIN = 0.4
-"""Share of a turn from row to row below which its sense is certain."""
+"""Fraction of a turn from row to row below which the direction is certain."""
 _ALIKE, _OFF = 0.1, 0.05
-"""Relative difference within which a ratio is taken to be a known one, and beyond which it is noted."""
+"""Relative difference up to which a ratio counts as a known one, and beyond which it is noted."""
 _FOLLOWS = 0.95
-"""Correlation of the steps of a link and its rotor below which the link does not follow the rotor."""
+"""Correlation between the steps of a link and its rotor below which the link does not follow the rotor."""
 _DEVIATIONS = 10.0
-"""Standard deviations of the work below which its sign is uncertain: five, doubled as four rows in a row are alike."""
+"""Standard deviations of the work below which its sign is uncertain: five, doubled because four successive rows are
+alike."""
 _FEWEST_ROWS = 3
-"""Rows without which there is no correlation."""
+"""Smallest number of rows for a correlation."""
 _ROWS = 1000
-"""Rows, at most, at which torques are compared with the motion."""
+"""Largest number of rows at which torques are compared with the motion."""
 _ALMOST = float(np.log(4.0))
-"""Largest logarithm of the ratio of torques to the expected ones for which they count as equal."""
+"""Largest log ratio of torques to the expected ones for which they count as equal."""
 _BETTER = 0.9
-"""Relative residual power of the torques below which another unit of the positions fits better."""
+"""Ratio of the torques' residual power below which another unit of the positions fits better."""
 _FEWER = 0.25
-"""Residual power relative to that with the own joint below which a torque fits another joint better."""
+"""Residual power, relative to that with its own joint, below which a torque fits another joint better."""
 
 
 class LogColumn(NamedTuple):
@@ -59,7 +61,7 @@ class LogColumn(NamedTuple):
 
 
 def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[str], problems: list[str]) -> Floats:
-    """Return angles [rad] unwrapped, if they are: all in one of the `periods`, with steps over more than half of it."""
+    """Return unwrapped angles [rad] if wrapped: all within one of `periods`, with steps of more than half of it."""
     for period in periods:
         jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.5 * period)
         if not jumps.size or np.ptp(values) > 1.001 * period:
@@ -67,9 +69,11 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
         whole: Floats = np.unwrap(values, period=period)
         text = f"{name}: wrapped {jumps.size} times, first in row {jumps[0] + 2}"
         if np.abs(np.diff(whole)).max() > _CERTAIN * period:
-            problems.append(f"{text}: expected less than {_CERTAIN} turns from row to row. Log more rows, or the turns")
+            problems.append(
+                f"{text}: expected less than {_CERTAIN} turns between rows. Log faster, or log unwrapped angles"
+            )
         else:
-            notes.append(f"{text}: joined at jumps of {period:.6g} rad")
+            notes.append(f"{text}: unwrapped with a period of {period:.6g} rad")
         return whole
     return values
 
@@ -78,9 +82,9 @@ def unwrapped(name: str, values: Floats, periods: Sequence[float], notes: list[s
 def even_times(
     logged: Mapping[str, Sequence[LogColumn | None]], fewest: int, notes: list[str], problems: list[str]
 ) -> tuple[Floats, dict[str, Floats]]:
-    """Return even times (m,) and the quantities (m, n) at them, by cubic splines if the times of the log differ.
+    """Return evenly spaced times (m,) and the quantities (m, n) then, by cubic splines if the log's times differ.
 
-    With problems the quantities are as they are logged, and none if they differ in length.
+    If there are problems, the quantities are returned as logged, or not at all if they differ in length.
     """
     columns = {f"{key}[{i + 1}]": c for key, each in logged.items() for i, c in enumerate(each) if c is not None}
     clocks: dict[int, tuple[str, LogColumn]] = {}
@@ -159,23 +163,23 @@ def _check_gaps(
 
 
 def fastest(rate: Floats) -> int:
-    """Return the number of periods in a log below which 99.9 % of a velocity's power is, without noise of positions."""
+    """Return the number of periods per log below which a velocity has 99.9 % of its power, without position noise."""
     power = np.abs(np.fft.rfft(rate * np.hanning(len(rate)))) ** 2  # a log may begin and end while the arm moves
-    noise = np.sin(np.pi * np.arange(len(power)) / len(rate)) ** 2  # of differences of white noise
-    top = slice(len(power) // 2, None)  # where no motion is
+    noise = np.sin(np.pi * np.arange(len(power)) / len(rate)) ** 2  # the spectrum of differences of white noise
+    top = slice(len(power) // 2, None)  # where there is no motion
     power[power < 10.0 * noise * np.median(power[top] / noise[top])] = 0.0
     power = np.cumsum(power)
     return max(int(np.searchsorted(power, _POWER * power[-1])), 1)
 
 
 def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], problems: list[str]) -> Floats:
-    """Return times, or the even times that they jitter about if positions are smoother at these."""
+    """Return times, or the evenly spaced times around which they jitter if positions are smoother at these."""
     positions = [c.values for name, c in columns.items() if c.t is t and name[:3] != "tau"]
     if not positions:
         return t
     rough = sum(_roughness(t, x) for x in positions)
     fits: list[tuple[float, float, float, Floats]] = []
-    for shortest in (np.median(np.diff(t)), np.inf):  # with rows that are missing, and without
+    for shortest in (np.median(np.diff(t)), np.inf):  # with and without missing rows
         count = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(t) / shortest), 1.0))])
         slope, start = np.polyfit(count, t, 1)
         even: Floats = start + slope * count
@@ -196,7 +200,7 @@ def _true_times(t: Floats, columns: Mapping[str, LogColumn], notes: list[str], p
 
 
 def _roughness(t: Floats, x: Floats) -> float:
-    """Root mean square of samples about the cubic through two neighbours on both sides, divided by their span."""
+    """RMS deviation of samples from the cubic through two neighbours on either side, divided by their span."""
     near = [t[k : len(t) - 4 + k] for k in (0, 1, 3, 4)]
     middle, left = t[2:-2], x[2:-2].copy()
     for k, a in zip((0, 1, 3, 4), near, strict=True):
@@ -210,7 +214,7 @@ def check_motion(
 ) -> list[Check]:
     """Compare links with rotors, and both with the limits of the robot; joints without encoder become NaN.
 
-    Return checks of speeds and ratios that are off.
+    Return checks of implausible speeds and ratios.
     """
     checks = [] if problems else _too_fast(t, arrays["kappa"], robot)
     kappa, q, tau = arrays["kappa"], arrays.get("q"), arrays["tau"]
@@ -239,7 +243,7 @@ def check_motion(
     both = np.flatnonzero(np.isfinite(q).any(axis=0) & moved)
     stride = max(1, len(q) // 1000)
     rows = np.flatnonzero(np.isfinite(q[:, both]).all(axis=1) & np.isfinite(kappa).all(axis=1))[::stride]
-    if len(rows) < _FEWEST_ROWS:  # a problem by itself
+    if len(rows) < _FEWEST_ROWS:  # a separate problem
         return checks
     rates = {name: np.diff(each[rows][:, both], axis=0) for name, each in (("q", q), ("kappa", kappa))}
     size = {name: np.sqrt((each**2).mean(axis=0)) for name, each in rates.items()}
@@ -250,7 +254,7 @@ def check_motion(
         if follows < _FOLLOWS < other and a != b:
             problems.append(
                 f"q[{i + 1}] moves with kappa[{both[b] + 1}], correlation {alike[a, b]:.3f}, and not with "
-                f"kappa[{i + 1}], {alike[a, a]:.3f}: columns have another order. Name them, --column 'q[{i + 1}]=NAME'"
+                f"kappa[{i + 1}], {alike[a, a]:.3f}: the columns are in another order: use --column 'q[{i + 1}]=NAME'"
             )
             continue
         slope = float(alike[a, a] * size["q"][a] / size["kappa"][a])
@@ -271,7 +275,7 @@ def check_motion(
 
 
 def _too_fast(t: Floats, kappa: Floats, robot: Robot) -> list[Check]:
-    """Return the check of the joint that moves faster than those of arms, if there is one."""
+    """Return the check of the joint that moves faster than joints of arms do, if there is one."""
     speed = np.abs(np.gradient(kappa, t, axis=0)).max(axis=0)
     most = np.array([JOINT_TYPES[kind].fastest for kind in robot.joint_types])
     i = int(np.argmax(speed / most))
@@ -282,13 +286,13 @@ def _too_fast(t: Floats, kappa: Floats, robot: Robot) -> list[Check]:
 
 
 class _Compared(NamedTuple):
-    """Torques compared with a motion, by five terms for each joint.
+    """Comparison of torques with a motion, through five terms per joint.
 
     The terms are constant, acceleration, velocity, its sign, and the torque of the robot file's links.
     """
 
     left: Floats
-    """Residual power of torque i by the motion of joint j, relative to its own: (n, n), in row i and column j."""
+    """Residual power of torque i with the motion of joint j, relative to the torque's own: (n, n), row i, column j."""
     drives: npt.NDArray[np.bool_]
     """Whether the friction of a joint would drive it, (n,)."""
     ratio: float
@@ -325,8 +329,8 @@ def _compared(t: Floats, kappa: Floats, tau: Floats, robot: Robot) -> _Compared:
 def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks: Sequence[Check]) -> list[Check]:
     """Return the checks of a log with `checks` of its motion, and those of its torques.
 
-    Torques may fit another joint, have another size, or show a friction that would drive its joint. If they fit a
-    motion in degrees, that is the only check: speeds and torques are off by it.
+    Torques may fit another joint, have another size, or show friction that would drive its joint. If they fit a motion
+    in degrees, that is the only check, because it also explains wrong speeds and torques.
     """
     kappa, tau = arrays["kappa"], arrays["tau"]
     read = _compared(t, kappa, tau, robot)
@@ -344,7 +348,7 @@ def check_torques(t: Floats, arrays: Mapping[str, Floats], robot: Robot, checks:
 
 
 def _torque_checks(read: _Compared, moved: npt.NDArray[np.intp], robot: Robot) -> list[Check]:
-    """Return checks of torques that fit another joint, whose friction would drive, or of another size."""
+    """Return checks of torques that fit another joint, have driving friction, or have another size."""
     left, drives, ratio = read
     checks: list[Check] = []
     best = linear_sum_assignment(np.log(left[np.ix_(moved, moved)] + 1e-9))[1] if len(moved) else []
@@ -357,7 +361,7 @@ def _torque_checks(read: _Compared, moved: npt.NDArray[np.intp], robot: Robot) -
             text = f"tau[{i + 1}] fits joint {j + 1} better than its own"
             checks.append(Check("order", "Order of the columns", FAILED, text, more))
         elif drives[i]:
-            text = f"tau[{i + 1}] has another sign: its friction would drive the joint"
+            text = f"tau[{i + 1}] has the opposite sign: its friction would drive the joint"
             checks.append(Check("sign", "Sign", FAILED, text, f"use --column 'tau[{i + 1}]=NAME [-1 N.m]'"))
     if not len(moved):
         return checks

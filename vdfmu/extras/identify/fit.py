@@ -1,15 +1,15 @@
-"""Estimation of the parameters of an arm from a log, by least squares of torques and deformations, and a robot file.
+"""Estimates the parameters of an arm by least squares from the torques and deformations in a log and a robot file.
 
-For each joint there are two equations, link-side, with base parameters pi of the links and rotor inertias J = I_m ell:
+Each joint has two equations, link-side, with base parameters pi of the links and rotor inertias J = I_m ell:
 
     ell (tau - tau_0) - J (kappa_ddot + carried) - xi(kappa_dot) - tau_s = 0      rotor (7), (10)-(11), friction (54)
     kappa - q - theta_err - D(tau_s) - offset - delay_q kappa_dot = 0             spring (2)-(3), where q is measured
     tau_s = Y pi + R J + torque of a counterbalance                               links (44)-(47)
 
-with tau later by ``delay_tau`` than positions. Positions go through a Butterworth filter, forward and backward, so
-without phase, and are differentiated by central differences of fourth order. Then both equations go through a second
-one, a sixtieth as wide, and one row is kept for every sample of its band. Friction and springs, whose laws are not
-linear, are worked out at all samples before it. The robot file is treated as a measurement with errors; see
+with tau delayed by ``delay_tau`` relative to positions. Positions are filtered with a zero-phase (forward and backward)
+Butterworth filter and differentiated by central differences of fourth order. Then both equations are filtered with a
+second one, a sixtieth as wide, and thinned to its sampling rate. Friction and springs, whose laws are nonlinear, are
+evaluated at all samples before it. The robot file is treated as a measurement with errors; see
 :mod:`~vdfmu.extras.identify.search` for it and for weights and intervals.
 """
 
@@ -45,13 +45,13 @@ from vdfmu.extras.identify.search import Weak, solve, with_links
 PRIOR = 0.2
 """Relative errors of a robot file: masses, moments of inertia, and centres of mass relative to radii of gyration."""
 NORMAL_95 = 1.96
-"""Deviations of a normal error within which 95 % of all errors are."""
+"""Standard deviations that contain 95 % of normal errors."""
 _HELD = 1e-3
-"""Relative errors of a robot file so small that its links keep their values."""
+"""Relative error of a robot file that is so small that links keep its values."""
 _STILL = 1e-4
-"""Range of a joint [rad or m] below which it did not move."""
+"""Range of a joint [rad or m] below which it counts as not moved."""
 _APART = 0.5
-"""Range of kappa - q, as a share of kappa's, beyond which one of them is wrong."""
+"""Range of kappa - q, relative to kappa's, beyond which one of them is wrong."""
 
 
 @dataclass(frozen=True)
@@ -59,41 +59,41 @@ class Identified:
     """Estimated parameters and their deviations."""
 
     names: tuple[str, ...]
-    """Drives and springs by joint, ``f_c[1]``, then the base parameters of the links."""
+    """Names: drives and springs by joint, ``f_c[1]``, then the base parameters of the links."""
     units: tuple[str, ...]
     values: Floats
     deviation: Floats
     nominal: Floats
-    """(m,): Estimates, standard deviations, and values of the robot file."""
+    """Estimates, standard deviations, and values of the robot file, (m,)."""
     held: Mapping[str, str]
-    """Parameters that are not identified and keep their values: why, and the fix."""
+    """Parameters that are not identified and keep their values, to the reason and the fix."""
     weak: Mapping[str, Weak]
-    """Parameters near the robot file's value, because the log hardly determines them."""
+    """Parameters that stay near the robot file's value because the log hardly determines them."""
     torque_level: Floats
-    """(n,) [N.m or N]: Root mean square of the spring torques."""
+    """Root mean square of the spring torques, (n,) [N.m or N]."""
     stiffness: Floats
     stiffness_deviation: Floats
-    """(n,) [N.m/rad or N/m]: Springs, link-side: torque by deformation at that torque."""
+    """Secant stiffness of the springs at that torque, link-side, (n,) [N.m/rad or N/m]."""
     x: Floats
-    """(p,): All parameters in SI units, also the constants between encoders."""
+    """All parameters in SI units, including the constants between encoders, (p,)."""
     x_held: Floats
-    """The same with the links of the robot file."""
+    """All parameters with the links of the robot file."""
     lag: Floats
-    """(n,): Corrected delays of encoders of links [s]."""
+    """Corrected delays of link encoders [s], (n,)."""
     band: float
     """[Hz]."""
     t: Floats
-    """Times of the rows, (k,) [s]."""
+    """Times of the rows [s], (k,)."""
     torque: Floats
     torque_error: Floats
-    """(k, n) [N.m or N]: Measured torques, link-side, filtered, and the rest that the model does not explain."""
+    """Measured torques, link-side and filtered, and their residuals, (k, n) [N.m or N]."""
     deformation_error: Floats | None
-    """(k, n) [rad or m]; 0 for a joint whose link is not measured."""
+    """Residuals of deformations, (k, n) [rad or m]; 0 for a joint whose link is not measured."""
     seen: npt.NDArray[np.bool_]
-    """(n,): Joints whose links are measured."""
+    """Whether each joint's link is measured, (n,)."""
     base: BaseParameters
     prior: float
-    """Errors of the links of the robot file, as a share."""
+    """Relative errors of the links in the robot file."""
 
     def interval(self, factor: float = NORMAL_95) -> tuple[Floats, Floats]:
         """Return the ends of the confidence intervals, 95 % by default."""
@@ -101,17 +101,17 @@ class Identified:
 
     @property
     def links(self) -> slice:
-        """Places of the base parameters."""
+        """Indices of the base parameters."""
         first = self.names.index(self.base.names[0])
         return slice(first, first + len(self.base.names))
 
     @property
     def delay(self) -> float:
-        """Delay of torques after positions [s]."""
+        """Delay of torques relative to positions [s]."""
         return float(self.values[self.names.index("delay_tau")])
 
     def of(self, robot: Robot) -> list[float]:
-        """Return the values that another robot has for the parameters, in the same order; 0 for sensors."""
+        """Return another robot's values of the parameters, in the same order; 0 for sensors."""
         values = np.zeros(len(self.names))
         values[self.links] = self.base.matrix @ body_parameters(robot)
         for k, name in enumerate(self.names):
@@ -122,7 +122,7 @@ class Identified:
 
     @property
     def advice(self) -> list[str]:
-        """Data that are completely missing in the log."""
+        """Notes on data that are missing in the log."""
         notes: list[str] = []
         if unseen := _numbers(~self.seen):
             notes.append(
@@ -135,13 +135,12 @@ class Identified:
 def identify(log: Log, robot: Robot, *, band: float | None = None, prior: float = PRIOR) -> Identified:
     """Estimate drives, friction, springs, base parameters and faults of sensors from a log.
 
-    The robot has kinematics, ratios, width of the friction's sign and kinematic error; its values are the start, and
-    parameters that are not identified keep them. The band [Hz] of the equations is by default three times the frequency
-    below which 99.9 % of the velocities' power lie, wider if the log is short. `prior` is the relative error of the
-    robot file: of masses, moments of inertia, and centres of mass relative to radii of gyration; infinity if nothing is
-    known.
-    UsageError for joints that did not move, or whose rotor and link did not move alike; a log that is too short for the
-    band; the split arrangement of friction.
+    The robot provides kinematics, ratios, the width of the regularised friction and the kinematic error; its values are
+    the start, and parameters that are not identified keep them. By default the band [Hz] of the equations is three
+    times the frequency below which the velocities have 99.9 % of their power, or wider if the log is short. `prior` is
+    the relative error of the robot file: of masses, moments of inertia, and centres of mass relative to radii of
+    gyration; infinity if nothing is known. UsageError for joints that did not move, or whose rotor and link moved
+    differently, for a log that is too short for the band, and for the split arrangement of friction.
     """
     check_settings(robot, band, prior)
     moved = np.ptp(log.kappa, axis=0)
@@ -201,10 +200,11 @@ def _numbers(chosen: Any) -> str:
 
 
 def identified_robot(fit: Identified, robot: Robot, where: str) -> tuple[Robot, list[str]]:
-    """Return the robot with the identified values, whose sources name the log, and notes.
+    """Return the robot with the identified values, whose sources name the log, and the notes.
 
-    The links are those of `with_identified_links`. If these are no bodies, which is a check of the verdict, the links
-    stay as they are. `robot` is the start of the identification, and `where` names the log, for sources.
+    The links are those of `with_identified_links`. If these are not physical bodies, which a check of the verdict
+    reports, the links are not changed. `robot` is the start of the identification, and `where` names the log in
+    sources.
     """
     values = dict(zip(fit.names, fit.values, strict=True))
     sources, arrays, notes = dict(robot.sources), dict[str, Any](), list[str]()
@@ -230,9 +230,9 @@ def identified_robot(fit: Identified, robot: Robot, where: str) -> tuple[Robot, 
 
 
 def with_identified_links(fit: Identified, robot: Robot) -> Robot:
-    """Return the robot with links of the identified base parameters, which leave masses and inertias open.
+    """Return the robot with links of the identified base parameters, which do not determine all masses and inertias.
 
-    The nearest to those of the robot are taken, of the same shape if possible. ModelError if these are no bodies.
+    Those nearest to the robot's are chosen, of the same shape if possible. ModelError if they are not physical bodies.
     """
     phi, ways = body_parameters(robot), link_errors(robot, 1.0)
     base, matrix = fit.values[fit.links], fit.base.matrix
@@ -247,48 +247,48 @@ def with_identified_links(fit: Identified, robot: Robot) -> Robot:
 
 
 def robot_text(robot: Robot, head: str) -> str:
-    """Return the content of a robot file, under a comment."""
+    """Return the content of a robot file below a comment."""
     return f"# {head}\n# SI units, angles in rad.\n\n{toml_text(robot.to_dict(), ROUNDING)}"
 
 
 _FEWEST = 10
-"""Rows of a log to be scored."""
+"""Rows of a log to score."""
 
 
 class LogScore(NamedTuple):
     """Errors by joint, each (n,), of torques link-side [N.m or N] and of deformations [rad or m]."""
 
     torque: Floats
-    """Root mean square of the measured torques."""
+    """RMS of the measured torques."""
     torque_left: Floats
     torque_most: Floats
-    """Root mean square and largest size of their residuals in the model."""
+    """RMS and largest absolute value of their residuals with the model."""
     held_left: Floats
-    """The same of torques with the links of the robot file and all else fitted."""
+    """The same for the links of the robot file with everything else fitted."""
     rigid_left: Floats
-    """Root mean square of their residuals in five terms, fitted to the same log as the model: a constant,
-    acceleration, speed, its sign, and the robot file's gravity."""
+    """RMS of their residuals with five terms fitted to the same log as the model: a constant, acceleration, speed, its
+    sign, and the robot file's gravity."""
     deformation: Floats
     deformation_left: Floats
     deformation_most: Floats
-    """The same of deformations about their mean, after the delay of encoders; NaN of joints without encoders of links.
+    """RMS values of deformations about their mean, corrected for encoder delay; NaN for joints without link encoders.
     """
     rows: Rows
     torque_error: Floats
     deformation_error: Floats
-    """(k, n): Residuals in the rows."""
+    """Residuals in the rows, (k, n)."""
     held_error: Floats
-    """(k, n): Those of torques with the links of the robot file and all else fitted."""
+    """Torque residuals with the links of the robot file and everything else fitted, (k, n)."""
     rigid_deformation: Floats
-    """(k, n): Deformations about their mean, after the delay of encoders that suits rigid joints."""
+    """Deformations about their mean, corrected for the encoder delay that fits rigid joints best, (k, n)."""
     load: Floats
-    """(k, n): Spring torques of the model [N.m or N]."""
+    """Spring torques of the model, (k, n) [N.m or N]."""
 
 
 def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
-    """Score on a log the parameters that were identified on another, in the same band.
+    """Score, on a log, parameters that were identified from another one, in the same band.
 
-    A constant between the encoders is the log's own: incremental encoders count from their start.
+    Constants between encoders are fitted for each log, because incremental encoders count from their start.
     """
     if (log.q is None) != (fitted.q is None):
         sides = ["without" if each.q is None else "with" for each in (fitted, log)]
@@ -334,7 +334,7 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
 
 
 def _about(stretch: Floats, speed: Floats, fitted: IdentificationProblem, i: int) -> Floats:
-    """Return deformations (k,) about their mean, without the delay of encoders that explains those of another log."""
+    """Return deformations (k,) about their mean, corrected for the encoder delay that explains those of another log."""
     assert fitted.stretch is not None
     delay = np.polyfit(fitted.speed[:, i], fitted.stretch[:, i], 1)[0]
     left = stretch - delay * speed
@@ -346,7 +346,7 @@ def _rms(values: Floats) -> Any:
 
 
 def _terms(rows: Rows, robot: Robot) -> list[Floats]:
-    """Five terms of the torque of each joint (k, 5)."""
+    """Return the five terms of each joint's torque, (k, 5)."""
     p = rows.problem
     sign, still = p.narrow(np.tanh(p.velocity / robot.eps)), np.zeros_like(p.position)
     weight = file_torques(robot, p.position, regressor(robot, p.position, still, still, still, still))

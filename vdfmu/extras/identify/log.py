@@ -1,4 +1,4 @@
-"""Logs of the motion of an arm: columns of files of any tool, read and checked against the robot."""
+"""Logs of an arm's motion: columns in files of any tool, read and checked against the robot."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from vdfmu.base.foreign import TITLES, Foreign, read_foreign
 from vdfmu.base.measure import JOINT_TYPES
 from vdfmu.base.plugins import Plugins, PluginTable
 from vdfmu.engine.results.csv_file import csv_results
-from vdfmu.engine.results.mat_file import mat_results
 from vdfmu.engine.results.parquet import parquet_results
 from vdfmu.engine.results.results import Recorded
 from vdfmu.engine.results.verdict import Check
 from vdfmu.extras.identify.faults import LogColumn, check_motion, check_torques, even_times, unwrapped
+from vdfmu.extras.matlab.mat_file import mat_results
 
 _TIME = re.compile(r"(?:.*\.)?(?:t|(?:time|stamp|timestamp)(?:_\w+)?)", re.IGNORECASE)
 _SECONDS = {"": 1.0, **TIME_UNITS}
 
 
 def read_columns(path: Path, time: str, notes: list[str]) -> dict[str, LogColumn]:
-    """Return the columns of a file; `time` names the times; assumptions are noted."""
+    """Return the columns of a file, where `time` names the times; assumptions are noted."""
     suffix = path.suffix.lower()
     raw = READERS[suffix](path) if suffix in READERS else _csv(path)
     if isinstance(raw, Foreign):
@@ -103,7 +103,7 @@ def _of_foreign(content: Foreign, notes: list[str]) -> Recorded | _FileColumns:
             continue
         if array.ndim < 2:
             columns[name] = np.atleast_1d(array), ""
-        else:  # of MATLAB's arrays, some have a row for each time, some a column
+        else:  # some MATLAB arrays have a row per time, some a column
             for i, each in enumerate(array if array.shape[0] < array.shape[1] else array.T, 1):
                 columns[f"{name}[{i}]"] = each, ""
     return columns
@@ -114,7 +114,7 @@ READERS: PluginTable[Callable[[Path], Recorded | Foreign | _FileColumns]] = Plug
     PLUGINS, {".csv": _csv, ".txt": _csv, **dict.fromkeys(TITLES, read_foreign)}, prefix="."
 )
 """Readers by suffix. Each returns results, the content of a file of another tool, or columns: name to numbers and unit,
-"" for none. Columns have one length, or each has its times [s] before its numbers."""
+"" for none. Columns have the same length, or each has its times [s] before its numbers."""
 
 
 _PATTERNS = {
@@ -124,9 +124,9 @@ _PATTERNS = {
     "tau": ("controller.tau[{}]", "plant.tau[{}]", "tau[{}]"),
     "tau_link": ("tau_link[{}]", "/joint_states.effort[{}]"),
 }
-"""Quantities taken from a log, to its columns; {} is the joint, from 1."""
+"""Quantities read from a log, to the columns; {} is the joint, from 1."""
 _OTHER = {"kappa": "theta", "theta": "kappa", "tau": "tau_link", "tau_link": "tau"}
-"""A quantity that is not looked for if the other quantity of its side of the gear is named."""
+"""A quantity that is not searched for if the other quantity on its side of the gear is named."""
 _FACTORS = {
     "angle": {"rad": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * np.pi},
     "length": {"m": 1.0, "mm": 1e-3},
@@ -136,11 +136,11 @@ _FACTORS = {
 _UNIT = re.compile(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)?\s*(.*)")
 """A factor, if there is one, and a unit."""
 _FEWEST = 500
-"""Rows of a log."""
+"""Number of rows of a log."""
 
 
 class Log(NamedTuple):
-    """Samples of a motion: times (m,) [s], and (m, n) each."""
+    """Samples of a motion: times (m,) [s], the others (m, n)."""
 
     where: str
     t: Floats
@@ -149,15 +149,15 @@ class Log(NamedTuple):
     tau: Floats
     """Motor torques [N.m], motor-side."""
     q: Floats | None
-    """Link positions [rad or m], if any are measured; NaN in all rows of a joint without an encoder behind its gear."""
+    """Link positions [rad or m] if any are measured; all NaN for a joint without an encoder behind its gear."""
     notes: tuple[str, ...] = ()
     """Assumptions and corrections."""
     checks: tuple[Check, ...] = ()
-    """Faults of ratios, units, signs and the order of columns, which the log may have."""
+    """Likely faults of ratios, units, signs and the order of columns."""
 
     @property
     def step(self) -> float:
-        """Time from one row to the next [s]."""
+        """Time between rows [s]."""
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
 
@@ -169,10 +169,10 @@ def read_log(
     Parameters
     ----------
     path : path
-        Results of a run in any form; a CSV of any tool, Parquet, a MATLAB file, or a file that a plugin reads, with
-        units in brackets, ``q[1] [deg]``, without which angles must go over less than 4 pi.
+        Results of a run in any format, or a CSV, Parquet or MATLAB file of any tool, or one that a plugin reads, with
+        units in brackets, ``q[1] [deg]``, without which angles must span less than 4 pi.
     robot : Robot
-        Its joints, ratios and limits count; its inertias where torques are compared with the motion.
+        Its joints, ratios and limits are used, and its inertias for the comparison of torques with the motion.
     columns : mapping, optional
         ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
         ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or 0 or by its name in the robot file,
@@ -180,13 +180,13 @@ def read_log(
         ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
         lack an encoder behind their gears.
     time : str, optional
-        Column of the times, with its unit: ``stamp [us]``; by default one called ``time``, ``t`` or so.
+        Column of the times with its unit, ``stamp [us]``; by default one called ``time``, ``t`` or similar.
 
     Raises
     ------
     UsageError
-        For a log that cannot be read, is not finite, has gaps, columns in another order, another sign or unit, or is
-        too short; with all problems.
+        For a log that cannot be read, is not finite, is too short, or has gaps, columns in another order, or other
+        signs or units; it lists all problems.
     """
     path = Path(path)
     names = dict(columns or {})
@@ -218,7 +218,7 @@ def read_log(
 def _chosen(
     table: Mapping[str, LogColumn], robot: Robot, columns: Mapping[str, str], notes: list[str], problems: list[str]
 ) -> dict[str, list[LogColumn | None]]:
-    """Return the columns of each quantity, in SI units and without turns that were cut off; None without encoder."""
+    """Return the columns of each quantity, in SI units and unwrapped; None without an encoder."""
     by_key: dict[str, list[LogColumn | None]] = {}
     counted = [[str(i + first) for i in range(robot.n)] for first in (1, 0)]
     joints = [counted[0], *([robot.joint_names] if all(robot.joint_names) and robot.joint_names else []), counted[1]]

@@ -1,4 +1,4 @@
-"""The margin of a controller over the springs that fit a log, by its derivatives and by the exact loop."""
+"""The margin of a controller over all springs that fit a log, from its derivatives and from the exact loop."""
 
 from __future__ import annotations
 
@@ -22,34 +22,35 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 UNKNOWN = 0.3
-"""Standard deviation of the logarithm of a stiffness that the log does not show: files are off by 0.7 to 1.4."""
+"""Standard deviation of the logarithm of a stiffness that the log does not show: files are wrong by factors of 0.7 to
+1.4."""
 _ONE_SIDED_95 = 1.645
-"""Deviations of a normal variable that 95 % are above, with a minus."""
+"""5 % quantile of the standard normal distribution, with the sign reversed."""
 
 
 class MarginInterval(NamedTuple):
-    """Modulus margins of a scenario over springs, at the place and time where each is least."""
+    """Modulus margins of a scenario over springs, each at the place and time where it is smallest."""
 
     middle: float
-    """With the identified springs."""
+    """Margin with the identified springs."""
     place: str
     slopes: Floats
-    """(n,): Change by the logarithm of each stiffness."""
+    """Derivative with respect to the logarithm of each stiffness, (n,)."""
     likely: float
-    """At least this for 95 % of the arms that fit the log: by the exact loop, at the springs where the linear margin is
-    at its quantile of 5 %."""
+    """Margin that 95 % of the arms that fit the log exceed: of the exact loop, with springs at which the linearised
+    margin is at its 5 % quantile."""
     linear: float
-    """The same quantile, calculated only from the slopes."""
+    """The same quantile from the slopes only."""
     corner: float
-    """At the worst corner of the intervals of 95 %, by the exact loop."""
+    """Margin of the exact loop at the worst corner of the 95 % intervals."""
     factors: Floats
-    """(n,): Stiffness at that corner relative to the identified one."""
+    """Stiffness at that corner relative to the identified one, (n,)."""
     assumed: tuple[int, ...]
     """Joints, from 1, whose spring the log does not show."""
 
     @property
     def check(self) -> Check:
-        """The check of the verdict: the lower end against the limit of runs."""
+        """The check in the verdict: the lower end against the limit for runs."""
         row, likely = LIMITS["margin"], min(self.likely, self.linear)
         text = f"modulus margin {self.middle:.2f}, at least {likely:.2f} for 95 % of the arms that fit the log"
         signs = ", ".join(f"{x:.2f}" for x in self.factors)
@@ -60,9 +61,9 @@ class MarginInterval(NamedTuple):
 def spring_margins(fit: Stiffness, scenario: Scenario | str | os.PathLike[str]) -> MarginInterval:
     """Return the modulus margin of a scenario over the springs that fit a log.
 
-    The plant of the scenario gets the springs; the model in its controller stays the same. Only the springs
-    are uncertain, by the absolute intervals, which contain the errors of links and torque constants. UsageError for a
-    scenario with another arm.
+    The scenario's plant gets the springs; the model in its controller stays the same. Only the springs are uncertain,
+    with absolute intervals, which include the errors of links and torque constants. UsageError for a scenario with
+    another arm.
     """
     system = scenario_of(scenario)
     robot, shown = scaled_robot(fit)[0], fit.identifiable

@@ -1,4 +1,4 @@
-"""The shortest motion along a path through waypoints, by toppra, smoothed up to a continuous fourth derivative."""
+"""The fastest motion along a path through waypoints, by toppra, smoothed up to a continuous fourth derivative."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from vdfmu.base.errors import UsageError
 from vdfmu.base.option import checks_types
 
 _GRID = 200
-"""toppra's grid in each interval between waypoints."""
+"""Points of toppra's grid between two waypoints."""
 _FINE = 8000
-"""Samples of toppra's result for smoothing."""
+"""Number of samples of toppra's result for smoothing."""
 _SMOOTH = 0.02
-"""Share of the duration of each of the three means."""
+"""Width of each of the three moving averages, relative to the duration."""
 _KNOTS = 6
-"""Knots in the time of a mean."""
+"""Knots per width of an average."""
 _LOOKS = 1001
-"""Samples of torques."""
+"""Number of samples of torques."""
 _NEAR = 1e-3
-"""Share of the longest way between points below which a spline misses points by more than 1e-6 of the path."""
+"""Distance of points, relative to the largest one, below which a spline misses points by more than 1e-6 of the path."""
 _RESOLVED = 1e-9
-"""Smallest distance of points, relative to the largest position, at which rounding leaves the motion smooth."""
+"""Smallest distance of points, relative to the largest position, at which the motion is smooth despite rounding."""
 _STRETCH = 1.01
-"""Factor by which the time is stretched, again and again, until the torques are within their limits."""
+"""Factor by which the time is stretched repeatedly until the torques are within the limits."""
 Load = Callable[[Floats, Floats, Floats], Floats]
-"""Positions, speeds and accelerations to torques, link-side."""
+"""Function from positions, speeds and accelerations to torques, link-side."""
 
 
 @checks_types
@@ -49,28 +49,29 @@ def fastest(
     robot: Robot | None = None,
     torque: npt.ArrayLike | None = None,
 ) -> Motion:
-    """Return the motion along a path through points that takes nearly the shortest time, at rest at both ends.
+    """Return the nearly time-optimal motion along a path through points, at rest at both ends.
 
-    The path of two points is straight, the path of more points a natural spline of degree 5 over the distance. Along it
-    toppra finds the shortest time, with jumps of the acceleration. The place on the path is averaged over a
-    fiftieth of the duration, three times: that keeps the path, and is continuous up to the fourth derivative. If the
-    result breaks a limit, the whole motion is slowed down. A note has the lost time.
+    The path of two points is straight, that of more points a natural spline of degree 5 over the distance. Along it
+    toppra finds the shortest motion, whose acceleration jumps. The place on the path is then averaged three times over
+    a fiftieth of the duration, which keeps the path and makes the motion continuous up to the fourth derivative. If the
+    result exceeds a limit, the whole motion is slowed down. A note states the lost time.
 
     Parameters
     ----------
     points : (k, n) [rad or m]
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
-        Without `velocity`, or without `torque`, the motors of a robot with limits decide, rotors included: by the
-        largest rectangle under the torque-speed line of each, at no more than the given speed.
+        Without `velocity` or `torque`, these limits follow from a robot's motors, including rotors: from the largest
+        rectangle under each torque-speed line, up to the given speed.
     robot : Robot, optional
         For its motors, or for `torque`.
     torque : float or (n,) [N m or N], optional
-        Limits of the rigid links' torques, link-side.
+        Limits of the torques for the rigid links, link-side.
 
     Raises
     ------
     UsageError
-        Without toppra, if an argument does not fit, or if no motion keeps the limits, such as torques below the weight.
+        Without toppra, for arguments that do not fit, or if no motion respects the limits, for example torques below
+        the weight.
     """
     q = np.array(points, dtype=float)
     check_points(q)
@@ -131,7 +132,7 @@ def _list(numbers: Floats) -> str:
 
 
 def _path(s: Floats, q: Floats) -> Any:
-    """Return the path over the distance: the line of two points, or a natural spline."""
+    """Return the path over the distance: a line for two points, else a natural spline."""
     if len(q) == 2:
         return scipy.interpolate.make_interp_spline(s, q, k=1)
     free = [(order, np.zeros(q.shape[1])) for order in (3, 4)]
@@ -143,7 +144,7 @@ def _shortest(
 ) -> tuple[Floats, Floats, Floats]:
     """Return times, places and speeds on the path of the shortest motion.
 
-    toppra gets times relative to the least time at full speed, because its tolerances are absolute.
+    toppra gets times relative to the shortest time at full speed, because its tolerances are absolute.
     """
     try:
         toppra: Any = import_module("toppra")
@@ -185,7 +186,7 @@ def _shortest(
 
 
 def _mean(t: Floats, y: Floats, width: float) -> Floats:
-    """Return the mean over `width` around each time of values that hold before the first and after the last."""
+    """Return the moving average over `width` of values that are held before the first and after the last time."""
     integral = scipy.integrate.cumulative_trapezoid(y, t, initial=0.0)
 
     def until(end: Floats) -> Floats:
@@ -196,6 +197,6 @@ def _mean(t: Floats, y: Floats, width: float) -> Floats:
 
 
 def overload(load: Load, motion: Motion, torque: Floats) -> float:
-    """Return the largest share of limits of torque, (n,) [N m or N] link-side, that a motion takes."""
+    """Return the largest share of torque limits, (n,) [N m or N] link-side, that a motion uses."""
     q, q_dot, q_ddot = motion.at(np.linspace(0.0, motion.duration, _LOOKS))[:3]
     return float((np.abs(load(q, q_dot, q_ddot)) / torque).max())

@@ -1,9 +1,9 @@
-"""The motion that determines the parameters of an arm best, and the expected intervals, before the experiment.
+"""Chooses the motion that determines an arm's parameters best, and predicts the intervals before the experiment.
 
-Candidates are multisines with several highest frequencies, periods, poses and random phases. Each is as large as the
-limits allow. A log of each follows from the equations of :mod:`~vdfmu.extras.identify.fit`, without a simulation: links
-follow the motion exactly. Candidates are ranked by the mean logarithm of standard
-deviations, for white noise. The best is identified with noise on its log, as a measured log would be.
+Candidates are multisines with several highest frequencies, periods, poses and random phases, each as large as the
+limits allow. Their logs follow from the equations of :mod:`~vdfmu.extras.identify.fit` without a simulation, because
+links are assumed to follow the motion exactly. Candidates are ranked by the mean logarithm of standard deviations for
+white noise. The best one is identified with noise on its log, like a measured log.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ _HIGHEST, _PERIODS, _SEEDS = (0.25, 0.5, 1.0, 2.0), (1, 3), 4
 _LINES = 5
 """Number of frequencies of each candidate, at equal ratios from one in a period to the highest."""
 _MARGIN = 0.9
-"""Share of ranges, speeds and torques of the robot's limits that is used."""
+"""Fraction of the robot's limits of range, speed and torque that is used."""
 _FAR = np.pi
 """Largest amplitude of a revolute joint [rad]."""
 _DEFAULTS = {"revolute": (1.0, 1.5, 5.0), "prismatic": (0.2, 0.5, 2.0)}
 """Amplitude [rad or m], speed and acceleration [per s, s2] of joints without limits."""
 _OFF = 0.4
-"""Largest offset of the poses of candidates from the middle, as a share of the range."""
+"""Largest offset of the candidates' poses from the middle, as a fraction of the range."""
 _SHRINK = 8
-"""How often a motion is made smaller, at most, until the motors can supply its torques."""
+"""Largest number of times that a motion is reduced until the motors can supply its torques."""
 _SHORTEST = 5.0
 """Shortest useful duration of an experiment [s]."""
 _COARSE, _ROWS = 40.0, 1000.0
-"""Fewest samples of a candidate, in a period of the highest frequency and in all."""
+"""Fewest samples of a candidate, in a period of the highest frequency and in total."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class SensorNoise:
     step: float = 0.002
     """Time between the rows of the log [s]."""
     bits: int = 17
-    """Steps in a turn of encoders before and behind the gears, in powers of two; in a metre of a prismatic joint."""
+    """Bits per turn of the encoders before and behind the gears, or per metre of a prismatic joint."""
     noise: float = 0.005
-    """Standard deviation of torques, white, as a share of the largest of each joint."""
+    """Standard deviation of white torque noise, relative to the largest torque of each joint."""
     links: bool = True
     """Whether there are encoders behind the gears."""
 
     def __post_init__(self) -> None:
-        """Raise UsageError for numbers that no sensor has."""
+        """Raise UsageError for impossible numbers of sensors."""
         problems = [
             f"{name}: expected {expected}, got {value:g}."
             for name, value, expected, fits in (
@@ -80,7 +80,7 @@ class SensorNoise:
             raise UsageError("\n".join(problems))
 
     def measured(self, log: Log, robot: Robot) -> Log:
-        """Return an exact log with this noise, always the same."""
+        """Return an exact log with this noise added, always the same."""
         bit = _turns(robot) * 2.0**-self.bits
         noise = np.random.default_rng(0).normal(size=log.tau.shape) * self.noise * np.abs(log.tau).max(axis=0)
         kappa = np.round(log.kappa * robot.ell / bit) * bit / robot.ell
@@ -101,7 +101,7 @@ class Design:
 
     motion: Motion
     table: dict[str, Any]
-    """Its table ``[motion]``, see :func:`~vdfmu.extras.identify.excitation.multisine`."""
+    """The motion's table ``[motion]``, see :func:`~vdfmu.extras.identify.excitation.multisine`."""
     expected: Identified
     """Predicted result of an identification."""
     notes: tuple[str, ...]
@@ -127,7 +127,7 @@ class _Candidate(NamedTuple):
     table: dict[str, Any]
     motion: Motion
     log: Log
-    """Exact, with fewer rows."""
+    """Exact log with fewer rows."""
 
 
 def design(
@@ -144,11 +144,11 @@ def design(
     Parameters
     ----------
     robot : Robot
-        The values known before. The motion stays within 90 % of its end stops, speeds and torques; without limits, with
-        a note, at most 1 rad or 0.2 m off the pose, 1.5 rad/s or 0.5 m/s, 5 rad/s2 or 2 m/s2. Collisions are not
+        The values known beforehand. The motion stays within 90 % of its end stops, speeds and torques; without limits,
+        with a note, at most 1 rad or 0.2 m off the pose, 1.5 rad/s or 0.5 m/s, 5 rad/s2 or 2 m/s2. Collisions are not
         checked.
     duration : float [s]
-        Duration of the motion, with its growth and fading.
+        Duration of the motion, including its growth and fading.
     start : (n,) [rad or m], optional
         Pose about which the joints move; default several about the middle of the end stops, or about 0.
     sensors : SensorNoise, optional
@@ -159,7 +159,7 @@ def design(
     Raises
     ------
     UsageError
-        For arguments that do not fit, and for a robot whose motors cannot hold it at any of the poses.
+        For invalid arguments, and for a robot whose motors cannot hold it at any of the poses.
     """
     sensors = sensors or SensorNoise()
     check_settings(robot, band, prior)
@@ -208,7 +208,7 @@ def predict(
 def exact_log(robot: Robot, motion: Motion, step: float) -> Log:
     """Return the log, every `step` [s] and without noise, of a motion that the links follow exactly.
 
-    In the rotors' reaction on the links each rotor turns as its link does, see
+    In the rotors' reaction on the links each rotor turns like its link, see
     :func:`~vdfmu.arm.equations.feedforward.desired_drive_motion`.
     """
     t: Floats = step * np.arange(int(motion.duration / step * (1.0 + 1e-12)) + 1.0)
@@ -223,7 +223,7 @@ def exact_log(robot: Robot, motion: Motion, step: float) -> Log:
 
 
 def _turns(robot: Robot) -> Floats:
-    """Return the range that the steps of an encoder divide, (n,): a turn [rad], or a metre."""
+    """Return the range divided by an encoder's steps, (n,): a turn [rad], or a metre."""
     return np.where([kind == "prismatic" for kind in robot.joint_types], 1.0, 2.0 * np.pi)
 
 
@@ -247,7 +247,7 @@ def _limits(robot: Robot, start: npt.ArrayLike | None) -> tuple[Floats, Floats, 
 
 
 def _multisines(robot: Robot, duration: float, middle: Floats, reach: Floats, moves: bool) -> Iterator[_Excitation]:
-    """Yield multisines about `middle` (n,), or if the pose `moves` about several, within `reach` (n,) [rad or m]."""
+    """Yield multisines about `middle` (n,), or about several poses if it `moves`, within `reach` (n,) [rad or m]."""
     for highest, periods, seed in product(_HIGHEST, _PERIODS, range(_SEEDS)):
         pose = middle
         if moves and seed:
@@ -288,10 +288,10 @@ def _fitted(robot: Robot, tried: _Excitation, amplitude: Floats, step: float) ->
 def _mean_deviation(
     robot: Robot, log: Log, noise: Floats, sensors: SensorNoise, band: float | None, prior: float
 ) -> float:
-    """Mean logarithm of the deviations of drives, springs and links at the true values, for torque noise (n,) [N.m]."""
+    """Mean log deviation of drives, springs and links at the true values, for torque noise (n,) [N.m]."""
     problem, _, band, _ = rows_of(log if sensors.links else log._replace(q=None), robot, band)
     bent = _turns(robot) * 2.0**-sensors.bits / np.sqrt(12.0) * np.hypot(1.0, 1.0 / robot.ell)
-    passed = np.sqrt(2.0 * band * sensors.step)  # of white noise through the filter
+    passed = np.sqrt(2.0 * band * sensors.step)  # for white noise through the filter
     levels = [passed * noise * robot.ell, passed * bent][: 1 + sensors.links]
     deviations = expected_deviations(problem, link_covariance(robot, problem.base, prior), levels)
     deviations = deviations[: problem.places["tau_0"].start]

@@ -1,6 +1,6 @@
-"""The linear model of an arm from the motor side: torques of the motors as functions of small motions of the rotors.
+"""The linear model of an arm from the motor side: motor torques as functions of small rotor motions.
 
-With springs S = K + j w d, rotors J = I_m ell, viscous friction F, links M and G, and rotors that are carried by links,
+With springs S = K + j w d, rotors J = I_m ell, viscous friction F, links M and G, and rotors carried by links, all
 link-side and at a frequency w [rad/s]::
 
     (-w^2 J + j w F + S) kappa - P q = ell tau       P = S + w^2 C,    C = diag(J / ell) A
@@ -29,11 +29,12 @@ from vdfmu.extras.identify.problem import regressor
 
 Complex = npt.NDArray[np.complex128]
 _DAMPING = 0.01
-"""Damping ratio of the springs at the start of a fit: strain-wave gears have 0.5 to 2 %."""
+"""Damping ratio of the springs at the start of a fit; strain-wave gears have 0.5 to 2 %."""
 _NODES = 41
-"""Nodes of the mean over a normal distribution of torques; the spring laws are smooth."""
+"""Quadrature nodes for a mean over normally distributed torques; few suffice for smooth spring laws."""
 _SLOPE = 1e-5
-"""Step of the central differences of gravity torques [rad or m]: error and rounding are near 1e-10 of the torque."""
+"""Step [rad or m] of the central differences of gravity torques, whose error and rounding are near 1e-10 of the
+torque."""
 
 
 class Drives(NamedTuple):
@@ -45,21 +46,21 @@ class Drives(NamedTuple):
     rotor: Floats
     """J = I_m ell."""
     payload: float
-    """[kg], at its place in the robot file, or at the tool if the file has none."""
+    """Payload [kg], at its place in the robot file, or at the tool if the file has none."""
 
 
 class MotorResponse(NamedTuple):
-    """Effects of motions of the rotors at f frequencies, for r realisations; see the equations of the module."""
+    """Effects of rotor motions at f frequencies, for r realisations; see the equations of the module."""
 
     torque: Complex
-    """(r, f, n): ell tau [N.m or N] without dry friction."""
+    """ell tau without dry friction, (r, f, n) [N.m or N]."""
     link: Complex
-    """(r, f, n): its part that is transmitted by the springs or acts on carried rotors."""
+    """The part of it that springs transmit or that acts on carried rotors, (r, f, n)."""
     q: Complex
     bent: Complex
-    """(r, f, n): Positions of links, and deformations of springs [rad or m]."""
+    """Positions of links and deformations of springs, (r, f, n) [rad or m]."""
     reaction: Complex
-    """(f, n, n): P L^-1."""
+    """P L^-1, (f, n, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ class MotorSide:
 
     robot: Robot
     pose: Floats
-    """(n,) [rad or m]."""
+    """Pose, (n,) [rad or m]."""
 
     @cached_property
     def links(self) -> tuple[Floats, Floats]:
@@ -77,7 +78,7 @@ class MotorSide:
 
     @cached_property
     def payload(self) -> tuple[Floats, Floats]:
-        """Their change by a payload of 1 kg."""
+        """Change of both by a payload of 1 kg."""
         loaded = self._links(_with_payload(self.robot, 1.0))
         return loaded[0] - self.links[0], loaded[1] - self.links[1]
 
@@ -89,7 +90,7 @@ class MotorSide:
         return (regressor(self.robot, pose, none, np.eye(n), none, none).carried * self.robot.ell).T
 
     def scaled_link(self, i: int) -> tuple[Floats, Floats]:
-        """Return the changes of both matrices by a link `i` with twice the mass and inertia."""
+        """Return the changes of both matrices if link `i` has twice the mass and inertia."""
         factor = 1.0 + np.eye(self.robot.n)[i]
         robot = _with_payload(self.robot, 0.0)
         more = robot.with_parameters(mass=robot.mass * factor, inertia=robot.inertia * factor[:, None, None])
@@ -108,7 +109,7 @@ class MotorSide:
         return gravity_torque(self.robot, self.pose)
 
     def start(self, torque: npt.ArrayLike = 0.0) -> Drives:
-        """Return the drives of the robot file, whose springs are loaded by a torque (n,) (RMS) about gravity's."""
+        """Return the robot file's drives, with springs loaded by torques of an RMS (n,) about gravity's."""
         robot, M = self.robot, self.links[0]
         K = effective_stiffness(robot, self.weight, np.broadcast_to(np.asarray(torque, float), robot.n))
         mass = float(np.asarray(robot.payload_mass)) if robot.payload else 0.0
@@ -121,7 +122,7 @@ class MotorSide:
         return M + payload * M_p, G + payload * G_p
 
     def answer(self, w: Floats, drives: Drives, kappa: Complex) -> MotorResponse:
-        """Return the torques that motions (r, f, n) of the rotors at frequencies (f,) [rad/s] require."""
+        """Return the torques required by rotor motions (r, f, n) at frequencies (f,) [rad/s]."""
         S = drives.stiffness + 1j * w[:, None] * drives.damping
         square = (w**2)[:, None, None]
         M, G = self.masses(drives.payload)
@@ -142,10 +143,11 @@ class MotorSide:
         return np.moveaxis(self.answer(w, drives, columns).torque, 0, 2)
 
     def antiresonances(self, drives: Drives) -> Floats:
-        """Return for each joint (n,) the frequency [Hz] of the mode with held motors that bends its spring most.
+        """Return for each joint the frequency (n,) [Hz] of the mode with held motors that bends its spring most.
 
-        There the response of the rotors to their torques has a minimum. A spring bends most if it has most of the
-        energy. A payload is set to 0 if its fitted mass is negative, because masses must be positive.
+        At this frequency the response of the rotors to their torques has a minimum. The spring that bends most is the
+        one with most of the energy. A payload is set to 0 if its fitted mass is negative, because masses must be
+        positive.
         """
         M, G = self.masses(max(drives.payload, 0.0))
         carried = self.carried.T @ ((drives.rotor / self.robot.ell**2)[:, None] * self.carried)
@@ -156,9 +158,9 @@ class MotorSide:
 
 
 def effective_stiffness(robot: Robot, weight: Floats, swing: Floats) -> Floats:
-    """Return stiffnesses (n,) of the springs for torques that vary with an RMS (n,) about others (n,) [N.m or N].
+    """Return the springs' stiffnesses (n,) for torques that vary with an RMS (n,) about mean ones (n,) [N.m or N].
 
-    The slope of the regression of the torque on the deformation, for a normal distribution: that of a multisine.
+    It is the regression slope of torque on deformation for a normal distribution, as in a multisine.
     """
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     weights = weights / weights.sum()

@@ -1,8 +1,8 @@
-"""Periodic torques that show the springs from the motors' side, and the spectra of a log of them.
+"""Periodic torques that reveal the springs from the motor side, and the spectra of a log of them.
 
-At each of two levels of torque there are three realisations, multisines with other random phases of all joints at once.
-Each is a settling period, in which transients end, and three used periods, whose mean is the answer and whose scatter
-is the noise.
+At each of two levels of torque there are three realisations, which are multisines of all joints at once with different
+random phases. Each consists of a settling period, in which transients decay, and three used periods, whose mean is the
+response and whose scatter is the noise.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import Complex
 
 LEVELS = (2.5, 5.0)
-"""RMS of the torques relative to the breakaway friction f_s: from twice it on, friction no longer hides the springs."""
+"""RMS of the torques relative to the breakaway friction f_s: above twice, friction no longer hides the springs."""
 REALISATIONS, SETTLING, USED = 3, 1, 3
 _PERIODS = REALISATIONS * (SETTLING + USED)
-"""Periods of a level."""
+"""Number of periods of a realisation."""
 PERIOD = 2.0
-"""[s]: lines are 0.5 Hz apart."""
+"""Period [s]; lines are 0.5 Hz apart."""
 _FIRST, _ALL = 1.0, 40.0
-"""Lowest line [Hz], and the frequency from which on lines thin out, so that each octave has as many."""
+"""Lowest line [Hz], and the frequency from which lines are thinned so that each octave has the same number."""
 NYQUIST = 0.45
-"""Highest line that is used, as a share of the rate of a log: room for the filters of a log."""
+"""Highest line used, as a fraction of a log's rate, which leaves room for the log's filters."""
 _PERIODIC = 0.5
-"""Least correlation of the torques of a log with those that were to be played: feedback adds to them."""
+"""Smallest correlation of a log's torques with the excitation, to which feedback adds."""
 _STOPS = (1.0, 6.0, 36.0)
 _PRESLIDING = 3e-6
 """Limits of the stop operators, as multiples of the smallest [rad or m]; bristles of gears bend by 1e-5 to 1e-4."""
 _BELLS = (0.4, 1.6)
-"""Widths of the bells of falling friction, as multiples of v_s."""
+"""Widths of the bell-shaped terms of falling friction, as multiples of v_s."""
 _OVER = 1e-3
-"""Time over which speeds are taken [s]."""
+"""Time over which speeds are averaged [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PeriodicTorques:
-    """Torques to add to the motors' at one pose."""
+    """Torques to add to the motor torques at one pose."""
 
     t: Floats
-    """(m,) [s]: whole periods, one after the other."""
+    """Times (m,) [s] of whole periods, one after the other."""
     torque: Floats
-    """(m, n) [N.m], motor-side, without gravity."""
+    """Torques (m, n) [N.m], motor-side, without gravity."""
     levels: int = len(LEVELS)
 
     @property
@@ -59,7 +59,7 @@ class PeriodicTorques:
 
     @property
     def lines(self) -> Floats:
-        """Frequencies (f,) [Hz] at which any motor is excited."""
+        """Frequencies (f,) [Hz] at which at least one motor is excited."""
         period = self.torque[: round(len(self.t) / (self.levels * _PERIODS))]
         size = np.abs(np.fft.rfft(period, axis=0)).sum(axis=1)
         return np.flatnonzero(size > 1e-3 * size.max()) / self.period
@@ -87,24 +87,24 @@ def excitation(rms: Floats, highest: float, step: float, seed: int) -> PeriodicT
 
 
 class Periods(NamedTuple):
-    """A level of a log: spectra of r realisations at f lines, with the deviations of their means."""
+    """A level of a log: spectra of r realisations at f lines, with the variances of their means."""
 
     f: Floats
     """(f,) [Hz]."""
     torque: Complex
-    """(r, f, n): ell tau, link-side."""
+    """ell tau, link-side, (r, f, n)."""
     kappa: Complex
     torque_noise: Floats
     kappa_noise: Floats
-    """(f, n): Variances of the means over the used periods, from their scatter."""
+    """Variances of the means over the used periods, from their scatter, (f, n)."""
     friction: Complex
-    """(r, f, n, b): Regressors of dry friction."""
+    """Regressors of dry friction, (r, f, n, b)."""
     swing: Floats
-    """(n,) [N.m]: RMS of the torques, motor-side."""
+    """RMS of the torques, motor-side, (n,) [N.m]."""
 
 
 def aligned(log: Log, plan: PeriodicTorques) -> int:
-    """Return the row of a log at which an excitation begins. UsageError if the log does not have it."""
+    """Return the row of a log at which an excitation begins. UsageError if the log does not contain it."""
     rate = round(plan.period / log.step)
     if abs(rate * log.step / plan.period - 1.0) > 1e-3:
         raise UsageError(
@@ -142,7 +142,7 @@ def periods_of(log: Log, plan: PeriodicTorques, robot: Robot, begin: int) -> lis
     for k in range(plan.levels):
         here = slice(begin + k * _PERIODS * rows, begin + (k + 1) * _PERIODS * rows)
         kappa, tau = log.kappa[here], log.tau[here] * robot.ell
-        if len(kappa) < _PERIODS * rows:  # the last row of a log may be that of the last step
+        if len(kappa) < _PERIODS * rows:  # the last row of a log may belong to the last step
             kappa, tau = (np.concatenate([each, each[-1:]])[: _PERIODS * rows] for each in (kappa, tau))
 
         def spectra(signal: Floats) -> Complex:
@@ -171,10 +171,10 @@ def _resolution(kappa: Floats) -> Floats:
 
 
 def _friction(kappa: Floats, step: float, resolution: Floats, fall: Floats) -> list[Floats]:
-    """Return shapes of the dry friction over motions (m, n): stop operators, and bells of falling friction of one.
+    """Return terms of the dry friction over motions (m, n): stop operators, and bell-shaped terms of falling friction.
 
-    The stop operator follows the position between two limits, as bristles do (Brokate and Sprekels 1996); Coulomb
-    friction is a small limit. They are taken from the measured positions, so they need no simulation.
+    The stop operator follows the position between two limits, like bristles (Brokate and Sprekels 1996); Coulomb
+    friction has a small limit. The terms are calculated from measured positions, so they need no simulation.
     """
     reach = np.array(_STOPS)[:, None] * np.maximum(_PRESLIDING, resolution)
     change = np.diff(kappa, axis=0, prepend=kappa[:1])

@@ -1,4 +1,4 @@
-"""The equations of an identification: residuals, their derivatives, and the torques of the rigid arm."""
+"""The equations of an identification: residuals, their derivatives, and the rigid arm's torques."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ class Regressor(NamedTuple):
     """Spring torques ``links @ phi + rotors @ J``, link-side, and the effect on a rotor of the link that carries it."""
 
     links: Floats
-    """(m, n, 10 n), by the parameters of the bodies one after the other."""
+    """Derivatives by the concatenated parameters of the bodies, (m, n, 10 n)."""
     rotors: Floats
-    """(m, n, n), by the rotors' inertias J = I_m ell, link-side: their reaction (11) on the links; 0 in pure
-    rotation."""
+    """Derivatives by the rotors' inertias J = I_m ell, link-side, (m, n, n): their reaction (11) on the links, 0 in
+    pure rotation."""
     carried: Floats
-    """(m, n) [rad/s2]: acceleration that adds to kappa_ddot in the rotor's torque ``J (kappa_ddot + carried)``."""
+    """Acceleration added to kappa_ddot in the rotor's torque ``J (kappa_ddot + carried)``, (m, n) [rad/s2]."""
 
 
 def regressor(robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: Floats, kappa_ddot: Floats) -> Regressor:
-    """Regressor of the arm at m states, (m, n) each [rad or m, per s, per s2]; of rotors divided by ell."""
+    """Regressor of the arm at m states, (m, n) each [rad or m, per s, per s2]; rotor motions are divided by ell."""
     m, n = q.shape
     slides = [kind == "prismatic" for kind in robot.joint_types]
     z = np.array([0.0, 0.0, 1.0])
@@ -77,7 +77,7 @@ def regressor(robot: Any, q: Floats, q_dot: Floats, q_ddot: Floats, kappa_dot: F
 
 
 def _body(a: Floats, w: Floats, dw: Floats) -> Floats:
-    """Force and moment about the origin of a body by its parameters, (m, 6, 10)."""
+    """Return a body's force and moment about the origin, as derivatives by its parameters, (m, 6, 10)."""
     W = np.zeros((len(a), 6, 10))
     S = _skew(dw) + _skew(w) @ _skew(w)
     W[:, :3, 0] = a
@@ -110,13 +110,13 @@ def _skew(v: Floats) -> Floats:
 
 
 _STATES = 100
-"""Random states for the columns: ten times as many rows as columns for ten joints."""
+"""Number of random states for the columns: for ten joints there are ten times as many rows as columns."""
 _ZERO = 1e-8
-"""Part of a column's size below which the remainder is rounding."""
+"""Fraction of a column's size below which the remainder is rounding."""
 
 
 class BaseParameters(NamedTuple):
-    """Base parameters ``matrix @ phi``, the combinations that move a torque (Gautier and Khalil 1990).
+    """Base parameters ``matrix @ phi``, the combinations that affect a torque (Gautier and Khalil 1990).
 
     Columns of the regressor (p,), matrix (p, 10 n), names and units.
     """
@@ -128,7 +128,7 @@ class BaseParameters(NamedTuple):
 
 
 def base_parameters(robot: Robot) -> BaseParameters:
-    """Find the base parameters of an arm, from its structure: at random states, by projection column by column.
+    """Find the base parameters of an arm from its structure, at random states, by projection column by column.
 
     A column of the regressor that depends linearly on earlier columns is removed, and its parameter is added to theirs.
     """
@@ -155,9 +155,10 @@ def base_parameters(robot: Robot) -> BaseParameters:
 
 
 def link_errors(robot: Robot, share: float) -> Floats:
-    """Return changes (10 n, 10 n) of inertial parameters, a column each, by a standard deviation of a robot file.
+    """Return the changes (10 n, 10 n) of inertial parameters, one per column, for a standard deviation of a robot file.
 
-    Masses and moments of inertia are off by a share, centres of mass by that share of the link's radius of gyration.
+    Masses and moments of inertia have a relative error, centres of mass have this error relative to the radius of
+    gyration.
     """
     ways = np.zeros((10 * robot.n, 10 * robot.n))
     here = body_parameters(robot)
@@ -181,7 +182,7 @@ def link_errors(robot: Robot, share: float) -> Floats:
 
 
 def link_covariance(robot: Robot, base: BaseParameters, share: float) -> Floats | None:
-    """Return the covariance (p, p) of the base parameters of a robot file, None for an infinite share."""
+    """Return the covariance (p, p) of the base parameters of a robot file, None for an infinite error."""
     errors = base.matrix @ link_errors(robot, share) if np.isfinite(share) else None
     return None if errors is None else errors @ errors.T
 
@@ -204,11 +205,11 @@ class TorqueParts(NamedTuple):
     """Spring torques ``Y pi + R J + balance F_cb``, link-side, of m states."""
 
     Y: Floats
-    """(m, n, p), by base parameters."""
+    """Derivatives by base parameters, (m, n, p)."""
     R: Floats
-    """(m, n, n), by rotor inertias, link-side."""
+    """Derivatives by rotor inertias, link-side, (m, n, n)."""
     balance: Floats
-    """(m, n): Torques of a counterbalance of 1 N [m]."""
+    """Torques of a counterbalance of 1 N, (m, n) [m]."""
 
 
 @dataclass
@@ -220,29 +221,29 @@ class IdentificationProblem:
     step: float
     """Time between the samples of the log [s]."""
     torques: TorqueParts
-    """Torques at all m samples, which the nonlinear law of the springs needs."""
+    """Torques at all m samples, needed for the springs' nonlinear law."""
     filtered: TorqueParts
     """The same at the k rows, filtered."""
     acceleration: Floats
-    """(k, n): of rotors, and of the links that carry them [rad/s2 or m/s2]."""
+    """Accelerations of rotors, and of the links that carry them, (k, n) [rad/s2 or m/s2]."""
     tau: Floats
     tau_dot: Floats
-    """(k, n): Motor torques, link-side [N.m or N], and their rates."""
+    """Motor torques, link-side, and their rates, (k, n) [N.m or N]."""
     stretch: Floats | None
-    """(k, n): kappa - q - theta_err as measured [rad or m]; None without encoders behind the gears."""
+    """Measured kappa - q - theta_err, (k, n) [rad or m]; None without encoders behind the gears."""
     steps: Callable[[], list[Floats]]
-    """Return errors (k, n) of the deformation by the steps of encoders behind the gears, each for other zeros
-    [rad or m]."""
+    """Functions that return deformation errors (k, n) [rad or m] due to the steps of encoders behind the gears, each
+    for other zeros."""
     resolution: Floats
-    """(n,): Steps of the encoders behind the gears [rad or m]; 0 if unknown."""
+    """Steps of the encoders behind the gears, (n,) [rad or m]; 0 if unknown."""
     seen: npt.NDArray[np.bool_]
-    """(n,): Joints whose links are measured, and that have the second equation."""
+    """Joints whose links are measured and that have the second equation, (n,)."""
     position: Floats
-    """(k, n): Filtered positions of links."""
+    """Filtered positions of links, (k, n)."""
     speed: Floats
-    """(k, n): Filtered velocities of rotors, for encoders that are late."""
+    """Filtered velocities of rotors, for delayed encoders, (k, n)."""
     velocity: Floats
-    """(m, n): Velocities of rotors at all samples, for friction [rad/s or m/s]."""
+    """Velocities of rotors at all samples, for friction, (m, n) [rad/s or m/s]."""
     narrow: Callable[[Floats], Floats]
     start: Floats = field(default_factory=lambda: np.zeros(0))
     names: list[str] = field(default_factory=list[str])
@@ -292,7 +293,7 @@ class IdentificationProblem:
     def jacobian(self, x: Floats) -> list[Floats]:
         """Return the derivatives (k, n, p) of the residuals by all parameters.
 
-        It takes the compliance at the filtered torque. That changes steps of the search, not its end.
+        It uses the compliance at the filtered torque, which affects the steps of the search but not its result.
         """
         robot, at, n = self.robot, self.places, self.robot.n
         each = np.arange(n)
@@ -328,7 +329,7 @@ class IdentificationProblem:
         return [torque, self.seen[:, None] * stretch]
 
     def stiffness(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Root mean square of the spring torques, secant stiffness there, (n,) each, and its slopes (n, p)."""
+        """Return the RMS of the spring torques, the secant stiffness there, (n,) each, and its slopes (n, p)."""
         torque = np.sqrt(np.mean(self.spring_torques(x) ** 2, axis=0))
         slopes = np.zeros((self.robot.n, len(x)))
 

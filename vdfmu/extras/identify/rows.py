@@ -1,4 +1,4 @@
-"""The rows of an identification: a log, filtered, differentiated and thinned."""
+"""The rows of an identification: a filtered, differentiated and thinned log."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.problem import IdentificationProblem, Regressor, TorqueParts, base_parameters, regressor
 
 _BANDS = 3.0
-"""Band of the second filter, as multiples of the frequency below which nearly all power of the velocities is."""
+"""Band of the second filter, as a multiple of the frequency below which velocities have nearly all of their power."""
 _WIDE = 60.0
-"""Band of the first filter relative to the second; wide, as fast motion also changes friction at low frequencies."""
+"""Band of the first filter relative to the second, wide because fast motion also affects friction at low
+frequencies."""
 _ORDER = 4
 _TRIM = 3.0
-"""Ends of the log that are not used because of the transients of the filters, in periods of the band."""
+"""Ends of the log that are unused because of filter transients, in periods of the band."""
 _FEWEST = 50
-"""Rows of an identification."""
+"""Number of rows of an identification."""
 _ZEROS, _EVEN = 8, 0.05
-"""Number of tried zeros of encoders, and largest unevenness of their steps."""
+"""Number of encoder zeros to try, and largest unevenness of encoder steps."""
 _ENOUGH = 100
 """For a short log the band is widened until this many rows remain."""
 
 
 class Rows(NamedTuple):
-    """Rows of a log, and the identification problem that they define."""
+    """Rows of a log, and the identification problem defined by them."""
 
     problem: IdentificationProblem
     t: Floats
@@ -42,13 +43,13 @@ class Rows(NamedTuple):
     band: float
     """[Hz]."""
     lag: Floats
-    """(n,): Delay of the encoders of links that was taken out beforehand [s]."""
+    """Delay of link encoders that was corrected beforehand, (n,) [s]."""
 
 
 def rows_of(
     log: Log, robot: Robot, band: float | None, lag: Floats | None = None, fewest: int = _FEWEST, share: float = 1.0
 ) -> Rows:
-    """Return the rows of a log, in a band narrowed by `share`. A missing delay of link encoders is estimated."""
+    """Return the rows of a log, in a band narrowed by `share`. If the delay of link encoders is None, estimate it."""
     h = log.step
     if band is None:
         last = max(fastest(column) for column in np.diff(log.kappa, axis=0).T)
@@ -78,7 +79,7 @@ def rows_of(
     error = kinematic_error(robot, kappa)
     seen: Any = np.zeros(robot.n, bool) if log.q is None else np.isfinite(log.q).all(axis=0)
     q = np.zeros_like(kappa)
-    if not seen.all():  # link positions from the springs of the robot file, which are accurate for slow motions
+    if not seen.all():  # link positions from the robot file's springs, which are accurate for slow motions
         tau_s = file_torques(robot, kappa, regressor(robot, kappa, kappa_dot, kappa_ddot, kappa_dot, kappa_ddot))
         q = kappa - error - deformation(robot, tau_s)
     measured: Any = q if log.q is None else np.where(seen, log.q, 0.0)
@@ -123,13 +124,13 @@ def counterbalance_hold(robot: Robot, q: Floats) -> Floats:
 
 
 def file_torques(robot: Robot, q: Floats, parts: Regressor) -> Floats:
-    """Spring torques (m, n) that the robot file gives at positions (m, n), with its regressor there."""
+    """Return the robot file's spring torques (m, n) at positions (m, n), with its regressor there."""
     links = parts.links @ body_parameters(robot) + parts.rotors @ (robot.I_m * robot.ell)
     return links + counterbalance_hold(robot, q) * robot.F_cb
 
 
 def _step_sizes(measured: Floats) -> Floats:
-    """Return steps (n,) of the encoders of positions (m, n) [rad or m]; 0 if values are not multiples of one."""
+    """Return the encoder steps (n,) in positions (m, n) [rad or m]; 0 if values are not multiples of one step."""
     step = np.zeros(measured.shape[1])
     for i, column in enumerate(measured.T):
         apart = np.diff(np.unique(column))
@@ -139,7 +140,7 @@ def _step_sizes(measured: Floats) -> Floats:
 
 
 def _steps(step: Floats, q: Floats) -> list[Floats]:
-    """Quantisation errors (m, n) of encoders with steps (n,) along smooth positions, for several random offsets."""
+    """Yield quantisation errors (m, n) of encoders with steps (n,) along smooth positions, for random offsets."""
     random = np.random.default_rng(0)
     zeros = random.uniform(size=(_ZEROS, 1, q.shape[1])) * step
     safe = np.where(step > 0.0, step, 1.0)
@@ -147,7 +148,7 @@ def _steps(step: Floats, q: Floats) -> list[Floats]:
 
 
 def _lag(stretch: Floats, speed: Floats, tau: Floats) -> Floats:
-    """Return by how much encoders of links are late [s], for springs that yield to the torques of motors."""
+    """Return the delay of link encoders [s], assuming that springs deform under the motor torques."""
     ones = np.ones(len(tau))
     each = zip(stretch.T, speed.T, tau.T, strict=True)
     return np.array([np.linalg.lstsq(np.stack([v, ones, t], axis=1), s, rcond=None)[0][0] for s, v, t in each])

@@ -1,8 +1,8 @@
-"""The least squares of an identification: weights, prior, covariance.
+"""The least-squares problem of an identification: weights, prior, covariance.
 
-A log of some seconds does not determine all parameters, and its residuals are not white: errors of the model last. So
-the robot file's values are treated as observations with the errors that such files have, residuals are weighted by
-their long-run variance (Newey and West 1987), and so are the intervals.
+A log of some seconds does not determine all parameters, and its residuals are not white because model errors persist.
+So the robot file's values are treated as observations with typical errors of such files, and residuals are weighted by
+their long-run variance (Newey and West 1987), which also determines the intervals.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from vdfmu.base.arrays import Floats
 from vdfmu.extras.identify.problem import SPRINGS, IdentificationProblem
 
 _UNKNOWN = 0.7
-"""Standard deviation relative to the prior's above which a parameter keeps the robot file's value."""
+"""Standard deviation, relative to the prior's, above which a parameter keeps the robot file's value."""
 _RESOLVED = 10.0
-"""Steps of an encoder below which the deviation of a deformation is not resolved."""
+"""Encoder steps below which the standard deviation of a deformation is not resolved."""
 _SHARES = {
     "I_m": 0.2, "f_c": 1.0, "f_s": 0.5, "v_s": 1.0, "f_v": 1.0, "K_f0": 0.5, "c_f": 1.0, "K_w0": 0.5, "c_w": 1.0,
     "F_cb": 0.2, "delay_tau": 1.0, "delay_q": 1.0,
 }  # fmt: skip
-"""Standard deviations without the log, as a share of the robot file's value; of static friction, of its ratio to
-Coulomb's, of delays, as a share of a step of the log."""
+"""Standard deviations without the log, relative to the robot file's value; for static friction that of its ratio to
+Coulomb friction, for delays relative to the log's step."""
 _ASSUMED = 0.5
-"""The same of a rotor inertia whose source in the robot file begins with "Assumed"."""
+"""The same for a rotor inertia whose source in the robot file begins with "Assumed"."""
 _ROUNDS, _SETTLED = 6, 1e-3
-"""Rounds of weights, and change of the variables of the search below which they end: a tenth of a per cent."""
+"""Number of updates of the weights, and change of the search variables below which they end: 0.1 %."""
 _STEPS = 30
-"""Steps of the search in each."""
+"""Steps of the search per update."""
 _ALIKE = 0.3
-"""Largest difference between a motion and its repetition, as a part of the power of velocities."""
+"""Largest difference between a motion and its repetition, relative to the power of velocities."""
 _LAGS = 1.5
-"""Lags up to which residuals are correlated, divided by the cube root of the number of rows."""
+"""Lags up to which residuals count as correlated, divided by the cube root of the number of rows."""
 
 
 NO_START = "0 in the robot file, the start of the search; give a value"
-"""Why a parameter is kept that the robot does not have."""
+"""Why a parameter that the robot does not have is not fitted."""
 
 
 class Weak(NamedTuple):
-    """A parameter that a log hardly determines: deviation relative to the prior's, and most correlated parameter."""
+    """A parameter that a log hardly determines, its deviation relative to the prior's, and the most correlated one."""
 
     share: float
     partner: str
@@ -56,7 +56,7 @@ class Estimate(NamedTuple):
     x: Floats
     covariance: Floats
     held: dict[str, str]
-    """Parameters that keep the robot file's values, and why."""
+    """Parameters that keep the robot file's values, and the reasons."""
     weak: dict[str, Weak]
     """Parameters that the log hardly determines."""
 
@@ -65,7 +65,7 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
     """Return all parameters.
 
     `prior` is the covariance of the base parameters of the robot file, None if nothing is known of them. `narrower` are
-    the same rows with half the band of the first filter: the change of parameters is part of their deviations.
+    the same rows with half the band of the first filter; the change of parameters with them is part of the deviations.
     """
     search = _searched(problem, prior)
     covariance = search.covariance(narrower)
@@ -73,7 +73,7 @@ def solve(problem: IdentificationProblem, prior: Floats | None, narrower: Identi
 
 
 def with_links(problem: IdentificationProblem, prior: Floats) -> Floats:
-    """Return all parameters, of which those of the links have this covariance about the robot file's."""
+    """Return all parameters, where those of the links have this covariance about the robot file's."""
     return _searched(problem, prior).x
 
 
@@ -97,15 +97,15 @@ def expected_deviations(problem: IdentificationProblem, prior: Floats | None, no
 
 
 class _Search:
-    """Gauss-Newton in logarithms of the positive drives and springs, and in parts of the sizes of all else."""
+    """Gauss-Newton search in logarithms of the drives' and springs' positive parameters, and in scaled other ones."""
 
     def __init__(self, problem: IdentificationProblem, prior: Floats | None, noise: list[Floats] | None = None) -> None:
         self.problem, self.x, self.sizes = problem, problem.start.copy(), _sizes(problem)
         self.prior, self.period = prior, _period(problem.speed)
         self.count = problem.places["links"].start
-        """Parameters in logarithms, the first ones."""
+        """Number of parameters in logarithms, which come first."""
         self.root = np.zeros((len(self.x), len(self.x)))
-        """Matrix that turns distances from the robot file's values into standard deviations."""
+        """Matrix that converts distances from the robot file's values to standard deviations."""
         for name, share in _SHARES.items():
             for k in range(*problem.places.get(name, slice(0)).indices(len(self.x))):
                 self.root[k, k] = 1.0 / share
@@ -117,7 +117,7 @@ class _Search:
             links = problem.places["links"]
             self.root[links, links] = np.linalg.inv(np.linalg.cholesky(prior)) * self.sizes[links]
         self.mix = np.eye(len(self.x))
-        """Static friction goes with Coulomb's, to keep their ratio in a log without slow motions."""
+        """Static friction is scaled with Coulomb friction, to keep their ratio in a log without slow motions."""
         f_s, f_c = problem.places["f_s"], problem.places["f_c"]
         self.mix[f_s, f_c] = np.eye(problem.robot.n)
         self.free: Any = np.ones(len(self.x), bool)
@@ -142,22 +142,22 @@ class _Search:
         self.moved = np.zeros(len(self.x))
 
     def ways(self, x: Floats) -> Floats:
-        """Return the derivatives of all parameters by the variables of the search, (p, free)."""
+        """Return the derivatives of all parameters with respect to the search variables, (p, free)."""
         return np.concatenate([x[: self.count], self.sizes[self.count :]])[:, None] * self.mix[:, self.free]
 
     def _noise(self, error: Floats, slope: Floats) -> Floats:
-        """Return the noise of an equation by joint: the remainder of the linear problem at the start."""
+        """Return the noise of an equation by joint: the residual of the linear problem at the start."""
         slopes = np.moveaxis(slope @ self.ways(self.x), 1, 0)
         left = [e - s @ np.linalg.lstsq(s, e, rcond=None)[0] for e, s in zip(error.T, slopes, strict=True)]
         return _level(np.transpose(left), self.period)
 
     def slopes(self, x: Floats) -> list[Floats]:
-        """Return derivatives (k, n, free) of weighted residuals of each equation by the variables of the search."""
+        """Return derivatives (k, n, free) of each equation's weighted residuals with respect to search variables."""
         each = zip(self.problem.jacobian(x), self.weights, strict=True)
         return [(e / w[:, None]) @ self.ways(x) for e, w in each]
 
     def fit(self) -> float:
-        """Solve the least squares with these weights, set new weights by the residuals, and return the change."""
+        """Solve the least-squares problem, set new weights from the residuals, and return the change."""
         x, count, root = self.x, self.count, self.root[:, self.free]
 
         def whole(part: Floats) -> Floats:
@@ -182,7 +182,7 @@ class _Search:
         return float(np.abs(solution.x).max(initial=0.0))
 
     def flatten(self) -> bool:
-        """Hold static friction of joints at Coulomb's if it would be less; return whether that changes any joint."""
+        """Hold joints' static friction at Coulomb friction if it would be less; return whether any joint changes."""
         at, n = self.problem.places, self.problem.robot.n
         less = [i for i in range(n) if self.free[at["f_s"].start + i] and self.x[at["f_s"]][i] < self.x[at["f_c"]][i]]
         for i in less:
@@ -195,7 +195,7 @@ class _Search:
         return bool(less)
 
     def inverse(self, slopes: list[Floats]) -> Floats:
-        """Return a root (free, free) of the covariance of the variables of the search, for independent residuals."""
+        """Return a square root (free, free) of the search variables' covariance for independent residuals."""
         root = self.root[:, self.free]
         rows = [each.reshape(-1, root.shape[1]) for each in slopes]
         V: Any
@@ -203,10 +203,10 @@ class _Search:
         return V.T / np.maximum(S, 1e-12 * S[0])
 
     def covariance(self, narrower: IdentificationProblem) -> Floats:
-        """Covariance of all parameters, for residuals that are alike from row to row (Newey and West 1987).
+        """Covariance of all parameters for residuals that are correlated from row to row (Newey and West 1987).
 
-        Deviations are at least as large as for independent residuals. Added are the changes by half the band of the
-        first filter, and by the steps of encoders: they pass the second filter at turning points.
+        Deviations are at least as large as for independent residuals. To these are added the changes caused by halving
+        the first filter's band, and by encoder steps, which pass the second filter at turning points.
         """
         x, root = self.x, self.root[:, self.free]
         slopes = self.slopes(x)
@@ -229,7 +229,7 @@ class _Search:
         shifts = []
         for pull, share in changes:
             change = inverse @ pull
-            change /= max(1.0, np.abs(root @ change).max())  # what is known beforehand holds a far change back
+            change /= max(1.0, np.abs(root @ change).max())  # the prior limits a large change
             shifts.append(share * self.ways(x) @ change)
         return alike * np.outer(more, more) + np.transpose(shifts) @ np.array(shifts)
 
@@ -256,9 +256,9 @@ class _Search:
         return notes
 
     def _coarse(self) -> set[str]:
-        """Return the parameters of springs that bend by no more than some steps of their encoder.
+        """Return the parameters of springs that deform by only a few steps of their encoder.
 
-        Errors of so few steps follow the motion, so they are no noise, and intervals do not hold the truth.
+        Errors of so few steps follow the motion, so they are not noise, and intervals would miss the true value.
         """
         problem, n = self.problem, self.problem.robot.n
         if problem.stretch is None:
@@ -269,9 +269,9 @@ class _Search:
 
 
 def _level(error: Floats, period: float) -> Floats:
-    """Return the noise of the residuals of an equation by joint, 1 for one without the equation, whose rows are 0.
+    """Return the noise of an equation's residuals by joint; 1 for a joint without the equation, whose rows are 0.
 
-    It is their root mean square, times the deviation of their mean over the mean's for independent residuals.
+    It is their RMS times the ratio of their mean's deviation to that for independent residuals.
     """
     level = np.sqrt([_long_run(column[:, None], period)[0, 0] / len(error) for column in error.T])
     level = np.maximum(level, np.sqrt(np.mean(error**2, axis=0)))
@@ -279,9 +279,9 @@ def _level(error: Floats, period: float) -> Floats:
 
 
 def _long_run(pulls: Floats, period: float) -> Floats:
-    """Covariance (p, p) of the sum of rows (k, p) that are alike from one to the next, by weights of Bartlett.
+    """Covariance (p, p) of the sum of correlated rows (k, p), with Bartlett weights.
 
-    Rows at the same place of a periodic motion are treated as one, because the errors of the model are the same there.
+    Rows at the same place of a periodic motion are treated as one, because model errors are the same there.
     """
     folded = np.zeros((min(int(period) + 1, len(pulls)), pulls.shape[1]))
     np.add.at(folded, (np.arange(len(pulls)) % period).astype(int), pulls)
@@ -294,7 +294,7 @@ def _long_run(pulls: Floats, period: float) -> Floats:
 
 
 def _period(speed: Floats) -> float:
-    """Return the rows (k, n) after which a motion repeats itself, k if it does not."""
+    """Return the number of rows of (k, n) after which a motion repeats, k if it does not."""
     k = len(speed)
     off = np.array([np.mean((speed[lag:] - speed[:-lag]) ** 2) for lag in range(1, k // 2 + 1)]) / np.mean(speed**2)
     for i in range(1, len(off) - 1):
@@ -305,7 +305,7 @@ def _period(speed: Floats) -> float:
 
 
 def _sizes(problem: IdentificationProblem) -> Floats:
-    """Sizes of parameters: of links the largest of the same unit, of delays a step of the log."""
+    """Return scales of parameters: for links the largest with the same unit, for delays a step of the log."""
     sizes, links = np.abs(problem.start), problem.places["links"]
     for i in range(links.start, links.stop):
         same = [j for j in range(links.start, links.stop) if problem.units[j] == problem.units[i]]

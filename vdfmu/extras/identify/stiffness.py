@@ -1,4 +1,4 @@
-"""Stiffness, damping and delay of the drives from motor torques and positions only.
+"""Identifies stiffness, damping and delay of the drives from motor torques and positions only.
 
 The linear model of the arm, :mod:`~vdfmu.extras.identify.motor_side`, is fitted to the spectra of periodic torques, all
 joints at once. Stiffness, damping, viscous friction and rotor of each joint, the payload and one delay are free. Dry
@@ -20,28 +20,29 @@ from vdfmu.extras.identify.motor_side import Complex, Drives, MotorResponse, Mot
 from vdfmu.extras.identify.periodic import PeriodicTorques, Periods, aligned, periods_of
 
 SURE, SHARE = 0.025, 0.5
-"""Largest standard deviation of an identifiable stiffness, and least share of the link's torque that is explained."""
+"""Largest standard deviation of an identifiable stiffness, and smallest explained share of the link's torque."""
 ROTOR = 0.3
-"""Largest logarithm of an identified rotor inertia relative to the robot file's, three deviations of its prior: rotors
-that fit a log with other signs or units are further off."""
+"""Largest logarithm of an identified rotor inertia relative to the robot file's, which is three deviations of the
+prior: rotors that fit a log with wrong signs or units are further off."""
 FLOOR = 0.0025
-"""Standard deviation of a stiffness by what the linear model leaves out of springs and friction, however small the
-noise is: chosen by fifteen simulated logs with bristles, and tested by others, see `benchmarks/stiffness.py`."""
+"""Standard deviation of a stiffness, however small the noise, because the linear model simplifies springs and friction:
+chosen with fifteen simulated logs with bristles and tested with others, see `benchmarks/stiffness.py`."""
 GAIN_OFF, LINKS_OFF = 0.05, 0.06
-"""Standard deviations of torque constants, and of mass and inertia of each link, for intervals that are absolute."""
+"""Standard deviations of torque constants, and of mass and inertia of each link, for absolute intervals."""
 _PRIOR = {"stiffness": 1.0, "damping": 20.0, "viscous": 1e3, "rotor": 0.1, "delay": 3.0}
-"""Standard deviations: logarithms of stiffness and rotor, multiples of damping and viscous friction, ms."""
+"""Prior standard deviations: of log stiffness and log rotor inertia, multiples of damping and viscous friction, and
+ms."""
 _FRICTION = 10.0
-"""Standard deviation of the size of a shape of friction, relative to f_s."""
+"""Prior standard deviation of a friction term's size, relative to f_s."""
 _STARTS = (0.0, -0.35, 0.3)
-"""Logarithms of stiffness relative to the file's at which a fit starts: factors of 0.7 to 1.35."""
+"""Log ratios of stiffness to the file's at which fits start: factors of 0.7 to 1.35."""
 _TRIAL, _LONGEST, _TRIES = 12, 40, 6
-"""Steps from each start, most steps from the best, and most reductions of a step."""
+"""Number of steps from each start, most steps from the best, and most reductions of a step."""
 _DONE = 1e-4
 _NEAR = 0.25
-"""Half the width of the mean over neighbouring lines, as a logarithm of the frequency: a quarter of an octave."""
+"""Half-width, in log frequency, of the mean over neighbouring lines: a quarter of an octave."""
 _BLOCKS = 24
-"""Number of bands of lines whose residuals are assumed to be independent in the deviations."""
+"""Number of bands of lines whose residuals are treated as independent in the deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,42 +52,42 @@ class StiffnessLevel:
     f: Floats
     """Lines (f,) [Hz]."""
     swing: Floats
-    """(n,) [N.m]: RMS of the motors' torques, motor-side."""
+    """RMS of the motor torques, motor-side, (n,) [N.m]."""
     spring: Floats
-    """(n,) [N.m or N]: RMS of the springs' torques, at which the stiffness holds."""
+    """RMS of the spring torques at which the stiffness is valid, (n,) [N.m or N]."""
     drives: Drives
     deviation: Floats
     absolute: Floats
-    """(n,): Standard deviations of the stiffness as a share, with the links and torque constants of the robot file, and
-    with these uncertain too."""
+    """Relative standard deviations of the stiffness, (n,): with the robot file's links and torque constants, and with
+    these uncertain too."""
     uncertainty: Floats
-    """(n, n): Covariance of the logarithms of stiffness, absolute."""
+    """Covariance of log stiffness, absolute, (n, n)."""
     share: Floats
-    """(n,): Share of the square of the links' torques that the model explains."""
+    """Share of the links' squared torques that the model explains, (n,)."""
     rotor: Floats
-    """(n,): Inertia of the rotors relative to the robot file's."""
+    """Rotor inertias relative to the robot file's, (n,)."""
     antiresonance: Floats
-    """(n,) [Hz]: See :meth:`MotorSide.antiresonances`."""
+    """See :meth:`MotorSide.antiresonances`, (n,) [Hz]."""
     delay: float
     delay_deviation: float
-    """[s]: Of positions after torques."""
+    """Delay of positions relative to torques [s]."""
     measured: Complex
     fitted: Complex
-    """(f, n): Motion of each rotor by its own torque [rad/(N.m) or m/N], the other rotors held."""
+    """Response of each rotor to its own torque, other rotors held, (f, n) [rad/(N.m) or m/N]."""
 
     @property
     def stiffness(self) -> Floats:
-        """(n,) [N.m/rad or N/m], link-side."""
+        """Stiffness, link-side, (n,) [N.m/rad or N/m]."""
         return self.drives.stiffness
 
     @property
     def explained(self) -> npt.NDArray[np.bool_]:
-        """(n,): Joints whose torques the model explains, with a rotor near the robot file's."""
+        """Joints whose torques the model explains with a rotor near the robot file's, (n,)."""
         return (self.share > SHARE) & (np.abs(np.log(self.rotor)) < ROTOR)
 
     @property
     def identifiable(self) -> npt.NDArray[np.bool_]:
-        """(n,): Joints whose stiffness the log shows."""
+        """Joints whose stiffness the log determines, (n,)."""
         return self.explained & (self.deviation < SURE) & (self.antiresonance <= self.f[-1])
 
 
@@ -95,11 +96,11 @@ class Stiffness(NamedTuple):
 
     side: MotorSide
     levels: list[StiffnessLevel]
-    """From small to large torques."""
+    """Results from small to large torques."""
 
     @property
     def identifiable(self) -> npt.NDArray[np.bool_]:
-        """(n,): Joints whose stiffness the log shows at any level."""
+        """Joints whose stiffness the log determines at any level, (n,)."""
         return np.any([level.identifiable for level in self.levels], axis=0)
 
     def best(self, i: int) -> int:
@@ -110,7 +111,7 @@ class Stiffness(NamedTuple):
 def identify_stiffness(log: Log, robot: Robot, plan: PeriodicTorques) -> Stiffness:
     """Identify the springs of an arm from a log of periodic torques.
 
-    `plan` are the torques that were added to the motors'. UsageError if the log does not have them.
+    `plan` are the torques that were added to the motors'. UsageError if the log does not contain them.
     """
     begin = aligned(log, plan)
     pose = log.kappa[begin:].mean(axis=0)
@@ -165,7 +166,7 @@ class _Fit:
         )
 
     def late(self, x: Floats) -> Complex:
-        """Return the factor (f, 1) by which torques are ahead of positions."""
+        """Return the phase factor (f, 1) by which torques lead positions."""
         return np.exp(1e-3j * self.w * x[4 * self.n + 1])[:, None]
 
     def dry(self, x: Floats) -> Complex:
@@ -173,7 +174,7 @@ class _Fit:
         return (self.data.friction * x[4 * self.n + 2 :].reshape(-1, self.n).T).sum(axis=-1)
 
     def errors(self, x: Floats) -> tuple[MotorResponse, Complex]:
-        """Return the answer of the model, and the torques that are left."""
+        """Return the response of the model, and the torque residuals."""
         answer = self.side.answer(self.w, self.drives(x), self.data.kappa)
         return answer, self.data.torque - self.late(x) * (answer.torque + self.dry(x))
 
@@ -204,14 +205,14 @@ class _Fit:
         return times(answer.reaction, times(-((self.w**2)[:, None, None]) * M + G, answer.q))
 
     def variance(self, drives: Drives, errors: Complex) -> Floats:
-        """Return variances (f, n) of the residuals: of the noise, or more where they are larger nearby."""
+        """Return variances (f, n) of the residuals: those of the noise, or larger if nearby residuals are larger."""
         torque, kappa = self.noise
         noise = torque + (np.abs(self.side.impedance(self.w, drives)) ** 2 @ kappa[..., None])[..., 0]
         more = self.near @ ((np.abs(errors) ** 2).mean(axis=0) / noise)
         return noise * np.maximum(more, 1.0)
 
     def cost(self, x: Floats, errors: Complex, variance: Floats) -> float:
-        """Return the negative logarithm of the posterior, except for a constant, with variances held."""
+        """Return the negative log posterior, except for a constant, with fixed variances."""
         return float((np.abs(errors) ** 2 / variance).sum() + (((x - self.middle) / self.prior) ** 2).sum() / 2.0)
 
     def search(self, x: Floats, most: int) -> _Trial:
@@ -270,10 +271,10 @@ class _Fit:
         )  # fmt: skip
 
     def _deviations(self, state: _Trial) -> tuple[Floats, Floats]:
-        """Return the covariance (p, p), and that of stiffness (n, n) by torque constants and links.
+        """Return the covariance (p, p), and the part of stiffness (n, n) due to torque constants and links.
 
-        The covariance is the larger of the curvature's and the sandwich of White (1982), with the residuals of a
-        realisation in a band of lines as one sample, because those of neighbouring lines are alike.
+        The covariance is the larger of the inverse curvature and White's (1982) sandwich estimate, in which the
+        residuals of a realisation in a band of lines are one sample, because neighbouring lines are alike.
         """
         n, (r, f, _) = self.n, state.errors.shape
         slopes, errors = _weighted(state)

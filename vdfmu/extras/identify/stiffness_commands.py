@@ -12,7 +12,6 @@ from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import UsageError
 from vdfmu.base.files import write_whole
 from vdfmu.base.measure import unit_of
-from vdfmu.base.style import save
 from vdfmu.cli.options import target_file
 from vdfmu.cli.terminal import console, say, say_notes, say_written, table
 from vdfmu.engine.results.verdict import FAILED, state_of
@@ -34,10 +33,11 @@ from vdfmu.extras.identify.stiffness_report import (
     stiffness_verdict,
     unexcited_verdict,
 )
+from vdfmu.extras.pictures.style import save
 from vdfmu.study.report.sheets import verdict_table, verdict_text
 
 _COLUMN = "controller.tau_m[{}]"
-"""Column of a torque: the input of the controllers of shipped scenarios, to which feedforward torques come."""
+"""Column of a torque, named like the feedforward input of the controllers in shipped scenarios."""
 
 
 def design_stiffness(
@@ -111,7 +111,7 @@ def show_stiffness(
     log: Path, robot: str, columns: Mapping[str, str], time: str, excitation: Path | None,
     files: Mapping[str, Path | None], overwrite: bool, scenario: str | None = None,
 ) -> None:  # fmt: skip
-    """Identify the springs from a log, print and write what it shows; exit code 1 if it shows none.
+    """Identify the springs from a log, print and write the result; exit code 1 if no spring is identifiable.
 
     `files` are those to write: ``plot``, ``page`` and ``out``; `scenario` is the system whose margins are judged.
     """
@@ -184,7 +184,7 @@ def _on_margins(interval: MarginInterval | None) -> list[str]:
 
 
 def _write_fit(fit: Stiffness, picture: Picture, targets: Mapping[str, Path], log: str, shows: bool) -> list[Path]:
-    """Write the picture, and the robot if the log shows springs; return their paths."""
+    """Write the picture, and the robot if springs are identified; return their paths."""
     written: list[Path] = []
     if "plot" in targets:
         written.append(save(picture, targets["plot"]))

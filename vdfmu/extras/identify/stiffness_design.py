@@ -1,4 +1,4 @@
-"""Excitation torques that identify the springs of an arm from the motor side, within its limits; demands on the log."""
+"""Excitation torques that identify an arm's springs from the motor side within its limits, and demands on the log."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ STEP = 1e-3
 BEYOND = 1.5
 """Highest line relative to the highest antiresonance."""
 LEAST = 2.0
-"""Least RMS of a torque relative to the breakaway friction."""
+"""Smallest RMS of a torque relative to the breakaway friction."""
 _BENT = 0.3
-"""Bend of each joint from the middle [rad]: straight arms hide joints whose axes meet in a point."""
+"""Bend of each joint from the middle [rad], because straight arms hide joints whose axes intersect."""
 _OFF = 0.3
 """Largest share of half a joint's range that this bend uses."""
 _CREST = 4.0
 """Crest factor of a multisine with random phases: its peak divided by its RMS."""
 _MARGIN = 0.9
-"""Share of the limits of speed and torque that is used."""
+"""Fraction of the limits of speed and torque that is used."""
 _FINEST = 2.5e-4
-"""Step of the torques [s]: held over it, they lose 2 % at 400 Hz."""
+"""Step over which the torques are held [s]; they lose 2 % at 400 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class StiffnessExperiment:
     excitation: PeriodicTorques
     pose: Floats
     antiresonance: Floats
-    """[Hz], of the robot file's springs."""
+    """Antiresonances with the robot file's springs [Hz]."""
     breakaway: Floats
     """Friction f_s, motor-side [N.m]."""
     torque: Floats
@@ -48,16 +48,16 @@ class StiffnessExperiment:
     """Predicted RMS torque [N.m], and peaks of speed and of the deviation from the pose [rad or m, per s], without
     friction, at the higher level."""
     rate: Floats
-    """Least rate of the log [Hz]."""
+    """Smallest rate of the log [Hz]."""
 
     @property
     def lacks(self) -> list[str]:
-        """For each joint the data that are missing for its identification, as text; empty if none are."""
+        """For each joint, as text, what is missing for its identification; empty if nothing."""
         return missing(self.antiresonance, self.excitation.lines[-1], self.torque, self.breakaway)
 
 
 def missing(antiresonance: Floats, highest: float, torque: Floats | None, breakaway: Floats) -> list[str]:
-    """Return for each joint the frequency and the torque that are missing in an excitation; empty if none are.
+    """Return for each joint the missing frequency and torque of an excitation; empty if nothing is missing.
 
     `highest` is the highest line [Hz], `torque` the RMS (n,), None without excitation, and `breakaway` the friction
     (n,), motor-side [N.m].
@@ -80,7 +80,7 @@ def missing(antiresonance: Floats, highest: float, torque: Floats | None, breaka
 def stiffness_experiment(
     robot: Robot, *, pose: npt.ArrayLike | None = None, step: float = STEP, seed: int = 0
 ) -> StiffnessExperiment:
-    """Choose the torques for a robot, at a pose (n,) or near the middle of its joints' ranges.
+    """Choose the torques for a robot at a pose (n,), by default near the middle of its joints' ranges.
 
     Lines go up to 1.5 times the highest antiresonance, or as far as a log with rows every `step` [s] shows them. The
     lower level is 2.5 times the breakaway friction and the higher twice that, or as much as the motors can.
@@ -115,7 +115,7 @@ def stiffness_experiment(
         room = np.minimum(q - robot.q_min, robot.q_max - q)
         if (room <= 0.0).any():
             raise UsageError(f"pose: expected one between the end stops of {robot.name}, got {q.tolist()}.")
-        for whole in (False, True):  # first the joints that are beyond, then all, because they move each other
+        for whole in (False, True):  # first the joints beyond their limits, then all, because they move each other
             speed, travel = peaks(rms[-1])
             share = np.minimum(_MARGIN * robot.kappa_dot_max / speed, _MARGIN * room / travel)
             rms = np.minimum(rms, rms[-1] * np.minimum(share.min() if whole else share, 1.0))

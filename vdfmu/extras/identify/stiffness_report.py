@@ -1,4 +1,4 @@
-"""The springs as identified from a motor-side log: verdict, tables, picture and page."""
+"""Reports the springs identified from a motor-side log: verdict, tables, picture and page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from matplotlib.figure import Figure as Picture
 from scipy.signal import periodogram
 
 from vdfmu.arm.robot import Robot
-from vdfmu.base import style
 from vdfmu.base.files import temporary_folder
 from vdfmu.base.measure import quantity, unit_of
 from vdfmu.base.page import page, table
@@ -24,9 +23,10 @@ from vdfmu.extras.identify.log import Log
 from vdfmu.extras.identify.motor_side import effective_stiffness
 from vdfmu.extras.identify.stiffness import Stiffness
 from vdfmu.extras.identify.stiffness_design import LEAST, StiffnessExperiment, missing
+from vdfmu.extras.pictures import style
 
 _AROUND = 2.0
-"""A log without the excitation is judged in the band from the antiresonance divided by this to that times this."""
+"""A log without the excitation is judged in the band from the antiresonance divided by this to the product with it."""
 HEADS = (
     "joint", "motor torque\nN.m RMS", "spring torque\nRMS", "stiffness", "95 %", "absolute\n95 %", "damping",
     "antires.\nHz",
@@ -64,9 +64,9 @@ def stiffness_verdict(fit: Stiffness, more: Sequence[Check] = ()) -> dict[str, A
 
 
 def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict[str, Any]:
-    """Return the verdict on a log of other torques than the excitation: how well they excite each spring.
+    """Return the verdict on a log with torques other than the excitation: how well they excite each spring.
 
-    They are compared with Coulomb friction in the octaves around the antiresonance, below the half of the log's rate.
+    They are compared with Coulomb friction in the octaves around the antiresonance, below half of the log's rate.
     Faults of the log come first.
     """
     checks = list(log.checks)
@@ -101,7 +101,7 @@ def _band_rms(signal: Any, step: float, band: tuple[float, float]) -> float:
 
 
 def stiffness_rows(fit: Stiffness) -> list[list[str]]:
-    """Return the cells of a table under `HEADS`, a row for each joint and level."""
+    """Return the cells of a table with the headings `HEADS`, a row per joint and level."""
     robot, rows = fit.side.robot, list[list[str]]()
     for i in range(robot.n):
         for level in fit.levels:
@@ -120,7 +120,7 @@ def stiffness_notes(fit: Stiffness) -> list[str]:
     late = [f"{1e3 * x.delay:.3f} +- {1e3 * NORMAL_95 * x.delay_deviation:.2g} ms" for x in fit.levels]
     pose = ", ".join(f"{x:.3g}" for x in fit.side.pose)
     return [
-        f"positions are {' and '.join(late)} later than torques, at the two levels",
+        f"positions lag the torques by {' and '.join(late)} at the two levels",
         f"stiffness holds for the spring's torque in the table (RMS), about gravity at the pose {pose}: the spring "
         f"is nonlinear, so its stiffness depends on the torque",
         "95 %: links, position of the payload and torque constants as in the robot file; absolute: links within 6 %, "
@@ -140,7 +140,7 @@ def scaled_robot(fit: Stiffness) -> tuple[Robot, list[str]]:
             width = f"+- {_per_cent(level.deviation[i])} (95 %)"
             for name in ("K_f0", "K_w0"):
                 sources[f"joints[{i + 1}].drive.{name}"] = (
-                    f"scaled to {level.stiffness[i]:.4g} at the motors' side, {width}"
+                    f"scaled to {level.stiffness[i]:.4g} with motor-side logs, {width}"
                 )
         else:
             texts.append(f"joint {i + 1} keeps the robot file's spring")
@@ -150,7 +150,7 @@ def scaled_robot(fit: Stiffness) -> tuple[Robot, list[str]]:
 
 @style.styled
 def draw_responses(fit: Stiffness, title: str) -> Picture:
-    """Draw the response of each rotor to its own torque, the others held, measured and fitted, at the higher level."""
+    """Draw the measured and fitted response of each rotor to its own torque, with others held, at the higher level."""
     level, n = fit.levels[-1], fit.side.robot.n
     columns = min(n, 3)
     words = (
@@ -198,7 +198,7 @@ def _per_cent(deviation: float) -> str:
 
 
 def design_rows(plan: StiffnessExperiment) -> list[list[str]]:
-    """Return the cells of a table of an experiment, a row for each joint."""
+    """Return the cells of an experiment's table, a row per joint."""
     return [
         [f"{i + 1}", f"{plan.antiresonance[i]:.3g}", f"{plan.rate[i]:.4g}", f"{plan.breakaway[i]:.3g}",
          f"{plan.torque[i]:.3g}", f"{plan.speed[i]:.2g}", f"{plan.travel[i]:.2g}"]

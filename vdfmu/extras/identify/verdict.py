@@ -1,7 +1,7 @@
 """The verdict on an identification: faults of the log, residuals, and a comparison with two simpler models.
 
-The simpler models are the links of the robot file with fitted friction, and rigid joints with a delay of the encoders
-behind the gears. A model that fits no better than they do has parameters that the log does not support.
+The simpler models are the links of the robot file with fitted friction, and rigid joints with delayed encoders behind
+the gears. If the identified model fits no better, the log does not support its parameters.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ _AS_GOOD = "the file's links are equally good"
 
 
 def gain(error: Floats, null: Floats) -> tuple[float, float]:
-    """Return the 95 % interval of the gain of a model over a simpler one, as a share of the latter's mean square.
+    """Return the 95 % interval of a model's gain over a simpler one, relative to the latter's mean square.
 
-    `error` and `null` (k,) are their residuals in the same rows. Neighbouring rows are alike, so blocks of 2 k^(1/3)
-    rows are drawn together (Kuensch, The jackknife and the bootstrap for general stationary observations, 1989).
+    `error` and `null` (k,) are their residuals in the same rows. Neighbouring rows are correlated, so blocks of 2
+    k^(1/3) rows are drawn together (Kuensch, The jackknife and the bootstrap for general stationary observations,
+    1989).
     """
     k = len(error)
     length = min(k, int(np.ceil(2.0 * k ** (1.0 / 3.0))))
@@ -63,16 +64,17 @@ def verdict(fit: Identified, log_checks: tuple[Check, ...], robot: Robot, score:
 
 
 def _worst(row: Limit, values: Mapping[str, float], more: str = "") -> Check:
-    """Return the check of the place with the worst value."""
+    """Return the check with the worst value."""
     place = max(values, key=lambda name: (STATES.index(row.state(values[name])), values[name]))
     return row.check(values[place], more, place=place)
 
 
 def _scale(fit: Identified, robot: Robot, score: LogScore, first: str) -> Iterator[Check]:
-    """Yield a check of the scale of the links, which is off if a gear ratio or a torque constant is wrong.
+    """Yield a check of the links' scale, which is wrong if a gear ratio or a torque constant is wrong.
 
-    The scale is the factor on the torques of the file's links that fits those of the identified links best, each joint
-    relative to its total torque. A file that is declared less certain than usual gives no information on the scale.
+    The scale is the factor by which the torques of the file's links fit those of the identified links best, with each
+    joint relative to its total torque. A file that is declared less certain than usual gives no information on the
+    scale.
     """
     p = score.rows.problem
     weighted = p.filtered.Y / score.torque[:, None]
@@ -113,7 +115,7 @@ def _residual(robot: Robot, score: LogScore, first: str) -> Iterator[Check]:
 
 
 def _links(robot: Robot, score: LogScore) -> Iterator[Check]:
-    """Yield whether the links of the robot file, with fitted friction, are as good as the identified links."""
+    """Yield the check of whether the robot file's links, with fitted friction, are as good as the identified ones."""
     gains = [gain(e, n) for e, n in zip(score.torque_error.T, score.held_error.T, strict=True)]
     better = [place for place, (low, _) in zip(_places(robot), gains, strict=True) if low > 0.0]
     worse = [place for place, (_, high) in zip(_places(robot), gains, strict=True) if high < 0.0]
@@ -126,7 +128,7 @@ def _links(robot: Robot, score: LogScore) -> Iterator[Check]:
 
 
 def _springs(robot: Robot, score: LogScore) -> Iterator[Check]:
-    """Yield whether rigid joints with a delay explain the deformations as well as the springs."""
+    """Yield the check of whether rigid joints with a delay explain the deformations as well as the springs."""
     seen = np.flatnonzero(np.isfinite(score.deformation))
     if not len(seen):
         return

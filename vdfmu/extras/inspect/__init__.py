@@ -1,1 +1,1 @@
-"""Checks of an FMU beyond ten steps: the reference results in it, and every call that it declares."""
+"""Checks of an FMU beyond ten steps: its reference results, and every call that it declares."""

@@ -1,4 +1,4 @@
-"""Calls beyond plain steps that an FMU declares: inputs, event mode, FMU state, directional derivatives."""
+"""Calls in addition to plain steps that an FMU declares: inputs, event mode, FMU state, directional derivatives."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from vdfmu.engine.package.archive import Archive
 from vdfmu.engine.rules import Findings
 
 Attempt = Callable[[Instance, float, float], str]
-"""Takes an instance after its initialization, start and step [s]; returns a fault or ""."""
+"""Function of an initialized instance, start and step [s] that returns a fault or ""."""
 _MOST = 20
-"""Most outputs with a request of directional derivatives."""
+"""Most outputs for which directional derivatives are requested."""
 _REPEATED = 1e-9
-"""Relative difference between a step and its repetition: the same operations, each within 1e-16."""
+"""Relative difference allowed between a step and its repetition, which make the same operations, each within 1e-16."""
 
 
 def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findings:
-    """Make the calls that an FMU declares to support, each kind with a new instance; start and step [s]."""
+    """Make the calls that an FMU declares, each kind with a new instance; start and step [s]."""
     findings = Findings()
     description = described(path)
     if description is None or not description.identifier or description.once_per_process:
@@ -56,7 +56,7 @@ def try_abilities(path: Path, start: float, step: float, watch: Watch) -> Findin
 
 
 def described(path: Path) -> Description | None:
-    """Return the description of an FMU, None if it cannot be read."""
+    """Return the description of an FMU, or None if it cannot be read."""
     with Archive(path, path.name) as archive:
         return inspect_description(archive, path.name)[0]
 
@@ -93,7 +93,7 @@ def _inputs(description: Description) -> list[FmuVariable]:
 
 
 def _initialized(*_: object) -> str:
-    """Nothing more than the initialization, which reads the numbers."""
+    """Do nothing beyond the initialization, which reads the numbers."""
     return ""
 
 
@@ -104,7 +104,7 @@ def _event_mode(instance: Instance, start: float, step: float) -> str:
 
 
 def _stepped(instance: Instance, start: float, step: float) -> str:
-    """Set the inputs and step, twice: the second time with states."""
+    """Set the inputs and step, twice, the second time with states."""
     for k in range(2):
         instance.set_all([(v, v.start) for v in _inputs(instance.description)])
         make_step(instance, start + k * step, step)
@@ -128,7 +128,7 @@ def _outputs(instance: Instance) -> tuple[Floats, list[FmuVariable]]:
 
 
 def _state(instance: Instance, start: float, step: float, serialized: bool = False) -> str:
-    """Step, save the state, `serialized` or not, step twice from there; return the difference of outputs."""
+    """Step, save the state, `serialized` or not, and step twice from there; return the difference of outputs."""
     make_step(instance, start, step)
     state, time = instance.saved_state(), start + step
     if serialized:
@@ -152,7 +152,7 @@ _serialized = partial(_state, serialized=True)
 
 
 def _derivatives(instance: Instance, start: float, step: float) -> str:
-    """Get the directional derivative of each output by the inputs in its dependencies."""
+    """Get the directional derivative of each output with respect to the inputs in its dependencies."""
     make_step(instance, start, step)
     description = instance.description
 

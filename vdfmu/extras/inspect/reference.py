@@ -27,31 +27,31 @@ from vdfmu.engine.package.parse import parse_xml
 from vdfmu.engine.rules import Findings, finding
 from vdfmu.extras.inspect.abilities import described, make_step, tried
 
-# Reference results do not state the solver's tolerance. This is far above usual ones and far below a wrong result.
+# Reference results do not state the solver's tolerance. This is far above usual tolerances and far below wrong results.
 AGREEMENT = 1e-3
 
 _MANY = 20_000
-"""Steps allowed in any comparison: seconds for a compiled unit, less than the time limit for others."""
+"""Number of steps always allowed in a comparison: seconds for a compiled unit, less than the time limit for others."""
 _EVEN = 1e-9
-"""Allowed difference of equal steps, relative to the largest time, because rows are rounded."""
+"""Allowed difference between equal steps, relative to the largest time, because rows are rounded."""
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
-"""Types in the master that a cell of the table can hold."""
+"""Types in the master that a cell of the table can contain."""
 
 
 class _NotComparedError(Exception):
-    """Reason for omitting results without a fault of the FMU."""
+    """Reason for omitting results, which is no fault of the FMU."""
 
 
 @dataclass(frozen=True)
 class ReferenceTable:
-    """Columns over time; a cell holds a number, or the elements of an array separated by spaces."""
+    """Columns over time; a cell contains a number, or the elements of an array separated by spaces."""
 
     time: Floats
     columns: Mapping[str, Floats]
 
 
 def try_references(path: Path, start: float, step: float, watch: Watch) -> Findings:
-    """Compare the results of an FMU with every table in it, if the process may have another instance of it."""
+    """Compare the results of an FMU with every table in it, unless it allows only one instance per process."""
     description = described(path)
     if description is not None and description.once_per_process:
         findings, reason = Findings(), "the unit can be instantiated only once per process"
@@ -83,7 +83,7 @@ def compare(path: Path) -> Findings:
 
 
 def _tables(archive: zipfile.ZipFile, findings: Findings) -> dict[str, str | None]:
-    """Return the tables of results and of their inputs, by the manifest, experiments or names.
+    """Return the tables of results and of their inputs, found through the manifest, experiments or names.
 
     A manifest may name a missing file: other tools may have removed it (FMI-LS-REF, Related Files).
     """
@@ -116,13 +116,13 @@ _RESULTS = ("_out.csv", "_ref.csv")
 
 
 def _beside(name: str, names: set[str]) -> str | None:
-    """Return the table of the inputs by the name of a table of results."""
+    """Return the table of the inputs for the name of a table of results."""
     inputs = next((f"{name.removesuffix(ending)}_in.csv" for ending in _RESULTS if name.endswith(ending)), "")
     return inputs if inputs in names else None
 
 
 def _named(element: Any, owner: str) -> str:
-    """Return the member that a source names, relative to the folder of its file."""
+    """Return the member named by a source, relative to the folder of its file."""
     return posixpath.normpath(posixpath.join(posixpath.dirname(owner), unquote(element.get("source", ""))))
 
 
@@ -152,7 +152,7 @@ def _experiments(root: Any, owner: str, names: set[str], findings: Findings) -> 
 
 
 def _results_of(archive: zipfile.ZipFile, name: str, description: Description, findings: Findings) -> ReferenceTable:
-    """Return the comparable columns; a note names all others, because a table may be for several FMUs."""
+    """Return the comparable columns; a note names the others, because a table may belong to several FMUs."""
     left: dict[str, list[str]] = {}
 
     def skip(column: str) -> bool:
@@ -177,7 +177,7 @@ def _type(description: Description, name: str) -> str:
 
 
 def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Description) -> ReferenceTable | None:
-    """Return the inputs of a table of results; raise for a column that is not a settable variable."""
+    """Return the inputs of a table of results; raise an error for a column that is not a settable variable."""
     if inputs is None:
         return None
 
@@ -193,7 +193,7 @@ def _inputs_of(archive: zipfile.ZipFile, inputs: str | None, description: Descri
 
 
 def read_table(text: str, skip: Callable[[str], bool] = lambda column: False) -> ReferenceTable:
-    """Read a table without columns with `skip(name)`; ValueError names the wrong line."""
+    """Read a table without the columns for which `skip(name)` is true; ValueError names the faulty line."""
     file = CsvFile(io.StringIO(text, newline=""))
     head, rows = [*map(str.strip, file.headings)], [*file]
     if not rows or len(head) < 2:
@@ -242,7 +242,7 @@ def _differences(expected: ReferenceTable, results: Mapping[str, Floats]) -> lis
 def _results(
     path: Path, description: Description, expected: ReferenceTable, signals: ReferenceTable | None
 ) -> dict[str, Floats]:
-    """Return the results of an FMU at the times of a table, with exchange of values at every communication point."""
+    """Return the results of an FMU at the times of a table, with values exchanged at every communication point."""
     outputs, inputs = (
         {name: _elements(description, name, column) for name, column in (table.columns if table else {}).items()}
         for table in (expected, signals)
@@ -251,7 +251,7 @@ def _results(
     rows = {name: np.empty((len(points), column.shape[1])) for name, column in expected.columns.items()}
 
     def feed(instance: Instance, time: float, running: bool = False) -> None:
-        """Set the inputs to their values from a time on; within a step, if `running`, only continuous inputs."""
+        """Set the inputs to their values from a time on; within a step, when `running`, only continuous inputs."""
         if signals is None:
             return
         lines, held = _values_at(signals, time)
@@ -292,7 +292,7 @@ def _elements(description: Description, name: str, column: Floats) -> list[FmuVa
 
 
 def _points(description: Description, expected: ReferenceTable, signals: ReferenceTable | None) -> Floats:
-    """Return the communication points: the times of both tables, or even steps if the unit needs these."""
+    """Return the communication points: the times of both tables, or even steps if the unit needs them."""
     start, stop = expected.time[0], expected.time[-1]
     points = np.unique(expected.time if signals is None else np.concatenate([expected.time, signals.time]))
     points = points[(points >= start) & (points <= stop)]
@@ -308,7 +308,7 @@ def _points(description: Description, expected: ReferenceTable, signals: Referen
 
 
 def _values_at(signals: ReferenceTable, time: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the values of each input from a time on: on the line between two rows, and of the last row."""
+    """Return the values of each input from a time on: interpolated between two rows, and those of the last row."""
     last = max(int(np.searchsorted(signals.time, time, side="right")) - 1, 0)
     following = min(last + 1, len(signals.time) - 1)
     span = signals.time[following] - signals.time[last]

@@ -1,4 +1,4 @@
-"""Trials that this extra adds to the run of an FMU in ``vdfmu check``."""
+"""Trials that this extra adds when ``vdfmu check`` runs an FMU."""
 
 from vdfmu.extras.inspect.abilities import try_abilities
 from vdfmu.extras.inspect.reference import try_references

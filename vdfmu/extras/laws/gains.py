@@ -1,4 +1,4 @@
-"""Gains of state feedback that are optimal at a pose: the linear-quadratic regulator of the sampled arm."""
+"""State-feedback gains that are optimal at a pose: the linear-quadratic regulator of the sampled arm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FED_BACK = ("q", "q_dot", "kappa", "kappa_dot")
 
 
 class StateGains(NamedTuple):
-    """Gains of the unit StateFeedback under the names of its parameters, (n, n) each, link-side."""
+    """Gains of the unit StateFeedback, named like its parameters, (n, n) each, link-side."""
 
     K_q: Floats
     K_q_dot: Floats
@@ -37,14 +37,14 @@ def state_gains(
     """Gains that minimise the sum over all samples of ``|e / error|^2 + |kappa_dot / rate|^2 + |tau / torque|^2``.
 
     e is the error of the links. The arm is linearised at rest at a pose, without dry friction, and its motor torques
-    tau are held over a step, with no further delay. By Bryson's rule the three arguments are the sizes of errors that
-    count as equally bad. Gains that are optimal at a pose need not be stable elsewhere: a small `rate` damps the rotors
-    everywhere. `vdfmu linear` has the margins along a run.
+    tau are held over a step without any other delay. By Bryson's rule the three arguments are magnitudes that count as
+    equally bad. Gains that are optimal at a pose need not be stable elsewhere; a small `rate` damps the rotors
+    everywhere. `vdfmu linear` prints the margins along a run.
 
     Parameters
     ----------
     robot : Robot
-        Without options whose states cannot be measured, such as hysteresis.
+        Robot without options whose states cannot be measured, such as hysteresis.
     q : (n,) [rad or m]
         Positions of the joints.
     error : (n,) or float [rad or m]
@@ -73,7 +73,7 @@ def state_gains(
     if len(fast) != len(rows):
         more = {arm.states[i].partition("[")[0] for i in fast} - {"q", "q_dot", "kappa_dot", "tau_s"}
         raise UsageError(f"state_gains: {robot.name}: expected no states without feedback, got {', '.join(more)}.")
-    T = arm.C[np.ix_(rows, fast)]  # from states with the springs' torques to those with the rotors' positions
+    T = arm.C[np.ix_(rows, fast)]  # from states with spring torques to states with rotor positions
     A = T @ np.linalg.solve(T.T, arm.A[np.ix_(fast, fast)].T).T
     F, G = held(Linear(A, T @ arm.B[fast, :n]), step)
     weights = [np.broadcast_to(1.0 / np.square(x), n) for x in (error, np.inf, np.inf, rate)]  # as _FED_BACK

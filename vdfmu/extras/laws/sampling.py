@@ -10,7 +10,7 @@ from vdfmu.compiler.scalar import LARGEST_SEED
 from vdfmu.compiler.unit import Parameter
 
 PAST = 16
-"""Samples in the memory of a device, with the newest."""
+"""Number of samples in the memory of a device, including the newest."""
 
 
 def seed(start: int) -> Parameter:
@@ -21,15 +21,15 @@ def seed(start: int) -> Parameter:
 
 
 def whole(number: Any) -> Any:
-    """Return a number above 0 if all are whole, for requirements."""
+    """Return a positive number if all are whole, for requirements."""
     return 0.5 - np.sum(np.abs(number - np.floor(number + 0.5)) > 0.0)
 
 
 def shifted(past: Any, newest: Any) -> Any:
-    """Return the samples (.., m) of the past with a new one (..) in front, without the oldest."""
+    """Return the past samples (.., m) with a new one (..) in front and without the oldest."""
     return np.concatenate([np.expand_dims(newest, -1), past[..., :-1]], axis=-1)
 
 
 def rounded(value: Any, step: Any) -> Any:
-    """Return the nearest multiple of a step, halves upwards."""
+    """Return the nearest multiple of a step, with halves rounded up."""
     return step * np.floor(value / step + 0.5)

@@ -1,4 +1,4 @@
-"""A system as an environment of reinforcement learning, of the interface of gymnasium; one arm, or many at once."""
+"""Systems as environments for reinforcement learning with gymnasium's interface; one arm, or many at once."""
 
 from typing import TYPE_CHECKING
 

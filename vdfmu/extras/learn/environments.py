@@ -1,4 +1,4 @@
-"""Environments of gymnasium: any system, an arm, and many arms stepped side by side."""
+"""Gymnasium environments: any system, an arm, and many arms stepped side by side."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FAILED = "the step could not be solved; ArmEnv with the same parameters and act
 
 
 def _parameters(options: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the parameters among the options of a reset."""
+    """Return the parameters from the options of a reset."""
     parameters = (options or {}).get("parameters")
     check_type("options: parameters", "Mapping[str, Any] | None", parameters)
     return dict(parameters or {})
@@ -50,8 +50,8 @@ class Environment(gymnasium.Env[Floats, Floats]):
     Parameters
     ----------
     system : System, Scenario, str or path
-        A system of `vdfmu.connect` or `vdfmu.load`, or a package or scenario. Of a scenario the connections to
-        actions are cut, and components without an effect on actions and observations are omitted.
+        A system of `vdfmu.connect` or `vdfmu.load`, or a package or scenario. In a scenario the connections to actions
+        are cut, and components without an effect on actions and observations are omitted.
     actions : mapping of ``component.input`` to bounds
         Bounds are the largest absolute value, or a pair of lowest and highest.
     observations : mapping of ``component.output`` to bounds, or sequence of these outputs
@@ -59,15 +59,15 @@ class Environment(gymnasium.Env[Floats, Floats]):
     reward : callable
         ``reward(seen, action)``, of mappings of names to arrays.
     step, stop : float, optional [s]
-        Communication step and length of an episode, default those of the system.
+        Communication step and length of an episode, by default the system's.
     hold : int, optional
-        Communication steps for which an action holds.
+        Number of communication steps for which an action is held.
     lost : float, optional
-        Reward of an action after which the episode ends early, for it and each that is left.
+        Reward of an action after which the episode ends early, and of each action that would have followed.
     ended : callable, optional
         ``ended(seen)`` says whether the episode ends early.
     vary : mapping of parameter to (low, high), optional
-        Drawn uniformly at each reset.
+        Parameters that are drawn uniformly at each reset.
     parameters : mapping of ``component.variable`` to value, optional
         Parameters and start values.
 
@@ -202,7 +202,7 @@ class ArmEnv(Environment):
 
 
 class ArmVectorEnv(VectorEnv[Floats, Floats, Floats]):
-    """Many arms as :class:`ArmEnv`, stepped side by side by the batch engine; one that ended is reset by the next step.
+    """Many arms as :class:`ArmEnv`, stepped side by side by the batch engine; the next step resets ended ones.
 
     Parameters
     ----------

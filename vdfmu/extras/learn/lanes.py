@@ -1,4 +1,4 @@
-"""Runs of a system in lanes that are stepped: inputs are set and signals read between steps."""
+"""Runs of a system in lanes, step by step: inputs are set and signals read between steps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SteppedLanes:
     count : int
         Number of runs; they fill blocks of as many lanes as the processor has.
     inputs, signals : sequences of str
-        What :meth:`step` sets, and :meth:`read` returns.
+        Inputs that :meth:`step` sets, and signals that :meth:`read` returns.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class SteppedLanes:
         self.good = self._good.reshape(-1)[:count]
 
     def reset(self, points: Mapping[int, Mapping[str, Any]]) -> None:
-        """Begin some runs anew, each with its parameters by ``component.variable``."""
+        """Restart some runs, each with its parameters by ``component.variable``."""
         program, lanes = self._program, self._lanes
         for block in {run // lanes for run in points}:
             m, h, good = aligned(*self._m[block].shape), aligned(*self._h[block].shape), np.zeros(lanes, np.bool_)
@@ -61,7 +61,7 @@ class SteppedLanes:
                 self._good[block, lane], self._k[block, lane] = fits and good[lane], 0
 
     def step(self, values: Floats, count: int = 1) -> None:
-        """Do communication steps with inputs (runs, inputs); runs that are not good stay as they are."""
+        """Make communication steps with inputs (runs, inputs); runs that are not good do not change."""
         size, padded = self._program.sizes[0].item(), np.zeros((self._k.size, len(self._inputs)))
         padded[: len(values)] = values
         t = aligned(1, self._lanes)

@@ -1,4 +1,4 @@
-"""Tasks of an agent: actions, observations, and the reward for tracking."""
+"""The tasks of an agent: actions, observations, and the reward for tracking."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import override
 
 LIMITS = {"rad": 2.0 * math.pi, "rad/s": 50.0, "m": 5.0, "m/s": 10.0, "N.m": 1e3, "N": 1e4, "1": 1e6}
-"""Largest absolute value of an observation by its unit of measurement, if none is given."""
+"""Default of an observation's largest absolute value, by unit of measurement."""
 SEEN = ("plant.q", "plant.q_dot", "plant.kappa_dot", "plant.tau_s", "trajectory.q_d", "trajectory.q_d_dot")
 
 
@@ -28,7 +28,7 @@ Tables = Mapping[str, Iterable[Any]]
 
 
 class Task:
-    """Actions and observations of an agent, their bounds, and the reward.
+    """An agent's actions and observations, their bounds, and the reward.
 
     For `actions`, `observations`, `reward`, `lost`, `ended`, `hold` and `vary` see
     :class:`vdfmu.extras.learn.environments.Environment`; `length` is the number of actions in an episode. Each
@@ -103,7 +103,7 @@ class Task:
         return self.clipped(numbers), np.where(ended, self._lost * (self.length - done + 1), reward), ended, finite
 
     def not_finite(self, numbers: Floats) -> str:
-        """Say why an episode ended whose observations (signals) or reward are not finite."""
+        """Report why an episode with observations (signals) or a reward that are not finite has ended."""
         names = [name for name, number in zip(self.signals, numbers, strict=True) if not math.isfinite(number)]
         return f"{', '.join(names) or 'the reward'}: expected a finite number at each step, so the episode ends."
 
@@ -113,26 +113,27 @@ class Task:
 
 
 class TrackingTask(Task):
-    """An agent's torques in the place of a scenario's controller, and the cost of tracking.
+    """An agent's torques instead of a scenario's controller, and the cost of tracking.
 
     Parameters
     ----------
     scenario : Scenario, str or path
-        Its components that affect neither the action nor an observation, such as the controller, are removed.
+        Scenario whose components that affect neither the action nor an observation, such as the controller, are
+        removed.
     action : str
         Group of inputs that the agent sets, ``component.group``; its connection is cut.
     seen : sequence of str
         Groups of outputs that the agent observes.
     track : (str, str)
-        Desired and actual position, both of them observed.
+        Desired and actual position, both observed.
     limit : float or (n,) [unit of the action]
         Largest absolute value of the action.
     limits : mapping of str to float
         Group to the largest absolute value of an observation, instead of `LIMITS`.
     hold : int
-        Communication steps for which an action holds.
+        Number of communication steps for which an action is held.
     error : float [rad or m]
-        Error of a joint that costs a half.
+        Error of a joint that costs 0.5.
     effort : float
         Cost of all actions at their limits.
     vary : mapping of str to (low, high)
@@ -191,7 +192,7 @@ class TrackingTask(Task):
 
 
 def episode(stop: float, step: float, hold: int) -> int:
-    """Return the number of actions of an episode; UsageError unless it is whole."""
+    """Return the number of actions per episode; UsageError unless it is whole."""
     length = round(stop / (step * hold)) if hold >= 1 and hold % 1 == 0 else 0
     if length < 1 or not math.isclose(length * hold * step, stop, rel_tol=1e-9):
         raise UsageError(f"hold: expected a number of steps that divides {stop:g} s into whole actions, got {hold}.")
@@ -234,7 +235,7 @@ def _groups(
 
 
 def _numbers(value: Any, shape: tuple[int, ...], expected: str, spread: bool = False) -> Floats:
-    """Return finite numbers of a shape, or with `spread` one for all; UsageError with what was expected."""
+    """Return finite numbers of a shape, or with `spread` one for all; UsageError that states the expectation."""
     try:
         numbers = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -256,7 +257,7 @@ def _answer(name: str, expected: str, value: Any, shape: tuple[int, ...]) -> Flo
 
 
 def _check_number(name: str, value: Any, least: float, among: bool = False) -> None:
-    """Check that a number is finite and above `least`, or if that is `among` the allowed numbers, at least that."""
+    """Check that a number is finite and above `least` or, if `least` is `among` the allowed numbers, not below it."""
     number = value if np.ndim(value) == 0 and isinstance(value, (int, float, np.number)) else math.nan
     if not (math.isfinite(number) and (number > least or (among and number == least))):
         raise UsageError(
@@ -265,7 +266,7 @@ def _check_number(name: str, value: Any, least: float, among: bool = False) -> N
 
 
 def opened(scenario: Scenario, actions: Sequence[str], seen: Sequence[str]) -> Scenario:
-    """Return a scenario with unconnected inputs, without components that affect neither these nor `seen`."""
+    """Return a scenario with these inputs unconnected and without components that affect neither these nor `seen`."""
     system = scenario.system
     links = {key: [end for end in ends if end not in actions] for key, ends in system.connections.items()}
     kept: set[str] = set()

@@ -70,10 +70,10 @@ def linear(
     bode: Annotated[
         int | None,
         Option(
-            "Draw the frequency response of a joint.",
+            "Draw a joint's frequency response.",
             metavar="JOINT",
             group=_MODES,
-            more="The response of its rotor and link to its motor torque.",
+            more="It is the response of rotor and link to the motor torque.",
         ),
     ] = None,
     dry: Annotated[
@@ -119,7 +119,7 @@ def linear(
 
 
 def _is_robot(system: str) -> bool:
-    """Whether a name or a file is a robot."""
+    """Return whether a name or a file is a robot."""
     from vdfmu.base.errors import UsageError
     from vdfmu.base.text import nearest
     from vdfmu.base.toml_file import kind_of, read_toml, toml_names
@@ -156,7 +156,7 @@ def _modes(
 
 
 def _numbers(modes: Modes) -> dict[str, Any]:
-    """Return modes for JSON: Hz, damping ratio, shapes of the sides that move."""
+    """Return modes for JSON: Hz, damping ratios, and shapes of the moving sides."""
     return {
         "frequency": modes.frequency.tolist(),
         "damping": modes.damping.tolist(),
@@ -176,7 +176,7 @@ def _print(motors: str, q: list[float], modes: Modes) -> None:
         shapes = {"links": modes.links[i]} | ({"rotors": modes.rotors[i]} if motors == "free" else {})
         shown.add_row(
             f"{frequency:.2f}",
-            f"{round(damping, 4) + 0.0:.4f}",  # no minus before what rounds to 0
+            f"{round(damping, 4) + 0.0:.4f}",  # no minus sign before a number that rounds to 0
             f"{joint + 1} ({100.0 * modes.share[i, joint]:.0f} %)",
             "\n".join(shapes),
             "\n".join(" ".join(f"{round(v, 2) + 0.0:5.2f}" for v in shape.real) for shape in shapes.values()),
@@ -188,9 +188,9 @@ def _print(motors: str, q: list[float], modes: Modes) -> None:
 
 
 def _draw_bode(robot: Robot, q: list[float], joint: int, dry: bool, target: Path, as_json: bool) -> None:
-    from vdfmu.base.style import save
     from vdfmu.extras.linear.drawings import draw_bode
     from vdfmu.extras.linear.responses import joint_bode
+    from vdfmu.extras.pictures.style import save
 
     bode = joint_bode(robot, q, joint, dry)
     unit = unit_of("velocity", robot.joint_types[joint - 1])
@@ -209,9 +209,9 @@ def _modes_along(path: str, robot: str | None, dry: bool, out: Path | None, over
     """Print and draw the natural frequencies over the motion of a scenario."""
     scenario = load(path, robot)
     target = target_file(out, f"{scenario.name}_modes.png", overwrite)
-    from vdfmu.base.style import save
     from vdfmu.extras.linear.along import modes_along, ranges
     from vdfmu.extras.linear.drawings import draw_modes
+    from vdfmu.extras.pictures.style import save
     from vdfmu.study.analysis.modes import MOTORS
 
     times, along = modes_along(scenario, dry=dry)

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure as Picture
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
-from vdfmu.base import style
 from vdfmu.base.arrays import Floats
+from vdfmu.extras.pictures import style
 
 
 @style.styled

@@ -18,9 +18,9 @@ from vdfmu.study.analysis.arm_space import linearize
 
 _POINTS = 2000
 _SLOWEST = 1.0
-"""Lowest frequency [Hz] of marked resonances."""
+"""Lowest frequency [Hz] at which resonances are marked."""
 _DAMPED = 0.3
-"""Damping ratio of the last marked resonance: beyond it there are no peaks."""
+"""Largest damping ratio of marked resonances, beyond which there are no peaks."""
 
 
 class Bode(NamedTuple):
@@ -35,7 +35,7 @@ class Bode(NamedTuple):
 
 
 def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
-    """Frequency responses of outputs to one input, from a tenth of the lowest marked frequency to ten of the highest.
+    """Frequency responses of outputs to one input, from 0.1 times the lowest to 10 times the highest marked frequency.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
     Raises
     ------
     UsageError
-        For names that the system does not have, or a sampled one.
+        For unknown names, or a sampled system.
     """
     if source not in system.inputs or not set(outputs) <= set(system.outputs) or system.step is not None:
         raise UsageError(
@@ -72,7 +72,7 @@ def bode(system: StateSpace, source: str, outputs: Sequence[str]) -> Bode:
 
 
 def _oscillating(s: Any, fastest: float) -> Floats:
-    """Frequencies [Hz] of lightly damped poles or zeros, up to 100 times the `fastest` [1/s]: beyond is infinity."""
+    """Frequencies [Hz] of lightly damped, finite poles or zeros, which are below 100 times the `fastest` [1/s]."""
     size = np.abs(s)
     chosen = (s.imag > 0.0) & (size > 2.0 * np.pi * _SLOWEST) & (size <= 100.0 * fastest)
     chosen &= np.abs(s.real) < _DAMPED * size
@@ -80,6 +80,6 @@ def _oscillating(s: Any, fastest: float) -> Floats:
 
 
 def joint_bode(robot: Robot, q: npt.ArrayLike, joint: int, dry: bool = False) -> Bode:
-    """Responses of the velocities of rotor and link of a joint to its motor torque at a pose; `joint` counts from 1."""
+    """Responses of the velocities of a joint's rotor and link to its motor torque at a pose; `joint` counts from 1."""
     system = linearize(robot, q, dry=dry)
     return bode(system, f"tau[{joint}]", (f"kappa_dot[{joint}]", f"q_dot[{joint}]"))

@@ -1,4 +1,4 @@
-"""Lines and circles of the end effector, followed by inverse kinematics: Newton's method with least norms."""
+"""Lines and circles of the end effector, with inverse kinematics by Newton's method with minimum-norm steps."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from vdfmu.base.option import checks_types
 Pose = tuple[Floats, Floats]
 """Position (3,) [m] and rotation (3, 3) of {O} in {I}."""
 _RAMP = 1.0 / 3.0
-"""Share of the time for acceleration, and for deceleration, of the end effector."""
+"""Fraction of the time in which the end effector accelerates, and in which it decelerates."""
 _FIRST, _MOST = 64, 2048
-"""First and largest number of knots."""
+"""Initial and largest number of knots."""
 _SAME = 1e-9
-"""Rounding difference of two solutions of one pose, at the worst Jacobian that is not singular."""
+"""Difference by rounding between two solutions of one pose, at the worst non-singular Jacobian."""
 _MOST_TURNS = 10
 _STANDS = 1e-5
 """Length of a path [m] that may be an error of inverse kinematics."""
 _LOOKS = 16
-"""Samples of the end effector's speed in a piece of a motion."""
+"""Number of samples of the end effector's speed per piece of a motion."""
 _BETWEEN = 4
-"""Points between two knots with inverse kinematics and a check of the path."""
+"""Number of points between two knots at which the path is solved and checked."""
 
 _CLOSE = 1e-11
-"""Error of a pose [m, rad] that ends Newton's method: some hundred roundings."""
+"""Error of a pose [m, rad] at which Newton's method ends: some hundred rounding errors."""
 _PASSES = 30
 _SINGULAR = 0.01
-"""Smallest ratio of the singular values of the Jacobian, with lengths divided by the arm's length. The ratio changes by
-less than this between poses half a per cent of a path apart, so no singular pose is stepped over."""
+"""Smallest ratio of the Jacobian's singular values, with lengths divided by the arm's length. It changes by less than
+this between poses half a per cent of a path apart, so no singular pose is skipped."""
 _FAR = 0.5
 """Longest step [rad or m] of Newton's method far from a solution."""
 _PULL = 0.5
-"""Rate at which a redundant arm moves to the middle between its end stops, for the whole path."""
+"""Rate, per path, at which a redundant arm moves to the middle between its end stops."""
 
 
 @checks_types
@@ -58,7 +58,7 @@ def line(
     dwell: float = 0.0,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """Return the motion whose end effector goes straight from point to point, at rest at each.
+    """Return the motion whose end effector moves straight from point to point, stopping at each.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def line(
     points : (3,) or (k, 3) [m]
         Positions of {O} in {I}, one after the other.
     orientation : "keep", "free" or (3, 3), optional
-        The rotation of {O} stays, follows from the position, or turns to this rotation in {I} on the way to the last
-        point, at a constant rate about one axis. Default "keep" for six joints and more, else "free".
+        The rotation of {O} is kept, follows from the position, or turns to this rotation in {I} on the way to the last
+        point, about one axis at a constant rate. The default is "keep" for six or more joints, else "free".
     velocity, acceleration : float or (n,) [rad/s or m/s, rad/s2 or m/s2], optional
         Limits of each joint.
     speed : float [m/s], optional
@@ -79,12 +79,12 @@ def line(
     dwell : float [s]
         Rest at each point.
     tolerance : float [m, and rad]
-        Largest distance to the path, checked at five times as many points as the motion has.
+        Largest deviation from the path, checked at five times as many points as the motion has.
 
     Raises
     ------
     UsageError
-        If a path leaves the reach or the end stops or meets a singular pose, with place, joint and fix.
+        If a path is out of reach, exceeds the end stops or meets a singular pose, with place, joint and fix.
     """
     targets = np.atleast_2d(np.array(points, dtype=float))
     if targets.ndim != 2 or targets.shape[1] != 3 or not np.all(np.isfinite(targets)):
@@ -117,7 +117,7 @@ def circle(
     dwell: float = 0.0,
     tolerance: float = 1e-6,
 ) -> Motion:
-    """Return the motion whose end effector goes round an axis, at rest at both ends.
+    """Return the motion whose end effector moves in a circle about an axis, at rest at both ends.
 
     Other arguments and errors: see :func:`line`.
 
@@ -128,7 +128,7 @@ def circle(
     angle : float [rad]
         Right-handed about the axis; at most ten turns.
     orientation : "keep", "turn" or "free", optional
-        The rotation of {O} stays, turns along, or follows from the position.
+        The rotation of {O} is kept, turns along, or follows from the position.
     """
     q = _start(robot, start)
     c, z = np.array(centre, dtype=float), np.array(axis, dtype=float)
@@ -206,7 +206,7 @@ def _along(
         poses = [path(float(s)) for s in _law(looks)]
         q = follow(robot, start, poses, rows, where, 100.0 * _law(looks))[:: _BETWEEN + 1]
         if np.allclose(q[-1], q[0], rtol=0.0, atol=_SAME):
-            q[-1] = q[0]  # so that it can be repeated
+            q[-1] = q[0]  # so that the motion can be repeated
         motion = spline(looks[:: _BETWEEN + 1], q)
         reached = zip(*forward_kinematics(robot, motion.at(looks)[0]), strict=True)
         off = max(np.abs(twist(pose, wanted)[:rows]).max() for pose, wanted in zip(reached, poses, strict=True))
@@ -214,7 +214,7 @@ def _along(
             return motion
         if knots == _MOST:
             raise UsageError(
-                f"{where}: expected at most {tolerance:g} m or rad from the path, got {off:.3g} with {knots} knots. "
+                f"{where}: must stay within {tolerance:g} m or rad of the path, got {off:.3g} with {knots} knots. "
                 "Raise the tolerance, or keep away from singular poses."
             )
         knots *= 2
@@ -250,7 +250,7 @@ def _timed(
 
 
 def _largest_speed(robot: Robot, motion: Motion) -> float:
-    """Return an upper bound of the speed of the end effector [m/s].
+    """Return an upper bound of the end effector's speed [m/s].
 
     Between close samples a smooth speed rises by an eighth of its second difference; the whole difference is added.
     """
@@ -261,7 +261,7 @@ def _largest_speed(robot: Robot, motion: Motion) -> float:
 
 
 def _law(t: Floats) -> Floats:
-    """Return the place on a path, 0 to 1, over a time from 0 to 1: at rest at the ends, at a constant speed between.
+    """Return the place on a path, 0 to 1, over a time from 0 to 1: at rest at the ends, with constant speed between.
 
     The speed rises over a third of the time, by a polynomial of degree 7 with three zero derivatives at its ends.
     """
@@ -276,11 +276,11 @@ def _law(t: Floats) -> Floats:
 
 
 def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where: str, percent: Floats) -> Floats:
-    """Return the positions of the joints at poses of the end effector, (m, n), from `start` on.
+    """Return the joint positions at poses of the end effector, (m, n), beginning near `start`.
 
-    Of the many solutions of a redundant arm this takes the nearest to the solution before, drawn to the middle between
-    end stops. With 3 `rows` the position counts alone, with 6 the rotation too. Poses out of reach, singular, or beyond
-    end stops raise UsageError, with the path `where` and the place on it in percent.
+    For a redundant arm this is the solution nearest to the previous one, drawn to the middle between end stops. With 3
+    `rows` only the position counts, with 6 also the rotation. Poses out of reach, singular, or beyond end stops raise
+    UsageError, with the path `where` and the place on it in percent.
     """
     q = start
     path: list[Floats] = []
@@ -309,7 +309,7 @@ def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where:
             raise UsageError(
                 f"{place}: expected a pose that lets the end effector {motion} in all directions, got a singular pose: "
                 f"joint {stuck + 1}, at {q[stuck]:.4g}, would have to be {sigma[0] / max(sigma[-1], 1e-12):.3g} times "
-                "as fast as others. Choose a path or a start away from it, or go there by waypoints of the joints."
+                "as fast as others. Choose a path or a start away from it, or move there with joint waypoints."
             )
         for j in np.flatnonzero((q < robot.q_min) | (q > robot.q_max)) if robot.limits else ():
             problems.setdefault(
@@ -325,7 +325,7 @@ def follow(robot: Robot, start: Floats, poses: Sequence[Pose], rows: int, where:
 
 
 def _solved(robot: Robot, q: Floats, pose: Pose, rows: int) -> tuple[Floats, float]:
-    """Return the positions nearest to `q` at a pose, and the remaining error of the pose."""
+    """Return the joint positions nearest to `q` for a pose, and the remaining error of the pose."""
     for _ in range(_PASSES):
         error = twist(forward_kinematics(robot, q), pose)[:rows]
         off = float(np.linalg.norm(error))
@@ -340,6 +340,6 @@ def _solved(robot: Robot, q: Floats, pose: Pose, rows: int) -> tuple[Floats, flo
 
 
 def twist(pose: Pose, target: Pose) -> Floats:
-    """Return the motion from a pose to another, (6,) [m, rad], in the frame of the first, linear part first."""
+    """Return the displacement from one pose to another, (6,) [m, rad], in the frame of the first, linear part first."""
     (p, R), (p_t, R_t) = pose, target
     return np.concatenate([R.T @ (p_t - p), scipy.spatial.transform.Rotation.from_matrix(R.T @ R_t).as_rotvec()])

@@ -1,4 +1,4 @@
-"""The arm in a tree: its joints from base to tip, and the links that each joint moves as one body."""
+"""Extracts the arm from a tree: its joints from base to tip, and the links that each joint moves as one body."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None, tool: Placement | 
 
     Other joints are held at 0, and their links become parts of the previous link. {I} is the frame of the base, by
     default the root. The tip is by default the last link, if the tree has only one arm. {O} is the `tool` in its frame,
-    else follows from the tree.
+    or else is derived from the tree.
     """
     problems = tree.problems
     root = _root(tree)
@@ -58,7 +58,7 @@ def choose_arm(tree: Tree, base: str | None, tip: str | None, tool: Placement | 
 
 
 def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placement | None) -> SerialChain:
-    """Join the links of each joint of the arm to a body."""
+    """Merge the links of each joint of the arm into one body."""
     on_path = {joint.name for joint in path if joint.kind != "fixed"}
     held: list[Joint] = []
     carried = _carried(tree, base, HERE, on_path, held)
@@ -102,7 +102,7 @@ def _assemble(tree: Tree, base: str, tip: str, path: list[Joint], place: Placeme
 
 
 def _root(tree: Tree) -> str | None:
-    """Return the link that no joint carries; add problems if the links are not a tree."""
+    """Return the root link, which no joint carries; add problems if the links are not a tree."""
     carriers: dict[str, list[str]] = {}
     for joint in tree.joints:
         carriers.setdefault(joint.child, []).append(joint.name)
@@ -116,7 +116,7 @@ def _root(tree: Tree) -> str | None:
             )
     roots = [link for link in tree.links if link not in carriers]
     if not tree.links:
-        tree.problems.add("the file", "links", "none", "Is it whole? xacro writes a URDF from a .xacro file.")
+        tree.problems.add("the file", "links", "none", "Is it complete? xacro writes a URDF from a .xacro file.")
     elif not roots:
         tree.problems.add("the file", "a link that no joint carries", "none", "The joints go in a circle.")
     elif len(roots) > 1:
@@ -134,7 +134,7 @@ def _root(tree: Tree) -> str | None:
 
 
 def _only_tip(tree: Tree, base: str) -> str | None:
-    """Return the last link of the only arm on a base; add a problem with the tips of several."""
+    """Return the last link of the only arm on a base; if there are several, add a problem with their tips."""
     link = base
     while True:
         last, onward = _onward(tree, link)
@@ -183,7 +183,7 @@ def tips(tree: Tree, base: str) -> list[tuple[int, str]]:
 
 
 def _path(tree: Tree, base: str, tip: str) -> list[Joint] | None:
-    """Return the joints from a base to a tip; add a problem if the tip does not hang on it."""
+    """Return the joints from a base to a tip; add a problem if the tip is not attached to the base."""
     path: list[Joint] = []
     link = tip
     while link != base:
@@ -199,7 +199,7 @@ def _path(tree: Tree, base: str, tip: str) -> list[Joint] | None:
 
 
 def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
-    """Add a problem for each joint that an arm cannot have."""
+    """Add a problem for each joint that is not allowed in an arm."""
     on_path = {joint.name for joint in moving}
     for joint in moving:
         key = f"joint {joint.name}"
@@ -240,7 +240,7 @@ def _carried(
 def _body(
     tree: Tree, joint: Joint, R: Floats, placement: Placement, carried: list[tuple[RigidLink, Placement]]
 ) -> Body:
-    """Join links to one body, in the frame whose axes in the child's frame are the columns of R."""
+    """Merge links into one body, in the frame whose axes in the child's frame are the columns of R."""
     heavy = [(link, at) for link, at in carried if link.mass > 0.0 or link.inertia.any()]
     names = tuple(link.name for link, _ in heavy or carried)
     parts = heavy or [(RigidLink(""), HERE)]
@@ -251,7 +251,7 @@ def _body(
     if whole.mass:
         bare = [link.name for link, _ in carried if link.visuals and not link.mass]
         if bare:
-            tree.notes.append(f"joint {joint.name}: the file gives no mass to {few(bare)}.")
+            tree.notes.append(f"joint {joint.name}: the file has no mass for {few(bare)}.")
         of_body, of_links = Problems(""), Problems("")
         check_inertia(of_body, "", inertia)
         for link, _ in heavy:
@@ -262,7 +262,7 @@ def _body(
 
 
 def _looks(joint: int, R: Floats, carried: list[tuple[RigidLink, Placement]]) -> list[Visual]:
-    """Place the visuals of links in the frame of the body."""
+    """Return the visuals of links in the frame of the body."""
     placed: list[Visual] = []
     for link, at in carried:
         for visual in link.visuals:

@@ -1,4 +1,4 @@
-"""Numbers of drives, friction and limits: from a file of drives, the robot's own file, or assumed by one rule."""
+"""Numbers of drives, friction and limits: from a file of drives, from the robot's own file, or assumed by a rule."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from vdfmu.extras.robots.tree import MOVING, Body, Numbers
 PARTS: tuple[Section, ...] = ("drive", "friction", "limits")
 _TABLES: tuple[Section, ...] = (*PARTS, "link")
 FULL = 0.95
-"""Limit of the speed relative to the motor's no-load speed. Up to that limit the whole effort is available."""
+"""Speed limit relative to the motor's no-load speed; up to it the whole effort is available."""
 _ACCELERATION = 10.0
 """Assumed acceleration [rad/s2, m/s2] of a joint whose file has no torque, in addition to its weight."""
 _MOTOR_SIDE = ("N.m", "rotor inertia")
-"""Quantities of the table that a robot's file has link-side, ell times as large."""
+"""Quantities of the table that are link-side in a robot's file, ell times as large."""
 
 
 class DriveNumbers(NamedTuple):
-    """The numbers of a joint's drive, friction and limits; its largest torque [N.m, N], and the source of that."""
+    """The numbers of a joint's drive, friction and limits; its largest torque [N.m, N] and the source of that."""
 
     numbers: Numbers
     rating: float
@@ -37,10 +37,10 @@ class DriveNumbers(NamedTuple):
 
 
 def drive_joints(bodies: Sequence[Body], file: str, chosen: Sequence[Numbers], gravity: float) -> list[DriveNumbers]:
-    """Return the numbers of every joint; all joints have limits if a file has limits of any joint.
+    """Return the numbers of every joint. All joints get limits if a file has limits for any joint.
 
     `bodies`, and their entries `chosen` in the file of drives, see :func:`read_drives`, are in the order from base to
-    tip. `file` is the robot's, named in sources. Gravity is in m/s2.
+    tip. `file` is the robot's file, which is named in sources. Gravity is in m/s2.
     """
     assumed = read_toml(data_path("models") / "drives" / "assumed.toml")
     of_file = [_numbers_of_file(body, file, numbers) for body, numbers in zip(bodies, chosen, strict=True)]
@@ -99,7 +99,8 @@ def _numbers_of_file(body: Body, file: str, chosen: Numbers) -> Numbers:
 def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, str]:
     """Return the largest torque of the first body's joint, and its source.
 
-    The effort in the file, or twice the torque that holds and accelerates the bodies, stretched out across the axis.
+    It is the effort in the file, or twice the torque that holds and accelerates the arm when stretched out from the
+    axis.
     """
     joint = outward[0].joint
     effort = joint.numbers.get("effort", 0.0)
@@ -120,7 +121,7 @@ def _rating(outward: Sequence[Body], file: str, gravity: float) -> tuple[float, 
 def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -> list[Numbers]:
     """Return the numbers of each joint in a file of drives.
 
-    Its tables have the name of a joint, or a pattern with ``*``. They hold ``gear`` and ``motor`` of the catalogue,
+    Its tables are named by a joint or a pattern with ``*``. They contain ``gear`` and ``motor`` of the catalogue,
     tables of `PARTS` and ``link`` as in a robot file, and ``source``, a text. Later tables override earlier ones.
     """
     chosen: list[Numbers] = [{} for _ in bodies]
@@ -145,7 +146,7 @@ def read_drives(path: Path | None, bodies: Sequence[Body], problems: Problems) -
                     table_numbers[key] = table_numbers[key][0], f"{text}; {source}"
                 ell = table_numbers.get(PARAMETERS["ell"].path, (None,))[0]
                 entries = {part: table.data[part] for part in NAMED if part in table.data}
-                if entries:  # a later table may name the gear or the motor alone
+                if entries:  # a later table may name only the gear or the motor
                     named[body.joint.name] = named.get(body.joint.name, {}) | entries
                     tables = tables_of(here, pattern, named[body.joint.name], kind, ell)
                     for row in (row for part in PARTS for row in section(part)):

@@ -28,11 +28,11 @@ from vdfmu.extras.robots.tree import Mass, joined
 FORMS = ("mjcf", "urdf")
 _SUFFIXES = {".xml": "mjcf", ".mjcf": "mjcf", ".urdf": "urdf"}
 _NONE = 1e6
-"""Position of a missing end stop, as importers write it."""
+"""Position that importers write for a missing end stop."""
 _SPLIT_OFF = 1e-6
-"""Mass of the body of a rotor [kg], split off the link that carries it. MuJoCo needs a mass."""
+"""Mass of a rotor's body [kg], taken from the link that carries it, because MuJoCo needs a mass."""
 _LEAST = 1e-9
-"""Inertia of the body of a rotor relative to its armature, which has the whole inertia in pure rotation."""
+"""Inertia of a rotor's body relative to its armature, which has the whole inertia in pure rotation."""
 _STEP = 5e-4
 """Step of the file [s]: a twentieth of the period of a spring of 100 Hz."""
 
@@ -70,7 +70,8 @@ def export_robot(
 ) -> list[str]:
     """Write a robot as MJCF or URDF.
 
-    In MJCF a rotor is a body on the link that carries it, and a spring joins it to its link. URDF has rigid links.
+    In MJCF a rotor is a body on the link that carries it, connected by a spring to the link that it drives. URDF has
+    rigid links.
 
     Parameters
     ----------
@@ -79,14 +80,14 @@ def export_robot(
     path : path
         File to write. It is replaced.
     to : "mjcf" or "urdf", optional
-        Default after the suffix: ``.xml`` and ``.mjcf``, or ``.urdf``.
+        By default chosen by the suffix: ``.xml`` and ``.mjcf``, or ``.urdf``.
     rigid : bool
         MJCF with rigid joints, and rotors as their armature.
 
     Returns
     -------
     list of str
-        Notes on the numbers that the file does not have.
+        Notes on numbers that the file cannot contain.
 
     Raises
     ------
@@ -121,7 +122,7 @@ def _joints(robot: Robot) -> Iterator[ExportedJoint]:
 
 
 def _left_out(robot: Robot, form: str, springs: bool) -> Iterator[str]:
-    """Yield notes on the numbers of the robot that a file does not have."""
+    """Yield notes on the robot's numbers that a file cannot contain."""
     if not springs:
         yield "springs of the drives: K_f0, c_f, K_w0, c_w."
         if form == "MJCF" and robot.rotor_coupling:
@@ -170,7 +171,7 @@ def _mjcf(robot: Robot, rigid: bool) -> tuple[bytes, list[str]]:
         body = joint.body if outer is None else _without_rotor(joint.body, outer, robot.rotor_coupling)
         if body is None:
             body = joint.body
-            notes.append(f"link {i + 1} is too slender to give rotor {i + 2} its inertia across the axis: it has both.")
+            notes.append(f"link {i + 1} is too slender to give rotor {i + 2} its transverse inertia, and keeps it.")
         I_B = body.inertia
         _add(at, "inertial", pos=body.centroid, mass=body.mass,
              fullinertia=[*np.diag(I_B), I_B[0, 1], I_B[0, 2], I_B[1, 2]])  # fmt: skip
@@ -239,7 +240,7 @@ def _urdf_joint(root: Any, name: str, kind: str, parent: str, child: str, R: Flo
     _add(joint, "parent", link=parent)
     _add(joint, "child", link=child)
     yaw = np.arctan2(R[1, 0], R[0, 0])
-    s, c = np.sin(yaw), np.cos(yaw)  # of any yaw the others follow, so that a pitch of a right angle needs no case
+    s, c = np.sin(yaw), np.cos(yaw)  # the others follow from any yaw, so a pitch of 90 degrees is no special case
     roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     _add(joint, "origin", xyz=p, rpy=[roll, np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])), yaw])
     return joint

@@ -1,4 +1,4 @@
-"""From the file of another tool to a robot file."""
+"""Converts the file of another tool to a robot file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def robot_from_urdf(
     tool: npt.ArrayLike | None = None,
     tool_frame: str | None = None,
 ) -> Robot:
-    """Return an arm of a URDF, with drives from a file or assumed ones.
+    """Return an arm from a URDF, with drives from a file or assumed ones.
 
     Parameters
     ----------
@@ -60,14 +60,14 @@ def robot_from_urdf(
     base : str, optional
         Fixed link, whose frame is {I}; default the root of the file.
     tip : str, optional
-        Last link of the arm; needed if the file has more than one arm. Joints that are not part of the arm
-        are held at 0. A tip that is fixed to the last link that moves is the end effector's frame {O}. Without such a
-        frame, {O} is where the shape of the last link ends, farthest from its joint, with the axes of that link. A last
-        link without a shape that can be read has {O} at its origin.
+        Last link of the arm; needed if the file has more than one arm. Joints that are not part of the arm are held at
+        0. A tip that is fixed to the last moving link is the end effector's frame {O}. Without such a frame, {O} is at
+        the far end of the last link's shape, with the axes of that link, or at the link's origin if its shape cannot be
+        read.
     drives : path, optional
         TOML file with the drives, by names of joints.
     density : float [kg/m3], optional
-        Density of the boxes, cylinders and spheres of bodies without mass or inertia.
+        Density of boxes, cylinders and spheres, for bodies without mass or inertia.
     tool : (3,) or (6,) array, optional
         Origin of {O} in the frame of the tip [m], and roll, pitch and yaw [rad], instead of the rules of `tip`.
     tool_frame : str, optional
@@ -94,7 +94,7 @@ def robot_from_mjcf(
     tool: npt.ArrayLike | None = None,
     tool_frame: str | None = None,
 ) -> Robot:
-    """Return an arm of a MuJoCo file; its root is the world. Needs the package mujoco.
+    """Return an arm from a MuJoCo file, whose root is the world. Needs the package mujoco.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def import_robot(
 
 
 def parse_file(path: Path) -> Any:
-    """Return the root element of an XML file; ModelError for another file or elements of xacro."""
+    """Return the root element of an XML file; ModelError for other files or elements of xacro."""
     data = read_bytes(path, "a URDF or MJCF file", _LARGEST)
     try:
         root = parse_xml(data, str(path))

@@ -1,4 +1,4 @@
-"""Read MJCF files with MuJoCo, whose compiler resolves defaults, includes, and inertia from shapes."""
+"""Reads MJCF files with MuJoCo, whose compiler resolves defaults, includes, and inertia from shapes."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from vdfmu.extras.robots.tree import HERE, Joint, Placement, RigidLink, Tree, al
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)
 _SHAPES = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
-"""Shapes by the numbers of MuJoCo's mjtGeom."""
+"""Shapes by number in MuJoCo's mjtGeom."""
 _OF_JOINT = 1
-"""Part of a tendon along a joint, of MuJoCo's mjtWrap."""
+"""Kind of a tendon's part along a joint in MuJoCo's mjtWrap."""
 _SQUARED = ("damping", "armature")
-"""Parameters of a rotor that are ell^2 times as large at its link; the others are ell times as large."""
+"""Parameters of a rotor that are ell^2 times as large link-side; the others are ell times as large."""
 _REST = 1e-9
-"""Share of a rotor's inertia about its axis that stays with its link, so that the link has a valid inertia."""
+"""Fraction of a rotor's axial inertia that stays in its link, so that the link's inertia is valid."""
 _VISIBLE = 3
 """First group of shapes that MuJoCo's viewer hides."""
 
 
 def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
-    """Return the tree of a MuJoCo file, bodies as links, and `sites` if wanted.
+    """Return the tree of a MuJoCo file with bodies, and optionally `sites`, as links.
 
     Raises ModelError if MuJoCo rejects the file, and UsageError without MuJoCo.
     """
@@ -49,7 +49,7 @@ def read_mjcf(path: Path, problems: Problems, sites: bool = False) -> Tree:
     _require_regular(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-    except Exception as error:  # its type depends on the version
+    except Exception as error:  # the error's type depends on the version
         text = " ".join(str(error).split())
         raise ModelError(f"{path}: expected a model that MuJoCo compiles, got: {text}. Correct it.") from None
     return _MjcfReader(model, path, problems).tree(sites)
@@ -64,7 +64,7 @@ _LARGEST = 2**26
 def _require_regular(path: Path) -> None:
     """Raise ModelError if the model names a pipe, a device or a folder, because MuJoCo would wait for a pipe."""
     texts, folders, names = [read_bytes(path, "an MJCF file", _LARGEST)], {path.parent}, dict[str, None]()
-    for text in texts:  # those of includes are added below
+    for text in texts:  # names from includes are added below
         folders |= {path.parent / html.unescape(name.decode(errors="replace")) for name in _FOLDERS.findall(text)}
         for name in (html.unescape(quoted.decode(errors="replace")) for quoted in _NAMED.findall(text)):
             if name not in names and Path(name).suffix.lower() == ".xml" and (path.parent / name).exists():
@@ -75,7 +75,7 @@ def _require_regular(path: Path) -> None:
             try:
                 open_regular(place).close()
             except OSError as error:
-                raise ModelError(f"{path}: {place} must be a regular file, but {error.strerror}.") from None
+                raise ModelError(f"{path}: {place} must be a regular file: {error.strerror}.") from None
 
 
 class _Rotor(NamedTuple):
@@ -125,7 +125,7 @@ class _MjcfReader:
                     break
 
     def tree(self, sites: bool) -> Tree:
-        """Return the tree of the model, with sites as links fixed to bodies if wanted."""
+        """Return the tree of the model, optionally with sites as links fixed to bodies."""
         m = self.model
         links: dict[str, RigidLink] = {}
         joints: list[Joint] = []
@@ -161,7 +161,7 @@ class _MjcfReader:
         m = self.model
         R = _rotation(m.body_iquat[i])
         inertia = R @ np.diag(m.body_inertia[i]) @ R.T
-        if i in self.rotor_of:  # the part that turns is in the drive, the rest belongs to the link that carries it
+        if i in self.rotor_of:  # the rotating part belongs to the drive, the rest to the link that carries it
             axis = np.array(m.jnt_axis[self.rotor_of[i].joint])
             inertia = inertia - (1.0 - _REST) * self.rotor_of[i].inertia * np.outer(axis, axis)
         first, count = int(m.body_geomadr[i]), int(m.body_geomnum[i])
@@ -170,7 +170,7 @@ class _MjcfReader:
         return RigidLink(name, float(m.body_mass[i]), np.array(m.body_ipos[i]), (inertia + inertia.T) / 2, visuals)
 
     def carriers(self, i: int, links: dict[str, RigidLink]) -> list[Joint]:
-        """Return the joints that carry a body, with links between several joints or to a joint off its origin."""
+        """Return the joints that carry a body, with added links between several joints or to a joint off its origin."""
         m, name = self.model, self.bodies[i]
         parent = self.bodies[int(m.body_parentid[i])]
         at = Placement(_rotation(m.body_quat[i]), np.array(m.body_pos[i]))
@@ -210,7 +210,7 @@ class _MjcfReader:
         return {_FREE: "floating", _BALL: "ball", _SLIDE: "prismatic", _HINGE: turns}[kind]
 
     def zero(self, j: int, kind: int, axis: Floats) -> Placement:
-        """Return the place of q = 0: the file's pose is at the joint's `ref`."""
+        """Return the position in the file's pose that is q = 0, since that pose is at the joint's `ref`."""
         if kind not in (_SLIDE, _HINGE):
             return HERE
         ref = float(self.model.qpos0[self.model.jnt_qposadr[j]])
@@ -270,7 +270,7 @@ class _MjcfReader:
         return ""
 
     def loops(self) -> tuple[tuple[str, str, str], ...]:
-        """Return the equality constraints that close chains: name, and the connected links."""
+        """Return the equality constraints that close chains: their names and the connected links."""
         m = self.model
         loops: list[tuple[str, str, str]] = []
         for e in range(m.neq):
@@ -296,7 +296,7 @@ class _MjcfReader:
         }[shape]  # fmt: skip
         if shape == "mesh":
             k = int(m.geom_dataid[g])
-            moved = Placement(_rotation(m.mesh_quat[k]), np.array(m.mesh_pos[k]))  # to its principal axes
+            moved = Placement(_rotation(m.mesh_quat[k]), np.array(m.mesh_pos[k]))  # rotation to the principal axes
             at = at @ Placement(moved.R.T, -moved.R.T @ moved.p)
             size = [float(scale) for scale in m.mesh_scale[k]]
             file = self.mesh(k)

@@ -17,9 +17,10 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.files import require_ours, write_whole
 from vdfmu.base.measure import JOINT_TYPES, unit_of
 from vdfmu.base.page import page
+from vdfmu.extras.robots.robot_shapes import centres, inertia_parts, mesh_parts
 from vdfmu.study.analysis.modes import MOTORS, Modes, middle_pose, natural_modes
 from vdfmu.study.report.scripts import data_element, libraries, look, packed, scripts_of
-from vdfmu.study.report.shapes import Chain, centres, drawing_of, inertia_parts, mesh_parts, own_shapes
+from vdfmu.study.report.shapes import Chain, drawing_of, own_shapes
 from vdfmu.study.run.scene import arm_of
 
 
@@ -32,14 +33,14 @@ def write_robot_page(
 ) -> list[str]:
     """Write the page of a robot: one HTML file that works without a network.
 
-    Sliders move each joint between its limits. The page shows the pose of the end effector and, if wanted, frames,
-    centres of mass and ellipsoids of inertia. It has the natural modes at the start pose, and animates them.
+    Sliders move each joint between its limits. The page shows the pose of the end effector and optionally frames,
+    centres of mass and ellipsoids of inertia. It lists the natural modes at the start pose and animates them.
 
     Parameters
     ----------
     robot : Robot
     path : str or path
-        The page. A file that vdfmu wrote is replaced.
+        The page. Only a file that vdfmu wrote is replaced.
     pose : (n,) [rad or m], optional
         Start pose. By default each joint is at 0, or in the middle between limits that exclude 0.
     folder : str or path, optional
@@ -48,12 +49,12 @@ def write_robot_page(
     Returns
     -------
     list of str
-        Notes on missing parts of the page, which shows them too.
+        Notes on missing parts of the page; the page also shows them.
 
     Raises
     ------
     UsageError
-        If the pose does not fit the joints, or the file exists and vdfmu did not write it.
+        If the pose does not fit the joints, or if the file exists and was not written by vdfmu.
     VdfmuError
         If the file cannot be written.
 
@@ -119,7 +120,7 @@ def robot_page(robot: Robot, pose: npt.ArrayLike | None, folder: Path | None) ->
 
 
 def _ranges(robot: Robot) -> tuple[Floats, Floats]:
-    """Return the least and the largest position of each slider: (n,) [rad or m]."""
+    """Return the smallest and the largest position of each slider: (n,) [rad or m]."""
     if robot.limits:
         return robot.q_min, robot.q_max
     most = np.array([JOINT_TYPES[kind].travel for kind in robot.joint_types])
@@ -139,7 +140,7 @@ def _start(robot: Robot, pose: npt.ArrayLike | None, low: Floats, high: Floats) 
 
 
 def _slider(kind: str, low: float, high: float, q: float) -> dict[str, Any]:
-    """Return ends and start of the slider of a joint, to a tenth of its unit within its limits."""
+    """Return the ends and start of a joint's slider, to a tenth of its unit within the limits."""
     unit = JOINT_TYPES[kind].shown
     ends = [math.ceil(10.0 * unit.factor * low) / 10.0, math.floor(10.0 * unit.factor * high) / 10.0]
     return {"unit": unit.unit, "factor": unit.factor, "low": ends[0], "high": ends[1], "start": q}

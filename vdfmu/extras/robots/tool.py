@@ -1,4 +1,4 @@
-"""Place of the tool of an imported arm: given by the user, by a frame of the file, or where the last link ends."""
+"""Place of an imported arm's tool: given by the user or a frame of the file, or else at the end of the last link."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from vdfmu.base.errors import UsageError
 from vdfmu.extras.robots.tree import Placement, roll_pitch_yaw
 
 _END = 0.9
-"""Share of the largest distance from the joint at which the end of a link begins."""
+"""Where the end of a link begins, as a fraction of its largest distance from the joint."""
 _ONE_SIDED = 0.1
-"""Smallest distance of the centre of this end from the joint, as a share of that distance: else there is no end."""
+"""Smallest distance of this end's centre from the joint, as a fraction of that distance; below it there is no end."""
 _CORNERS = np.array([*product((-1.0, 1.0), repeat=3)])
 
 
 class Tool(NamedTuple):
-    """Placement of {O} in the frame of the last body, and the rule that gave it, as the end of a sentence."""
+    """Placement of {O} in the frame of the last body, and the rule behind it as the end of a sentence."""
 
     placement: Placement
     rule: str
@@ -45,15 +45,15 @@ def read_placement(numbers: npt.ArrayLike) -> Placement:
 
 
 def tool_at_end(tip: str, origin: Placement, shapes: Sequence[Visual]) -> Tool:
-    """Return the tool at the far end of the last link with these shapes, else at the `origin` of the link `tip`.
+    """Return the tool at the far end of the last link with these shapes, or else at the `origin` of the link `tip`.
 
     The end is the part that is farthest from the joint, and the point lies on the line from the joint through the
-    middle of that part. A link without shapes, with a mesh that cannot be read, or that ends on all sides of its joint
-    has no end. Shapes and `origin` are placed in the frame of the joint.
+    middle of that part. A link has no end if it has no shapes, has a mesh that cannot be read, or extends to all sides
+    of its joint. Shapes and `origin` are in the frame of the joint.
     """
     try:
         points = np.concatenate([_points(shape) for shape in shapes] or [np.zeros((1, 3))])
-    except Exception:  # of a mesh: no reader is installed, or the format is foreign, which may raise anything
+    except Exception:  # from a mesh without an installed reader, or from a reader, which may raise anything
         points = np.zeros((1, 3))
     away = np.linalg.norm(points, axis=1)
     end = points[away >= _END * away.max()]

@@ -1,4 +1,4 @@
-"""Content of a robot's file: links and joints in the frames of the file, and bodies with mass and inertia."""
+"""Content of a robot's file: links and joints in the file's frames, and bodies with mass and inertia."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Placement(NamedTuple):
     p: Floats
 
     def __matmul__(self, inner: Placement) -> Placement:
-        """Return the placement of `inner`, a frame in this frame, in the outer frame."""
+        """Return the placement in the outer frame of `inner`, a frame in this frame."""
         return Placement(self.R @ inner.R, self.p + self.R @ inner.p)
 
 
@@ -76,16 +76,16 @@ class Joint:
 
 
 Numbers = dict[str, tuple[Any, str]]
-"""Path in a robot file, such as ``joints.drive.ell``, to the number or array there and its source."""
+"""Path in a robot file, such as ``joints.drive.ell``, to the number or array and its source."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The body that one joint moves, in the frame {B_i} of a robot file. Missing mass and inertia are 0."""
+    """The body moved by one joint, in the frame {B_i} of a robot file. Missing mass and inertia are 0."""
 
     joint: Joint
     links: tuple[str, ...]
-    """Names of the joined links with mass, or of all links without mass."""
+    """Names of the merged links with mass, or of all links if none has mass."""
     placement: Placement
     """Pose of {B_i} in {B_(i-1)} at q = 0."""
     mass: float
@@ -99,8 +99,8 @@ class Body:
 class Tree:
     """Links by name and joints, in the order of the file; gravity (3,) [m/s2] in the root's frame, upward.
 
-    Gravity is `standard` if the file does not give it. `notes` are for the user. `loops` close chains in addition to
-    joints: name, and the connected links.
+    Gravity is `standard` if the file does not state it. `notes` are for the user. `loops` are additional constraints
+    that close chains: the name and the connected links.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Tree:
 
     @cached_property
     def above(self) -> dict[str, Joint]:
-        """Link to the joint that carries it; not the roots."""
+        """Link to the joint that carries it, without the roots."""
         return {joint.child: joint for joint in self.joints}
 
     @cached_property
@@ -141,7 +141,7 @@ def aligned(axis: Floats) -> Floats:
 
 
 def roll_pitch_yaw(angles: Floats) -> Floats:
-    """Rotation (3, 3) by roll, pitch and yaw (3,) [rad] about the fixed axes x, y and z, in this order, as in URDF."""
+    """Rotation (3, 3) from roll, pitch and yaw (3,) [rad] about the fixed axes x, y and z, in this order as in URDF."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
     return np.array(
         [
@@ -153,7 +153,7 @@ def roll_pitch_yaw(angles: Floats) -> Floats:
 
 
 def few(names: Sequence[str]) -> str:
-    """Return names as a text, the first ones of many."""
+    """Return names as a text; if there are many, only the first ones."""
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
 
@@ -180,7 +180,7 @@ def joined(parts: Sequence[Mass]) -> Mass:
 
 
 def of_shapes(shapes: Iterable[Visual]) -> Mass | None:
-    """Return mass and inertia of solid shapes of 1 kg/m3, their volumes added; None without shapes or with a mesh."""
+    """Return mass and inertia of solid shapes at 1 kg/m3, with volumes added; None without shapes or with a mesh."""
     parts: list[Mass] = []
     for shape in shapes:
         size: Any = shape.size
@@ -203,11 +203,11 @@ def of_shapes(shapes: Iterable[Visual]) -> Mass | None:
 def with_inertia(
     bodies: Sequence[Body], chosen: Sequence[Numbers], density: float | None, file: str, tree: Tree
 ) -> tuple[Body, ...]:
-    """Return bodies with the numbers of ``link`` in a file of drives, or else with their shapes' inertia.
+    """Return bodies with the numbers of ``link`` in a file of drives, or with their shapes' inertia.
 
-    Shapes are used if a body has no mass or inertia, and their density [kg/m3] or the mass of the body is known.
-    Bodies, and their entries `chosen` of the file of drives, are in the order from base to tip; numbers from shapes are
-    added to `chosen`. `file` is the robot's, for sources. Notes and problems are added to `tree`.
+    Shapes are used if a body has no mass or inertia and their density [kg/m3] or the body's mass is known. Bodies, and
+    their entries `chosen` from the file of drives, are in the order from base to tip; numbers from shapes are added to
+    `chosen`. `file` is the robot's, for sources. Notes and problems are added to `tree`.
     """
     problems = tree.problems
     wholes: list[Body] = []

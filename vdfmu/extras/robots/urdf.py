@@ -1,7 +1,7 @@
 """Reading of URDF.
 
-No library for URDF is used: the available ones stop at the first wrong number without its line, follow XML entities
-to other files, and depend on readers of meshes.
+No library for URDF is used, because the available ones stop at the first wrong number without naming its line, follow
+XML entities to other files, and depend on readers of meshes.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def read_urdf(root: Any, path: Path, problems: Problems) -> Tree:
 
 
 class _UrdfReader:
-    """Elements of a URDF, whose places in messages are their lines."""
+    """Reads elements of a URDF; messages name their lines."""
 
     def __init__(self, path: Path, problems: Problems) -> None:
         self.path = path
@@ -71,11 +71,11 @@ class _UrdfReader:
         self.lost: dict[str, None] = {}
 
     def add(self, element: Any, label: str, expected: str, got: str, way_out: str) -> None:
-        """Add a problem with an element."""
+        """Add a problem about an element."""
         self.problems.add(f"line {element.sourceline}: {label}", expected, got, way_out)
 
     def name(self, element: Any, taken: Mapping[str, Any]) -> str:
-        """Return the name of a link or joint, with a problem if it is taken."""
+        """Return the name of a link or joint, adding a problem if it is already used."""
         kind, name = element.tag, element.get("name", "")
         if not name.strip() or printable(name) != name or "\n" in name:
             expected = "a name of at most 70 characters, none of them a control character"
@@ -85,7 +85,7 @@ class _UrdfReader:
         return printable(name) or f"line {element.sourceline}"
 
     def numbers(self, element: Any, attribute: str, n: int, label: str) -> Floats | None:
-        """Return the numbers of an attribute; None if it is missing, ones if it is wrong."""
+        """Return the numbers of an attribute; None if it is missing, ones if they are wrong."""
         text = element.get(attribute)
         if text is None:
             return None
@@ -218,13 +218,13 @@ class _UrdfReader:
         return Joint(name, kind, ends["parent"], ends["child"], placement, axis, numbers, follows)
 
     def axis(self, label: str, kind: str, element: Any) -> Floats:
-        """Return the unit axis of a joint, by default x."""
+        """Return the unit axis of a joint, x by default."""
         part = element.find("axis")
         axis = None if part is None else self.numbers(part, "xyz", 3, f"{label}: axis")
         if axis is None or kind not in MOVING:
             return np.array([1.0, 0.0, 0.0])
         length = float(np.linalg.norm(axis))
-        if length < 1e-6:  # as written for joints that were made fixed
+        if length < 1e-6:  # as some tools write for joints that were made fixed
             self.add(part, f"{label}: axis", "a direction", "zeros", 'Give it, or type="fixed".')
             return np.array([1.0, 0.0, 0.0])
         return axis / length

@@ -1,4 +1,4 @@
-"""The text of a robot file that was made from another file."""
+"""Writes the text of a robot file that is made from another file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _HEAD = """\
 def robot_text(
     name: str, file: str, arm: SerialChain, driven: Sequence[DriveNumbers], folder: Path, on_axis: bool = False
 ) -> str:
-    """Return the content of the robot file, made from `file`; paths of meshes start in `folder`.
+    """Return the content of the robot file made from `file`; paths of meshes are relative to `folder`.
 
     `on_axis` declares that the tool lies on the axis of the last joint.
     """
@@ -86,7 +86,7 @@ def _about(body: Body, drive: DriveNumbers) -> str:
 def _sources(
     file: str, arm: SerialChain, imported: Collection[str], joints: list[dict[str, str]]
 ) -> Iterator[tuple[str, str]]:
-    """Yield keys and texts of [sources]: one key for all joints with the same text."""
+    """Yield keys and texts of [sources], with one key for all joints that share a text."""
     texts = {"gravity": "Standard gravity, along z of the root" if arm.standard else f"{file}: gravity"}
     texts |= {"tip": f"{file}: tool {arm.tool.rule}", "tip_axes": f"{file}: tool {arm.tool.rule}"}
     yield from ((row.path, texts[row.foreign]) for row in section("robot") if row.foreign in imported)

@@ -1,7 +1,7 @@
 """JSON schemas of the TOML files, for completion and checks in editors.
 
-They are generated from the tables of the readers. Only the readers check conditions between values, such as
-``f_s >= f_c``, and the number of joints.
+They are generated from the readers' tables. Conditions between values, such as ``f_s >= f_c``, and the number of joints
+are only checked by the readers.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def robot_schema() -> Schema:
     parts: tuple[Section, ...] = ("link", "drive", "friction", *JOINT_OPTIONS)
     tables = {part: _table(_rows(part), _required(part)) for part in parts}
     words = {word: _POSITIVE | {"description": f"{row[2]} [{_units(row[0])}]"} for word, row in PLAIN.items()}
-    tables["drive"] = _table(_rows("drive") | words, [])  # a gear, a motor or a plain word may give the others
+    tables["drive"] = _table(_rows("drive") | words, [])  # a gear, a motor or a plain word may replace the others
     named: Schema = {noun: {"enum": list(catalogue()[f"{noun}s"])} for noun in NAMED}
     joint = _table(
         {"type": {"enum": list(JOINT_TYPES)}} | named | _rows("joint") | tables, ["type", *_required("joint"), "link"]
@@ -60,7 +60,7 @@ def robot_schema() -> Schema:
 
 
 def scenario_schema(system: str = "system") -> Schema:
-    """Return the schema of a scenario file with the sections of a system, a shipped name or the path of a TOML file."""
+    """Return the schema of a scenario file with the sections of a system: a shipped name, or a path."""
     file = load_system(system)
     share: Schema = _POSITIVE | {"exclusiveMaximum": 1}
     factors = {name: _one_or_more(_POSITIVE) for name in FACTOR_FIELDS}

@@ -1,4 +1,4 @@
-"""Tuning: parameters of a scenario that make a stated cost smallest, over a spread of robots and within limits."""
+"""Tuning: finds parameters of a scenario that minimise a cost over a spread of robots and within limits."""
 
 from typing import TYPE_CHECKING
 

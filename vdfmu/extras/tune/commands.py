@@ -37,7 +37,7 @@ def tune(
     ],
     **options: Unpack[TuneOptions],
 ) -> None:
-    """Search for the values of lowest cost. After Ctrl-C, repeat it to resume."""
+    """Find the values with the lowest cost. After Ctrl-C, run it again to resume."""
     from vdfmu.extras.tune.search import tune as run_tune
     from vdfmu.study.sweeps.ledger import table_in
     from vdfmu.study.sweeps.sweep import Sweep

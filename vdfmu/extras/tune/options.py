@@ -1,6 +1,6 @@
-"""The options of a tuning, in addition to those of runs of scenarios; each once."""
+"""The options of a tuning, in addition to those of scenario runs, each declared once."""
 
-# Types are written out, not quoted: the command line reads them.
+# Types are not quoted, because the command line reads them.
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,10 +11,10 @@ from vdfmu.engine.options import TEXTS
 from vdfmu.study.options import ENGINES, ScenarioOptions, SeedOptions, WorkerOptions
 
 METHODS = ("both", "global", "local")
-"""Searches of a tuning: differential evolution with a half of the budget, then COBYQA; or one of them."""
+"""Methods of a tuning: differential evolution with half of the budget, then COBYQA; or only one of them."""
 
 
-# A table: an option in some lines.
+# A table, with a few lines per option.
 # fmt: off
 class ProblemOptions(SeedOptions, ScenarioOptions, total=False):
     """Options of the problem that is tuned."""

@@ -1,4 +1,4 @@
-"""The problem of a tuning: numbers that vary, cost, limits, robots and margin; and the evaluation of values."""
+"""The problem of a tuning, with varied numbers, cost, limits, robots and margin, and the evaluation of values."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import present_values, system_values
 
 _RANGE = "*log(0.1, 10)"
-"""Default range of a number that varies."""
+"""Default range of a varied number."""
 _LIMIT = re.compile(r"(.+?)\s*(<=|>=|<|>)\s*([^<>=]+)")
 
 
@@ -43,26 +43,26 @@ class Problem:
     """The problem of a tuning."""
 
     axes: tuple[Axis, ...]
-    """One for each number that varies, ``lin`` or ``log``, of values, or of factors of all elements together."""
+    """An axis for each varied number, ``lin`` or ``log``, of values, or of factors of all elements together."""
     start: Floats
-    """(d,): Values of the scenario; of a factor 1."""
+    """Values of the scenario, (d,); 1 for a factor."""
     limits: dict[str, tuple[Any, float]]
-    """Measure whose largest value over all robots must not be positive, to its text or function, and the size of its
-    right side."""
+    """Measure whose largest value over all robots must not be positive, to its text or function, and the magnitude of
+    its right-hand side."""
     over: str
     """``mean`` or ``worst``: how the costs of the robots are combined."""
     plan: Plan
-    """Plan of the sweep, whose points are the robots."""
+    """Plan of a sweep whose points are the robots."""
     poses: Poses | None
-    """The loops along the run of the start; None without a required margin."""
+    """The loops along the run at the start; None without a required margin."""
     margin: Floats
-    """(n,): Required modulus margin of each loop; empty without."""
+    """Required modulus margin of each loop, (n,), or empty."""
     rate: float
-    """Largest growth rate [1/s] of a mode: 0, or that at the start if the margin must stay the same as there."""
+    """Largest growth rate [1/s] of a mode: 0, or that at the start if the margin must be the same as there."""
 
     @property
     def names(self) -> list[str]:
-        """Variables that vary, ``component.variable``."""
+        """Varied variables, ``component.variable``."""
         return [axis.target for axis in self.axes]
 
     @property
@@ -72,27 +72,27 @@ class Problem:
 
     @property
     def spread(self) -> dict[str, Floats]:
-        """Variables that differ between the robots: target to values, (robots,)."""
+        """Variables that differ between robots: target to values, (robots,)."""
         return {target: column for target, column in self.plan.points.items() if target not in self.names}
 
     def values(self, u: Floats) -> Floats:
-        """Values (d,) at a point of the unit cube, rounded to four digits."""
+        """Return the values (d,) at a point of the unit cube, rounded to four digits."""
         at = np.array([axis.at(share) for axis, share in zip(self.axes, u, strict=True)])
         return np.array([float(f"{value:.4g}") for value in at])
 
     def place(self, values: Floats) -> Floats:
-        """Return the point of the unit cube for values, or the nearest one."""
+        """Return the point of the unit cube for values, or the point nearest to it."""
         ends = np.array([axis.numbers for axis in self.axes]).T
         log = np.array([axis.form == "log" for axis in self.axes])
         low, high, x = (np.where(log, np.log(np.where(log, np.abs(v), 1.0)), v) for v in (*ends, values))
         return np.clip((x - low) / (high - low), 0.0, 1.0)
 
     def parameters(self, values: Floats) -> dict[str, float]:
-        """Return the parameters that values mean, ``component.variable``."""
+        """Return the parameters for values by ``component.variable``."""
         return self.plan.job.systems[0].parameters(dict(zip(self.names, values.tolist(), strict=True)))
 
     def loops(self, values: Floats) -> Along | None:
-        """Return the loops along the run of the start, with other values; None without a required margin."""
+        """Return the loops along the run at the start with other values; None without a required margin."""
         if self.poses is None:
             return None
         changes: dict[str, dict[str, float]] = {}
@@ -106,7 +106,7 @@ class Problem:
 def make_problem(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[ProblemOptions]
 ) -> Problem:
-    """Read and check the problem; for arguments see `tune`. Faults are raised before anything runs."""
+    """Read and check the problem; for arguments see `tune`. Errors are raised before anything runs."""
     over, limit, margin = options["combine"], options["limit"], options["margin"]
     changes, parameters = pick(ScenarioOptions, options), options["parameters"] or {}
     if over not in ("mean", "worst"):
@@ -156,7 +156,7 @@ def make_problem(
 
 
 def _poses(scenario: Scenario, parameters: Mapping[str, Any], varied: Sequence[str]) -> Poses:
-    """Return the loops along the run of a scenario, whose components stay until nothing refers to them."""
+    """Return the loops along the run of a scenario, whose components stay loaded until nothing refers to them."""
     if "plant" in varied:
         raise UsageError("margin: the parameters to vary must not belong to the plant. Omit those that do.")
     stack = ExitStack()
@@ -178,7 +178,7 @@ def _poses(scenario: Scenario, parameters: Mapping[str, Any], varied: Sequence[s
 def _elements(
     scenario: Any, vary: Mapping[str, Any] | Sequence[str], parameters: Mapping[str, Any], together: bool
 ) -> tuple[list[Axis], list[float]]:
-    """Return an axis and the scenario's value for each number, or of factors for each parameter if `together`."""
+    """Return an axis and the scenario's value for each number or, if `together`, an axis of factors per parameter."""
     check_type("vary", "Mapping[str, Any] | Sequence[str]", vary)
     axes = vary if isinstance(vary, Mapping) else [t if "=" in t else f"{t}={_RANGE}" for t in vary]
     values = system_values(scenario, parameters)
@@ -241,12 +241,12 @@ def _number(margin: float | str) -> float:
 
 
 _STEEP = 0.1
-"""Excess for each 1/s by which a mode grows, where margins are 0."""
+"""Penalty per 1/s by which a mode grows, where margins are 0."""
 Values = tuple[float, ...]
 
 
 class SpentError(Exception):
-    """The budget of evaluations is used up."""
+    """The budget of evaluations is exhausted."""
 
 
 @dataclass(frozen=True)
@@ -256,19 +256,19 @@ class Score:
     values: Floats
     """(d,)."""
     number: int | None
-    """Number of the evaluation; None if the margin was missed and nothing was run."""
+    """Number of the evaluation; None if the margin was violated and nothing was run."""
     cost: Floats
-    """(k,): Elements of the cost over all robots; infinite if a run failed."""
+    """Elements of the cost over all robots, (k,); infinite if a run failed."""
     failed: int
-    """Runs that failed."""
+    """Number of failed runs."""
     excess: Floats
-    """(m,): How far each constraint is missed, of the order of 1; positive if missed."""
+    """Violation of each constraint, (m,), scaled to the order of 1; positive if violated."""
     modulus: Floats
-    """(n,): Smallest modulus margin of each loop over the run; empty without a required one."""
+    """Smallest modulus margin of each loop over the run, (n,); empty without a required one."""
     measures: dict[str, float]
-    """Largest of each other measure over all robots."""
+    """Largest value of each other measure over all robots."""
     points: tuple[int, ...] = ()
-    """Its rows in the table, a robot each."""
+    """Rows in the table, one per robot."""
 
     @property
     def feasible(self) -> bool:
@@ -277,9 +277,9 @@ class Score:
 
 
 class Evaluations(Study):
-    """Costs of values. A search requests them, and at most `budget` of them are run.
+    """Evaluates values that a search requests, at most `budget` of them.
 
-    Runs that the ledger has are not run again. Points have the numbers that an undisturbed search gives them. `report`
+    Runs in the ledger are not repeated. Points are numbered as in an uninterrupted search. `report`
     is called with the number of evaluations.
     """
 
@@ -290,7 +290,7 @@ class Evaluations(Study):
         self.scores: list[Score] = []
         """Scores of all evaluations that were run, in order."""
         self.missed = 0
-        """Number of values that were not run, because they miss the margin."""
+        """Number of values that were not run because they violate the margin."""
         self._report = report
         self._by_values: dict[Values, Score] = {}
         self._margins: dict[Values, tuple[Floats, float]] = {}
@@ -300,9 +300,9 @@ class Evaluations(Study):
         self._asked: dict[int, tuple[Values, int]] = {}
 
     def scores_of(self, several: Sequence[Floats], always: bool = False) -> list[Score]:
-        """Return the scores of values; values that miss the margin are not run, unless `always` and stable.
+        """Return the scores of values; values that violate the margin are not run, unless `always` and stable.
 
-        SpentError when the budget does not suffice for all new ones; as many as it allows are run and kept first.
+        SpentError if the budget does not suffice for all new ones; as many as it allows are first run and stored.
         """
         keys = [tuple(map(float, values)) for values in several]
         new: list[Values] = []
@@ -313,7 +313,7 @@ class Evaluations(Study):
             modulus, rate = self._margins[key] = (np.zeros(0), 0.0) if loops is None else (loops.modulus, loops.rate)
             unstable = not modulus.all() and rate > self.problem.rate
             missing = unstable or (not always and bool((modulus < self.problem.margin).any()))
-            if missing and self.scores:  # the start is run in any case, to compare with
+            if missing and self.scores:  # the start is always run, for comparison
                 self.missed += key not in self._by_values
                 self._by_values[key] = self._score(key, None, [])
             else:
@@ -342,7 +342,7 @@ class Evaluations(Study):
         return spread | dict(zip(self.problem.names, key, strict=True))
 
     def tell(self, rows: list[Row]) -> None:
-        """Keep rows, with the values and the robot that they are of."""
+        """Store rows with their values and robot."""
         for row in rows:
             key, robot = self._asked[row["point"]]
             row |= self._columns(key, robot) | {"robot": float(robot)}

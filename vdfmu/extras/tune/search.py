@@ -1,4 +1,4 @@
-"""`tune`: searches by differential evolution and a trust region, and their output: values and tables."""
+"""`tune`: searches by differential evolution and a trust region, and writes values and tables."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _MISSED = 10.0
 _INSIDE = 0.005
 """Distance inside the constraints at which COBYQA ends, because it approaches a boundary from either side."""
 _PULLED = 5
-"""Evaluations at the end, between the best values that keep the margin and those with the lowest cost."""
+"""Final evaluations between the best values that respect the margin and those with the lowest cost."""
 _TRUST = (0.1, 1e-3)
-"""First and last radius of the trust region, in the unit cube."""
+"""Initial and final radius of the trust region in the unit cube."""
 
 
 def objective(score: Score, start: Score) -> float:
-    """Mean of the elements of the cost relative to those at the start; more than 10 if a constraint is violated."""
+    """Mean of the cost's elements relative to those at the start; more than 10 if a constraint is violated."""
     if score.failed:
         return math.inf
     if (score.excess > 0.0).any():
@@ -52,12 +52,12 @@ def objective(score: Score, start: Score) -> float:
 
 
 def relative(score: Score, start: Score) -> float:
-    """Mean of the elements of the cost relative to those at the start, whether or not the constraints are met."""
+    """Mean of the cost's elements relative to those at the start, whether or not constraints are met."""
     return float(np.mean(score.cost / start.cost))
 
 
 def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Score]:
-    """Return the scores of the start and of the best values within the budget, the start where none is better."""
+    """Return the scores of the start and of the best values within the budget, or of the start if none is better."""
     problem, budget = evaluations.problem, evaluations.budget
     (start,) = evaluations.scores_of([problem.start])
 
@@ -80,7 +80,7 @@ def search(evaluations: Evaluations, method: str, seed: int) -> tuple[Score, Sco
 
 
 def _pull(evaluations: Evaluations, inner: Score, outer: Score) -> None:
-    """Evaluate the last point between two values that keeps the margin. No run is needed to find it."""
+    """Evaluate the last point between two values that respects the margin; finding it needs no run."""
     problem = evaluations.problem
     ends = problem.place(inner.values), problem.place(outer.values)
     low, high = 0.0, 1.0
@@ -96,15 +96,15 @@ def _pull(evaluations: Evaluations, inner: Score, outer: Score) -> None:
 
 
 def _global(at: Callable[[Floats], list[Score]], u: Floats, start: Score, seed: int, budget: int) -> None:
-    """Differential evolution; a generation is evaluated together."""
+    """Differential evolution, in which a generation is evaluated together."""
     from scipy.optimize import differential_evolution
     from scipy.stats import qmc
 
     d = len(u)
     size = max(8, 2 * d)
-    drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both
+    drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which accepts both
     population: Any = qmc.LatinHypercube(d, **drawn).random(size)
-    # half of it is near the start, which is better than most points
+    # half of the population is near the start, which is better than most points
     near = size // 2
     population[:near] = np.clip(u + 0.3 * (population[:near] - 0.5), 0.0, 1.0)
     population[0] = u
@@ -116,7 +116,7 @@ def _global(at: Callable[[Floats], list[Score]], u: Floats, start: Score, seed: 
 
 
 def _local(at: Callable[..., list[Score]], u: Floats, start: Score, seed: int, budget: int) -> None:
-    """COBYQA, with models of the cost and of each constraint."""
+    """COBYQA, which models the cost and each constraint."""
     from scipy.optimize import NonlinearConstraint, minimize
 
     def score(u: Floats) -> Score:
@@ -147,7 +147,7 @@ class Tuned:
     """The results of a search."""
 
     folder: Path
-    """It has ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; the table of all runs."""
+    """Folder with ``tuned.toml``, sections for a scenario; ``tune.json``, the comparison; and the table of all runs."""
     parameters: dict[str, Any]
     """The values, as `vdfmu.run` accepts them."""
     before: Score
@@ -160,7 +160,7 @@ class Tuned:
     missed: int
     """Number of values that were not run, because they miss the margin."""
     margins: tuple[Margins, ...]
-    """Smallest margins of each loop over the run, before and after; empty if no margin is required."""
+    """Smallest margin of each loop over the run, before and after; empty if no margin is required."""
     notes: list[str] = field(default_factory=list)
 
     def table(self) -> list[tuple[str, float, float]]:
@@ -183,7 +183,7 @@ class Tuned:
 def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **options: Unpack[TuneOptions]) -> Tuned:
     """Search for the parameter values with the lowest cost, over a spread of robots and within limits.
 
-    Every run is kept, so after Ctrl-C or a kill the same call resumes. A call with more evaluations or another method
+    Every run is stored, so after Ctrl-C or a kill the same call resumes. A call with more evaluations or another method
     reuses earlier runs.
 
     Parameters
@@ -191,8 +191,8 @@ def tune(scenario: Any, vary: Mapping[str, Any] | Sequence[str], cost: Any, **op
     scenario : Scenario, str or path
         A loaded scenario, the name of a shipped one, or a file. The search starts at its values.
     vary : mapping, or sequence of "TARGET" or "TARGET=FORM"
-        Parameters, element by element: ``controller.K_p``. The form is ``lin(a, b)`` or ``log(a, b)``; after a star it
-        is for factors of the scenario's values. Default ``*log(0.1, 10)``.
+        Parameters, element by element: ``controller.K_p``. The form is ``lin(a, b)`` or ``log(a, b)``, with a star for
+        factors of the scenario's values. The default is ``*log(0.1, 10)``.
     cost : str or callable
         An expression of the signals as in a sweep, such as ``worst(rms(trajectory.q_d - plant.q))``, or a function of
         the results. If it has several elements, the cost is the mean of their ratios to the start, none of which may

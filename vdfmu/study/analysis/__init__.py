@@ -1,1 +1,1 @@
-"""Analysis of a system without a run: linearisation, and margins of stability of the sampled loop."""
+"""Analysis of a system: linearisation, and stability margins of the sampled loops."""

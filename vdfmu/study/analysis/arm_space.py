@@ -1,4 +1,4 @@
-"""An arm at rest at a pose, or a system at a time of its run, as a linear system with names and units."""
+"""Linearises an arm at rest at a pose, or a system at a time of its run, with names and units."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def without_dry_friction(unit: Evaluation) -> None:
 
 
 def least_dry_friction(values: Mapping[str, Any]) -> dict[str, float]:
-    """Return the parameters of :func:`without_dry_friction` among the values of a unit, by full names."""
+    """Return the full names of the parameters of :func:`without_dry_friction` among a unit's values."""
     groups = {name: name.partition("[")[0] for name in values}
     dry = dry_friction({*groups.values()})
     return {name: PARAMETERS[group].smallest or 0.0 for name, group in groups.items() if group in dry}
@@ -71,35 +71,36 @@ def linearize(
     parameters: Mapping[str, Any] | None = None,
     backend: str | None = None,
 ) -> StateSpace:
-    """Linearise the plant of an arm at rest at a pose, or a whole system at a time of its run.
+    """Linearise the plant of an arm at rest at a pose, or a complete system at a time of its run.
 
-    The linearisation is exact. An arm is held against gravity by motors and springs. Its states are q, q_dot, kappa_dot
+    The linearisation is exact. Motors and springs hold an arm against gravity. Its states are q, q_dot, kappa_dot
     and tau_s; inputs are the motor torques tau and the wrench F_e of the arm on its surroundings; outputs are the
     states, the rotors' positions kappa and the end effector's p_O, all as in the unit Plant.
 
-    A system is linearised by the directional derivatives of its FMUs, with the connections closed. All inputs of the
-    FMUs are inputs; for a connected one, a disturbance is added to the signal. See :mod:`vdfmu.engine.linear.system`.
+    A system is linearised with the directional derivatives of its FMUs and closed connections. All inputs of the FMUs
+    are inputs of the linear system; for a connected one this is a disturbance added to the signal. See
+    :mod:`vdfmu.engine.linear.system`.
 
     Parameters
     ----------
     system : Robot, Scenario, str or path
-        An arm; or a scenario, its name or file, or an ``.ssp``.
+        An arm; or a scenario, given by name or file, or an ``.ssp``.
     at : (n,) [rad or m], or float [s]
         Positions of the joints, or the time.
     dry : bool
-        For an arm: keep Coulomb and Stribeck friction, with the slope at rest of their regularisation (54). Viscous
-        friction stays in any case.
+        For an arm: whether to keep Coulomb and Stribeck friction, with the slope of their regularisation (54) at rest.
+        Viscous friction is always kept.
     sampled : bool
-        For a system: from one communication point to the next, with the delays of the master, instead of continuous
-        time.
+        For a system: whether to linearise from one communication point to the next, with the master's delays, instead
+        of in continuous time.
     opened : sequence of str
-        For a system: inputs whose connections are cut; the signals that would reach them are the last outputs.
+        For a system: inputs whose connections are cut; the signals that fed them become the last outputs.
     algorithm : str
-        For a system: master algorithm; default its own.
+        For a system: master algorithm, by default its own.
     parameters : mapping of str to value
         For a system: values of parameters, ``{"controller.K_p[1]": 2000}``.
     backend : "python" or "native"
-        For a scenario: kind of FMU; default "native" if there is a C compiler.
+        For a scenario: kind of FMU, by default "native" if there is a C compiler.
 
     Returns
     -------
@@ -109,8 +110,8 @@ def linearize(
     Raises
     ------
     UsageError
-        For a pose of anything but a robot; for positions of a wrong number or not finite, or an arm with
-        limits that is beyond an end stop or heavier than its motors can hold; for FMUs without derivatives.
+        For a pose of anything but a robot; for a wrong number of positions or positions that are not finite; for an arm
+        with limits that is beyond an end stop or too heavy for its motors; for FMUs without derivatives.
     CosimError
         If the run to the time fails.
 
@@ -126,7 +127,7 @@ def linearize(
         raise UsageError(f"linearize: at: expected positions of the joints, or a time in s, got {at!r:.60}.") from None
     if not isinstance(system, Robot) and place.ndim == 0:
         if dry:
-            raise UsageError("linearize: dry: applies to an arm only; in a system set its friction parameters instead.")
+            raise UsageError("linearize: dry: applies only to an arm; in a system set its friction parameters instead.")
         linear = linearized(system, float(place), algorithm=algorithm, parameters=parameters, backend=backend)
         return linear.sampled(opened) if sampled else linear.continuous(opened)
     options = dict(sampled=sampled, opened=opened, algorithm=algorithm, parameters=parameters, backend=backend)
@@ -137,14 +138,14 @@ def linearize(
     except UsageError as error:
         if isinstance(system, Robot):
             raise
-        raise UsageError(f"{error} A scenario or a package takes a time in s instead of positions.") from None
+        raise UsageError(f"{error} For a scenario or a package give a time in s instead of positions.") from None
     if not dry:
         without_dry_friction(plant)
     return state_space(plant, _INPUTS, (*state_names(plant.interface.robot), *_OUTPUTS))
 
 
 def _at_rest(robot: Robot, at: npt.ArrayLike) -> Evaluation:
-    """Return the plant at rest at a pose, held by motors and springs."""
+    """Return the plant at rest at a pose, where motors and springs hold it."""
     q = np.asarray(at, dtype=float)
     if q.shape != (robot.n,) or not np.isfinite(q).all():
         raise UsageError(f"{robot.name}: expected {robot.n} finite positions of the joints, got {at!r}.")
@@ -177,10 +178,10 @@ def packaged(
     algorithm: str | None = None,
     **coupling: Unpack[CouplingOptions],
 ) -> Generator[tuple[Path, dict[str, Any]]]:
-    """Yield the package of a system, and the options of :class:`vdfmu.engine.run.Simulator` that it takes.
+    """Yield the package of a system, and its options for :class:`vdfmu.engine.run.Simulator`.
 
-    The system is a scenario, its name or file, or an ``.ssp``; `parameters` are set in it, `backend` is the kind of a
-    scenario's FMUs. `algorithm` and `coupling` replace its options.
+    The system is a scenario, its name or file, or an ``.ssp``. `parameters` are set in it, `backend` is the kind of a
+    scenario's FMUs, and `algorithm` and `coupling` replace its options.
     """
     changes = {name: value for name, value in coupling.items() if value is not None}
     if not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp":
@@ -205,6 +206,6 @@ def linearized(
     parameters: Mapping[str, Any] | None = None,
     backend: str | None = None,
 ) -> LinearSystem:
-    """Linearise components, see :func:`packaged`, at a time of the run, by default its start."""
+    """Linearise components, see :func:`packaged`, at a time of the run, by default at its start."""
     with packaged(system, parameters, backend, algorithm) as (package, options):
         return linear_system(package, at, **options)

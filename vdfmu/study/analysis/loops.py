@@ -1,7 +1,7 @@
-"""The loops of a scenario or package along its run, in one way for all commands: their margins, and growing modes.
+"""The loops of a scenario or package along its run, for all commands: their margins, and growing modes.
 
-A run is linearised at some of its rows, see :class:`vdfmu.engine.linear.growth.Poses`, with the friction that it has.
-Friction "split" makes loops unstable. Then the loops of its plants are judged without dry friction.
+A run is linearised at some of its rows, see :class:`vdfmu.engine.linear.growth.Poses`, with its friction. Because
+"split" friction makes loops unstable, the loops of its plants are then judged without dry friction.
 """
 
 from __future__ import annotations
@@ -30,26 +30,27 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 TIED = (Tied("tau_s", "kappa", "kappa_dot"),)
-"""The torque of a drive's spring follows from the position of its rotor, whose rate is the rotor's speed."""
+"""The torque of a drive's spring is a function of the rotor's position, whose rate is the rotor's speed."""
 
 
 class Judged(NamedTuple):
-    """The loops that decide on a run."""
+    """The loops by which a run is judged."""
 
     loops: Along
     growth: Growth
-    """Where disturbances grow most, beyond the rate `SLOW`."""
+    """Where disturbances grow most, relative to the rate `SLOW`."""
     excited: str = ""
-    """Where friction makes the loops unstable, if they are judged without dry friction."""
+    """Where friction makes the loops unstable, if the loops are judged without dry friction."""
 
     @property
     def figures(self) -> dict[str, Any]:
-        """The numbers by which a verdict judges the loops, as entries ``key_figures`` of a summary.
+        """The numbers by which a verdict judges the loops, as entries of a summary's ``key_figures``.
 
         ``unstable``, the factor by which disturbances grow in a step; or else ``margin``, the smallest modulus margin,
-        and ``delay``, the smallest delay margin in samples, of a sampled loop. ``growth``: the share by which
-        disturbances grow for a while. ``excited``: dry friction makes the loops unstable, so the other numbers are
-        calculated without it. ``open``: nothing is fed back to a joint. Each has its place and its time [s].
+        and ``delay``, the smallest delay margin in samples, of a sampled loop. ``growth`` is the fraction by which
+        disturbances grow for a while. ``excited`` means that dry friction makes the loops unstable, so the other
+        numbers are calculated without it, ``open`` that nothing is fed back to a joint. Each has its place and its time
+        [s].
         """
         loops, growth, excited = self
         figures: dict[str, Any] = {}
@@ -85,7 +86,7 @@ def poses_of(system: SystemDescription, **options: Any) -> Poses:
 
 
 def judged(poses: Poses, begin: float, end: float, failed: bool = False) -> Judged:
-    """Return the loops that decide on a run, times in s. If it `failed`, growth beyond `SLOW` is the cause."""
+    """Return the loops by which a run is judged, times in s. If it `failed`, growth beyond `SLOW` is the cause."""
     growth = poses.loops.growth(begin, end)
     if failed and growth.rate > SLOW:
         return Judged(poses.loops, growth._replace(exponent=math.inf))
@@ -100,7 +101,7 @@ def grown(loops: Along) -> Growth:
 
 
 def half_step(loops: Along) -> dict[str, Any]:
-    """Return the entry ``half_step``: the modulus margin at half the step, by the same linearisations. Empty without.
+    """Return the entry ``half_step``: the modulus margin at half the step, from the same linearisations, or empty.
 
     Sampled components are excluded, because their results may depend on the step.
     """
@@ -116,7 +117,7 @@ def half_step(loops: Along) -> dict[str, Any]:
 
 
 def place_of(name: str, loops: Along) -> str:
-    """Return the joint of a state or input of a plant, or of a value waiting at a controller; other names unchanged."""
+    """Return the joint of a plant's state or input, or of a value waiting at a controller; other names unchanged."""
     component, _, variable = name.removeprefix("at ").partition(".")
     states = loops.system.parts.states
     arms = [arm for arm, _, _ in (opened.partition(".") for opened in loops.opened)]
@@ -136,9 +137,9 @@ def run_along(
     again: bool = False,
     **options: Unpack[LoopOptions],
 ) -> Generator[tuple[Poses, Grid, str]]:
-    """Run a scenario or package; yield its loops, also at the times `at` [s], the times of the run, and why it failed.
+    """Run a scenario or package; yield its loops, including those at times `at` [s], its times, and why it failed.
 
-    A run that fails is linearised as far as it came. For `again` see :class:`vdfmu.engine.linear.growth.Poses`; for the
+    A failed run is linearised as far as it came. For `again` see :class:`vdfmu.engine.linear.growth.Poses`; for the
     others, and for errors, see :func:`margins_along`.
     """
     package = not isinstance(system, Scenario) and Path(system).suffix.lower() == ".ssp"
@@ -177,7 +178,7 @@ class SystemMargins(NamedTuple):
     names: tuple[str, ...]
     """Inputs at which the loops are opened."""
     times: list[float]
-    """Times [s], (m,): the times asked for, or all that decide on the run."""
+    """Times [s], (m,): the requested ones, or all by which the run is judged."""
     margins: list[Margins]
     """Margins at each time."""
     judged: Judged
@@ -186,7 +187,7 @@ class SystemMargins(NamedTuple):
     notes: tuple[str, ...]
 
     def least(self, loop: int) -> int:
-        """Return which of the times has the least modulus margin of a loop; without any, the fastest growth."""
+        """Return the index of the time with the smallest modulus margin of a loop, or else with the fastest growth."""
         return min(range(len(self.times)), key=lambda k: (self.margins[k].modulus[loop], -self.margins[k].rate))
 
 
@@ -197,16 +198,16 @@ def margins_along(
     at: Sequence[float] = (),
     **options: Unpack[LoopOptions],
 ) -> SystemMargins:
-    """Margins of the loops of a scenario or package along its run, or at some times of it.
+    """Return the margins of the loops of a scenario or package along its run, or at some times.
 
     Parameters
     ----------
     system
         A scenario, its name or file, or an ``.ssp``.
     opened : sequence of str
-        Connected inputs at which the loops are opened; default the motor torques, ``tau``, of all components.
+        Connected inputs at which the loops are opened, by default the motor torques, ``tau``, of all components.
     at : sequence of float [s]
-        Times, rounded to communication points; default all that decide on the run.
+        Times, rounded to communication points, by default all by which the run is judged.
     **options
         :class:`vdfmu.study.options.LoopOptions`.
 
@@ -234,7 +235,7 @@ def margins_along(
 
 
 def closed(system: SystemDescription) -> bool:
-    """Whether something that a plant puts out comes back to its torque ``tau``, by the connections."""
+    """Return whether the connections feed an output of a plant back to its torque ``tau``."""
     sources: dict[str, set[str]] = {}
     for source, targets in system.connections.items():
         for target in targets:
@@ -257,10 +258,10 @@ def closed(system: SystemDescription) -> bool:
 
 
 def loops_of(poses: Poses, system: SystemDescription, end: float, failed: bool = False) -> dict[str, Any]:
-    """Return the entries of a summary about the loops of a run that ended at `end` [s].
+    """Return a summary's entries on the loops of a run that ended at `end` [s].
 
     ``key_figures``, see :attr:`Judged.figures`, or ``stability`` with the reason why the loops are not judged, and
-    whether they are expected to be: components without directional derivatives cannot be judged.
+    whether that was to be expected, because components without directional derivatives cannot be judged.
     """
     if not closed(system):
         return {"stability": {"reason": "no loop closes over the torque of a plant", "expected": False}}

@@ -1,4 +1,4 @@
-"""Natural frequencies, damping and shapes of the modes of an arm at rest, with its motors free or held."""
+"""Natural frequencies, damping and shapes of the modes of an arm at rest, with motors free or held."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from vdfmu.system.scenario.values import system_values
 
 MOTORS = ("free", "held")
 _STILL = 1e-6
-"""Slower eigenvalues, as a share of the fastest, do not oscillate: the rounding of a double one."""
+"""Eigenvalues slower than this, relative to the fastest, do not oscillate: it is the rounding of a double
+eigenvalue."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of an arm at a pose: m that oscillate, from low to high.
+    """Modes of an arm at a pose: m oscillating ones, from low to high.
 
     Attributes
     ----------
@@ -37,11 +38,11 @@ class Modes:
     damping : (m,)
         Damping ratio ``-Re s / |s|``; negative for a mode that grows.
     links, rotors : (m, n) complex
-        Displacements of links and of rotors divided by ell [rad or m]; the largest of a mode is 1.
+        Displacements of links, and of rotors divided by ell [rad or m]; the largest of each mode is 1.
     share : (m, n)
-        Share of each joint in the largest energy of the springs.
+        Share of each joint in the springs' largest energy.
     rates : (k,) [1/s]
-        Real eigenvalues, without oscillation.
+        Real eigenvalues, which do not oscillate.
     """
 
     frequency: Floats
@@ -58,7 +59,7 @@ class Modes:
 
 
 def middle_pose(robot: Robot) -> list[float]:
-    """Return 0 for each joint [rad or m], or the middle between end stops that exclude it."""
+    """Return 0 for each joint [rad or m], or the middle between end stops that exclude 0."""
     stops = zip(robot.q_min, robot.q_max, strict=True) if robot.limits else [(0.0, 0.0)] * robot.n
     return [0.0 if low <= 0.0 <= high else float(low + high) / 2.0 for low, high in stops]
 
@@ -73,10 +74,10 @@ def natural_modes(robot: Robot, q: npt.ArrayLike, *, motors: str = "free", dry: 
     q : (n,) [rad or m]
         Positions of the joints.
     motors : str
-        ``free``: the motors keep their torque, the rotors move. ``held``: brakes lock the rotors.
+        ``free``: the motors keep their torque and the rotors move. ``held``: brakes lock the rotors.
     dry : bool
-        Whether Coulomb and Stribeck friction stay, with the slope at rest of their regularisation (54). It makes
-        most modes of rotors that are free creep.
+        Whether to keep Coulomb and Stribeck friction, with the slope of their regularisation (54) at rest. With it most
+        modes of free rotors creep.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def modes_of(system: StateSpace, motors: str, dry: bool) -> Modes:
 
 
 def desired_motion(scenario: Scenario, outputs: Sequence[str], points: int) -> tuple[Floats, Floats]:
-    """Return even times (m,) [s] and outputs of ``trajectory``, (k, m, n). UsageError if one is missing."""
+    """Return evenly spaced times (m,) [s] and outputs of ``trajectory``, (k, m, n). UsageError if one is missing."""
     system = WiredUnits(SystemDescription(scenario, system_values(scenario)))
     trajectory = system.units.get("trajectory")
     if lacking := [name for name in outputs if trajectory is None or name not in trajectory.interface.groups]:

@@ -1,8 +1,8 @@
 """Content of the page of a run: arms, figures and recorded signals, thinned and packed for a browser.
 
-A figure or a group of signals has its own rows: every k-th of the run, and rows of the smallest and largest values
-between them, so that no peak is lost. Numbers are single precision, calculated in double. They come from these rows
-without interpolation. Pictures are files of the same figures.
+A figure or a group of signals has its own rows: every k-th row of the run, and the rows of the smallest and largest
+values between them, so that no peak is lost. Numbers are taken from these rows without interpolation, calculated in
+double and stored in single precision. Pictures are files with the same figures.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vdfmu.base.arrays import Floats, bends, distinct, extremes
 from vdfmu.base.measure import JOINT_TYPES, Shown, shown_as
 from vdfmu.engine.results.figure import Curve, Figure, Terms, signal_figures
-from vdfmu.engine.results.folder import DRAWN
+from vdfmu.engine.results.folder import DRAWN, picture_module
 from vdfmu.engine.results.results import Recorded, Results, Signal
 from vdfmu.study.report.scripts import packed
 from vdfmu.study.run.joint_components import BASE, joints_of
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from vdfmu.arm.robot import Robot
 
 EXTREMES = 1000
-"""Stretches whose smallest and largest values are kept, shared among the curves of a figure."""
+"""Number of stretches whose smallest and largest values are kept, shared among the curves of a figure."""
 FRAMES = 1000
-"""Most intervals between equidistant rows, common to the drawing of an arm and all figures."""
+"""Most intervals between the equidistant rows shared by an arm's drawing and all figures."""
 _MORE = 500
-"""Most rows in between that are drawn too while the arm moves."""
+"""Most rows in between that are also drawn while the arm moves."""
 _LEAST = 1e-5
 """Invisible deviation of a joint [rad], or of the base or a prismatic joint relative to the arm's reach."""
 
@@ -47,14 +47,14 @@ SUMS: Mapping[str, Terms] = {
     "power": [(1.0, "plant.P_B")],
     "force": [(1.0, "plant.F_z")],
 }
-"""Curves of each joint [rad or m; link-side N.m or N; W]: factors of arrays of signals.
+"""Curves of each joint [rad or m; link-side N.m or N; W], as factors of arrays of signals.
 
 The last two are for joints that are components: power and axial force on the link.
 """
 MOTOR_SIDE = ("controller.tau", "feedforward.tau_m")
 """Signals that are multiplied by the reduction ratio."""
 _FRAMES = ("q", "error", "torque", "torsion", "power", "force")
-"""Curves that the drawn arm shows."""
+"""Curves shown with the drawn arm."""
 _FIGURES = (
     ("tracking", "position", "Position tracking errors: q_d − q", {"error": ""}),
     ("torque", "torque", "Control {}s, feedforward dashed, link side",
@@ -70,11 +70,11 @@ _FIGURES = (
 
 
 WRENCHES = {"F_e": "of the arm on its surroundings in {O}", "F_S": "of the base on the arm in {S}"}
-"""Six signals, force and moment: words for a title."""
+"""Wrenches, six signals each, to words for a title."""
 _CURVES = 12
-"""Most curves of a figure of unlike signals."""
+"""Most curves in a figure of unrelated signals."""
 BLOCK = 20_000
-"""Rows that are in memory at a time."""
+"""Number of rows in memory at a time."""
 
 
 class DrawnArm(NamedTuple):
@@ -84,9 +84,9 @@ class DrawnArm(NamedTuple):
     facts: Mapping[str, Any]
     """See :func:`vdfmu.study.run.scene.arm_of`."""
     sums: Mapping[str, Sequence[Terms]]
-    """Of `SUMS`, joint by joint."""
+    """Curves of `SUMS`, joint by joint."""
     motion: Mapping[str, Sequence[Terms]]
-    """Its drawn values: of its joints, of its base, and the wrenches that act on it."""
+    """Signals that are drawn: of its joints, of its base, and the wrenches acting on it."""
 
 
 def drawn_arms(results: Results, summary: Mapping[str, Any]) -> list[DrawnArm]:
@@ -97,7 +97,7 @@ def drawn_arms(results: Results, summary: Mapping[str, Any]) -> list[DrawnArm]:
     names, arms = {*results.names}, list[DrawnArm]()
     for k, arm in enumerate(tables):
         signals = {key: each for key, each in arm["signals"].items() if names.issuperset(each)}
-        if k == 0:  # of a system without a scene, by the names of the shipped ones
+        if k == 0:  # in a system without a scene, by the names in the shipped ones
             of_names = {name for terms in SUMS.values() for _, name in terms}
             signals = {name: each for name in of_names if (each := _joints(results, name, len(arm["ell"])))} | signals
         sums: dict[str, list[Terms]] = {
@@ -124,13 +124,13 @@ def _motion(arm: Mapping[str, Any], sums: Mapping[str, Any], names: Container[st
 
 
 def _joints(results: Results, name: str, n: int) -> list[str]:
-    """Return the signals of an array with an element for each joint; empty if it was not recorded."""
+    """Return the signals of an array with one element per joint; empty if it was not recorded."""
     group = results.groups.get(name, {})
     return [group[index] for index in sorted(group)] if group and results.shape_of(name) == (n,) else []
 
 
 def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield the figures of a run: of touched objects, estimates and cutting points, of each arm, of its wrenches."""
+    """Yield the figures of a run: for touched objects, estimates and cutting points, each arm and its wrenches."""
     arms = drawn_arms(results, summary)
     yield from _contact_figures(results, summary)
     yield from _estimate_figures(results, summary)
@@ -142,7 +142,7 @@ def run_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure
 
 
 def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, Sequence[Terms]]) -> Iterator[Figure]:
-    """Yield figures of an arm by type of joint. `before` and `of` are prefixes of keys and titles."""
+    """Yield figures of an arm by type of joint; `before` and `of` are prefixes of keys and titles."""
     for kind, joint_type in JOINT_TYPES.items():
         joints = [i for i, each in enumerate(types) if each == kind]
         suffix = f", {kind}" if len(set(types)) > 1 else ""
@@ -160,7 +160,7 @@ def _arm_figures(before: str, of: str, types: Sequence[str], sums: Mapping[str, 
 
 
 def _wrench_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield force and moment of each wrench that acts in the run."""
+    """Yield the force and moment of each wrench that acts in the run."""
     names = {*results.names}
     for arm in summary.get("scene", {}).get("arms", []):
         for key, words in WRENCHES.items():
@@ -183,7 +183,7 @@ def _contact_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[F
 
 
 def _estimate_figures(results: Results, summary: Mapping[str, Any]) -> Iterator[Figure]:
-    """Yield torques of estimators together with the torques that they estimate."""
+    """Yield estimated torques together with the true ones."""
     names = {*results.names}
     for each in summary.get("scene", {}).get("estimates", []):
         for unit in dict.fromkeys(results.units[name] for name in each["signals"] if name in names):
@@ -218,7 +218,7 @@ def _cutting_points(results: Results) -> Iterator[Figure]:
 
 
 def _overlaid(results: Results) -> Iterator[Figure]:
-    """Yield the outputs of a system without an arm, those of one unit of measurement in one figure."""
+    """Yield the outputs of a system without an arm, those with the same unit of measurement in one figure."""
     alike: dict[str, dict[str, str]] = {}
     for group, members in results.groups.items():
         for _, name in sorted(members.items()):
@@ -273,9 +273,9 @@ def content_of(results: Results, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class ArmFrames:
-    """The drawing of an arm, and its motion at rows between which it moves on straight lines in joint space.
+    """The drawing of an arm, and its motion as rows between which it moves linearly in joint space.
 
-    `name` is its component, `arm` the facts of :func:`vdfmu.study.run.scene.arm_of`, None for times alone. `motion`
+    `name` is its component, `arm` the facts of :func:`vdfmu.study.run.scene.arm_of`, or None for only times. `motion`
     has q and the curves drawn with it; ``base``: position and rotation of its base, row by row.
     """
 
@@ -311,7 +311,7 @@ class ArmFrames:
         self._table.add(part.time, [*moved.values()], rows)
 
     def packed(self) -> dict[str, Any]:
-        """Return name, drawing and frames with the rows of the largest deviations, ready for JSON."""
+        """Return the name, the drawing, and frames including the rows of the largest deviations, ready for JSON."""
         drawing = None
         if self._arm:
             from vdfmu.study.report.shapes import drawing_of  # takes long to import
@@ -330,7 +330,7 @@ class ArmFrames:
 
 
 class CurveTable:
-    """Rows of curves, gathered stretch by stretch."""
+    """Rows of curves, collected stretch by stretch."""
 
     def __init__(self, figure: Figure | None = None) -> None:
         self._facts: dict[str, Any] = {}
@@ -362,7 +362,7 @@ def values_of(curves: Iterable[Curve], results: Results, factor: float = 1.0) ->
 
 
 def recipes_of(curves: Iterable[Curve], factor: float = 1.0) -> list[Any]:
-    """Return how curves come from signals, for the page: factor; factors and signals."""
+    """Return, for the page, how curves follow from signals: a factor, and factors and signals."""
     return [[factor, [*map(list, curve.terms)]] for curve in curves]
 
 
@@ -384,12 +384,11 @@ def write_pictures(
     """Write the figures of a run, ``figure_tracking.pdf``, or its signals without any. `width` in inches."""
     if not kinds:
         return
-    from vdfmu.engine.results.picture import write_figures, write_signals  # takes long to import
-
+    picture = picture_module()
     shown = results.thinned(DRAWN)
     figures = list(run_figures(shown, results.summary))
-    write_figures(figures, shown, folder, kinds, width, serif)
+    picture.write_figures(figures, shown, folder, kinds, width, serif)
     if robot is not None and {"trajectory.q_d[1]", "plant.p_O[1]"} <= {*results.names}:
-        write_figures([TOOL], tool_error(robot, shown), folder, kinds, width, serif)
+        picture.write_figures([TOOL], tool_error(robot, shown), folder, kinds, width, serif)
     elif not figures:
-        write_signals(shown, folder, kinds, width, serif)
+        picture.write_signals(shown, folder, kinds, width, serif)

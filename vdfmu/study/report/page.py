@@ -1,4 +1,4 @@
-"""``report.html``: one run, or several side by side, as one file that works offline; the arm of a run alone.
+"""``report.html``: one run, or several side by side, as one file that works offline; also only the arm of a run.
 
 Static parts are HTML of :mod:`vdfmu.study.report.parts`; ``web/run.js`` draws the rest from the numbers of
 :mod:`vdfmu.study.report.content`.
@@ -31,19 +31,18 @@ from vdfmu.engine.results.verdict import outcome_of, results_of, state_of
 from vdfmu.engine.run import Interrupted
 from vdfmu.study.report import scripts
 from vdfmu.study.report.content import content_of
-from vdfmu.study.report.latex import LATEX, write_tables
 from vdfmu.study.report.parts import checks, components_table, events, facts_table, marks, page_title, tables, tiles
-from vdfmu.study.report.sheets import sheets
+from vdfmu.study.report.sheets import LATEX, sheets
 from vdfmu.study.report.shown_run import NAME, ShownRun, is_gallery, newest_run, read_run, run_folder
 from vdfmu.study.run.joint_components import cut_figures, wired_arm
 from vdfmu.system.package.drawing import Coupling, system_diagram
 
 _SKIP = '<a class="skip" href="#figures">Skip to the figures</a>\n'
-"""First stop of the keyboard."""
+"""First stop for keyboard navigation."""
 
 
 class StudyPart(NamedTuple):
-    """Title, subtitle and body of a study's page, above the run of its scenario."""
+    """Title, subtitle and body of a study's page, which come above the run of its scenario."""
 
     title: str
     about: str
@@ -51,7 +50,7 @@ class StudyPart(NamedTuple):
     content: Mapping[str, Any]
     """For ``web/lab.js``."""
     lead: str
-    """Answer of the study, HTML."""
+    """Answer of the study in HTML."""
 
 
 def study_page(study: StudyPart) -> bytes:
@@ -62,7 +61,7 @@ def study_page(study: StudyPart) -> bytes:
 
 
 def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False) -> Path:
-    """Write the page of one run or of several; with `simulate` its sliders run them again, in units compiled for it."""
+    """Write the page of one or more runs; with `simulate` sliders repeat them, with units compiled for the page."""
     write_whole(path, [report_page(runs, simulate=simulate)])
     return path
 
@@ -70,7 +69,7 @@ def write_report(runs: Sequence[ShownRun], path: Path, *, simulate: bool = False
 def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: bool = False) -> Path:
     """Write the page of runs, by default of the newest one in ``results``, or the page that lists a folder of runs.
 
-    `out` without a suffix is a folder for the page; a name that ends in ``.tex`` gets tables instead.
+    `out` without a suffix is a folder for the page; for a name that ends in ``.tex`` tables are written instead.
 
     UsageError without results, or for a file not written by vdfmu. Returns the path.
     """
@@ -92,7 +91,7 @@ def report_of(folders: Sequence[Path], out: Path | None = None, *, simulate: boo
         tables = [(name, sheet) for name, run in zip(names, runs, strict=True) for sheet in sheets(run.summary)]
         if len(runs) > 1:
             tables.insert(0, ("", _compare().difference_sheet(names, runs)))
-        return write_tables(tables, out)
+        return module_of_extra("latex", "compare", "A file of tables").write_tables(tables, out)
     return write_report(runs, out, simulate=simulate)
 
 
@@ -100,7 +99,7 @@ def write_failed(
     name: str, package: Path, folder: Path, error: CosimError | Interrupted,
     program: Mapping[str, Any] | None = None, *, simulate: bool = False,
 ) -> None:  # fmt: skip
-    """Write the page of a failed run that has rows, see `write_report`. A second failure is noted in the error."""
+    """Write the page of a failed run that has rows; see `write_report`. A second failure is noted in the error."""
     try:
         if error.results is not None and len(error.results):
             run = ShownRun(name, error.results, error.results.summary, package, program=program)
@@ -113,7 +112,7 @@ def write_failed(
 def report_page(
     runs: Sequence[ShownRun], *, simulate: bool = False, arm_alone: bool = False, study: StudyPart | None = None
 ) -> bytes:
-    """Return the page of one run or of several, or of their arms alone.
+    """Return the page of one or more runs, or of only their arms.
 
     `simulate`: see :func:`write_report`. `study`: the study above the run of its scenario.
     """
@@ -201,7 +200,7 @@ def _compare() -> ModuleType:
 
 
 def _simulation(run: ShownRun, binaries: dict[str, str] | None, command: str) -> dict[str, Any]:
-    """Return the simulation of a run in the page, see `simulation_of`, or the reason that there is none."""
+    """Return the simulation of a run in the page, see `simulation_of`, or the reason why there is none."""
     if "scenario" not in run.summary:
         return {"reason": "This run is not simulated here: only runs of scenarios by 'vdfmu run' are."}
     from vdfmu.study.report.simulation import simulation_of  # takes long to import
@@ -210,7 +209,7 @@ def _simulation(run: ShownRun, binaries: dict[str, str] | None, command: str) ->
 
 
 def _coupling(summary: Mapping[str, Any]) -> Coupling:
-    """Return the coupling errors of the signals that components read."""
+    """Return the coupling errors of signals that components read."""
     judgement: Mapping[str, Any] = summary.get("judgement") or {"signals": (), "wanted": 1.0}
     errors: dict[str, float] = {}
     for each in judgement["signals"]:
@@ -221,7 +220,7 @@ def _coupling(summary: Mapping[str, Any]) -> Coupling:
 
 
 def _wired(run: ShownRun) -> dict[str, Any]:
-    """Return the entries of a summary on an arm of joint components."""
+    """Return a summary's entries on an arm of joint components."""
     arm = wired_arm(run.results, run.package)
     return arm | {"key_figures": cut_figures(run.results)} if arm else {}
 
@@ -253,7 +252,7 @@ def _name_of(run: ShownRun) -> str:
 
 
 def _names(runs: Sequence[ShownRun]) -> list[str]:
-    """Return the scenarios or systems; if two are the same, the folders; equal folder names get a number."""
+    """Return the names of the scenarios or systems; if two are the same, of the folders, numbered if they are equal."""
     names = [_name_of(run) for run in runs]
     if len(set(names)) < len(names):
         names = [run.name for run in runs]
@@ -266,8 +265,8 @@ _OPTIONS = ("stop", "step", "algorithm", "adaptive", "tolerance")
 def run_command(summary: Mapping[str, Any]) -> str:
     """Return the command that repeats the run of a scenario, with the options that changed the scenario.
 
-    It has every option if the scenario's file cannot be read. It is empty for other runs, for runs with inputs from
-    outside, and for units that are Python objects.
+    It contains all options if the scenario's file cannot be read. It is empty for other runs, for runs with external
+    inputs, and for units that are Python objects.
     """
     name, units = summary.get("scenario"), summary.get("units") or {}
     if not name or summary.get("inputs") or any("<" in unit for unit in units.values()):
@@ -278,7 +277,7 @@ def run_command(summary: Mapping[str, Any]) -> str:
         scenario = "reach"
     from vdfmu.compiler.unit.declaration import SOLVER_TOLERANCE  # takes long to import
 
-    defaults = {"algorithm": DEFAULT, "tolerance": SOLVER_TOLERANCE}  # of a scenario's file without these keys
+    defaults = {"algorithm": DEFAULT, "tolerance": SOLVER_TOLERANCE}  # if a scenario's file lacks these keys
     words = ["vdfmu", "run", scenario]
     asked = summary.get("robot_file") or summary.get("robot")
     if "robot_file" in summary or asked != robot and asked in shipped_names("robots"):
@@ -303,7 +302,7 @@ def run_command(summary: Mapping[str, Any]) -> str:
 
 
 def _written(scenario: str) -> tuple[dict[str, Any] | None, str | None]:
-    """Return the content of a scenario's file, None without a readable file, and the name of its robot."""
+    """Return the content of a scenario's file, or None if it cannot be read, and the name of its robot."""
     try:
         path = locate(scenario, "scenarios")
         written = read_toml(path)
@@ -325,7 +324,7 @@ _LOADER = (
     "addEventListener('report', () => {{ if (frameElement) frameElement.style.height = "
     "document.getElementById('arm').offsetHeight + 2 + 'px'; }}); }})()</script>"
 )
-"""Unpacks the page, and gives its frame the height of the arm's section."""
+"""Unpacks the page and sets its frame's height to that of the arm's section."""
 
 
 def animate(run: Results | str | os.PathLike[str]) -> Animation:
@@ -339,12 +338,12 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
     Returns
     -------
     Animation
-        A notebook shows it, with a player; `Animation.save` writes it.
+        A notebook shows it with a player; `Animation.save` writes it.
 
     Raises
     ------
     UsageError
-        For results without an arm or without its positions.
+        For results without an arm, or without its positions.
 
     Examples
     --------
@@ -365,7 +364,7 @@ def animate(run: Results | str | os.PathLike[str]) -> Animation:
 
 
 class Animation:
-    """The arm of a run, moving; made by :func:`vdfmu.study.report.page.animate`."""
+    """The moving arm of a run, made by :func:`vdfmu.study.report.page.animate`."""
 
     def __init__(self, run: ShownRun) -> None:
         self._page = report_page([run], arm_alone=True)

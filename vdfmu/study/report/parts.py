@@ -1,4 +1,4 @@
-"""Parts of the page of runs in HTML: checks, key figures, tables, facts, differences."""
+"""Parts of the page of runs in HTML: checks, key figures, tables and facts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vdfmu.study.run.summary_keys import Summary
 
 
 def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
-    """Yield the checks of each run in a line that opens; it is open unless all are good."""
+    """Yield the checks of each run in a line that can be opened; it is open unless all are good."""
     for k, (name, run) in enumerate(zip(names, runs, strict=True)):
         rows = "".join(
             f'<li class="{check.state.replace(" ", "-")}"><b>{check.state}</b> {escape(check.text)} '
@@ -38,7 +38,7 @@ def checks(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
 
 
 class Tile(NamedTuple):
-    """A key figure of the first screen."""
+    """A key figure on the first screen."""
 
     name: str
     value: str
@@ -46,12 +46,12 @@ class Tile(NamedTuple):
     figure: str
     """Key of the figure that shows it, or a prefix of the key."""
     measure: str
-    """Measure of a simulated run that replaces the value, see ``web/outcome.js``, and its signal if not of the figure;
-    empty without such a measure."""
+    """Measure of a simulated run that replaces the value, see ``web/outcome.js``, and its signal if it is not the
+    figure's; empty without such a measure."""
     number: float
-    """Its value as a number, in the unit of the key figure or of the figure."""
+    """Value as a number, in the unit of the key figure or the figure."""
     at: float | None = None
-    """Its time [s]."""
+    """Time of the value [s]."""
 
 
 def page_title(name: str, summary: Summary) -> str:
@@ -76,7 +76,7 @@ _TILES = {
     "margin": ("Modulus margin", "{place} at {time}", "torque", "key margin"),
     "torque": ("Peak torque", "joint {joint} at {time}", "torque", "largest"),
 }
-"""For each key figure, the name, note, figure and measure of its tile; the first ones are shown."""
+"""For each key figure the name, note, figure and measure of its tile; only the first ones are shown."""
 _VALUES: Mapping[str, Callable[[float], str]] = {
     "tool_error": lambda value: quantity(value, "m"),
     "saturated": lambda value: f"{number(100.0 * value)} %",
@@ -92,7 +92,7 @@ def value_of(key: str, figure: Summary) -> str:
 
 
 def tiles_of(summary: Summary) -> list[Tile]:
-    """Return the tiles of a summary: first its faults, then what its components do, then what every arm does."""
+    """Return the tiles of a summary: first faults, then figures of its components, then figures of every arm."""
     figures: Summary = summary.get("key_figures") or {}
     tiles: list[Tile] = []
     for key, (name, form, shown, measure) in _TILES.items():
@@ -115,7 +115,7 @@ def tiles_of(summary: Summary) -> list[Tile]:
 
 
 def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
-    """Yield the RMS error of each estimate, of the joint with the largest."""
+    """Yield the RMS error of each estimate, for the joint with the largest."""
     for each in summary.get("scene", {}).get("estimates", []):
         errors: Sequence[float] = summary.get(f"rms_{each['group']}_error_nm") or []
         if errors:
@@ -127,7 +127,7 @@ def _estimate_tiles(summary: Summary) -> Iterator[Tile]:
 
 
 def tiles(summary: Summary) -> Iterator[str]:
-    """Yield the key figures as buttons that go to their times and figures."""
+    """Yield the key figures as buttons that lead to their times and figures."""
     buttons = "".join(
         f'<button type="button" class="tile" data-figure="{tile.figure}" data-measure="{tile.measure}" '
         f'data-value="{tile.number!r}"'
@@ -140,7 +140,7 @@ def tiles(summary: Summary) -> Iterator[str]:
 
 
 def marks(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the marks of the timeline, with their texts."""
+    """Return the marks of the timeline with their texts."""
     figures: Mapping[str, Any] = summary.get("key_figures") or {}
     words = {"tool_error": "largest tool error", "contact": "first contact", "unstable": "unstable from here"}
     return [
@@ -165,14 +165,14 @@ def tables(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
 
 
 def sheet_html(sheet: Sheet, title: str) -> str:
-    """Return a table in HTML, and its notes."""
+    """Return a table in HTML with its notes."""
     heads = [escape(head).replace("\n", "<br>") for head in sheet.columns]
     notes = "".join(f"<p class=note>{escape(note)}</p>" for note in sheet.notes)
     return (f'<div class="wide">{_table(heads, sheet.rows, title)}</div>' if sheet.rows else "") + notes
 
 
 def facts_table(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]:
-    """Yield the facts of runs, a column a run."""
+    """Yield the facts of runs, one column per run."""
     yield '<section class="card" id="facts"><h2>What was run</h2>'
     columns = [dict(_facts_of(run)) for run in runs]
     rows = [(key, *(column.get(key, "") for column in columns)) for key in dict.fromkeys(k for c in columns for k in c)]
@@ -181,12 +181,12 @@ def facts_table(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]
 
 
 def components_table(run: ShownRun) -> Iterator[str]:
-    """Yield what the FMUs of a package are, for the run of a package of any tool."""
+    """Yield the kinds of a package's FMUs, for the run of a package from any tool."""
     if "scenario" in run.summary or not run.package.is_file():
         return
     try:
         descriptions = check_system(load_ssp(run.package), algorithm=run.summary.get("algorithm")).descriptions
-    except VdfmuError:  # it has changed since the run
+    except VdfmuError:  # the package has changed since the run
         return
     rows: list[tuple[str, ...]] = []
     for name, each in descriptions.items():

@@ -1,4 +1,4 @@
-"""Scripts and styles of the pages of runs and studies: ``make vendor`` packs them from ``web`` into ``bundles``."""
+"""Scripts and styles of the pages of runs and studies, which ``make vendor`` packs from ``web`` into ``bundles``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def look(*more: str, icon: str = "data:,") -> str:
 
 
 def run_head(description: str, arm_alone: bool) -> str:
-    """Return the content of the head of a page of runs, or of their arms alone."""
+    """Return the content of the head for a page of runs, or of only their arms."""
     sheets = ("uplot.min.css", *(["arm_alone.css"] if arm_alone else []))
     head = look(*sheets, icon=f"data:image/svg+xml,{quote(_ICON)}")
     return f'<meta name="description" content="{escape(description)}">{head}'
@@ -48,7 +48,7 @@ def run_head(description: str, arm_alone: bool) -> str:
 
 @lru_cache
 def libraries() -> str:
-    """Return the libraries, compressed, below their licences."""
+    """Return the compressed libraries below their licences."""
     text = bundle(_LIBRARIES)
 
     def read(content: bytes) -> str:
@@ -58,18 +58,18 @@ def libraries() -> str:
 
     units = THIRD_PARTY.replace("libraries in binaries/", "units that a page simulates")
     licences = "\n".join([*re.findall(r"/\*!(.*?)\*/", text, re.DOTALL), units])
-    place = cache_folder() / "pages" / sha256(text.encode()).hexdigest()  # to compress it takes 13 ms
+    place = cache_folder() / "pages" / sha256(text.encode()).hexdigest()  # compressing takes 13 ms
     packed = load_or_make(place, lambda: compressed(text.encode()).encode(), read)
     return f'<!--\n{licences}-->\n<script type="text/plain" id="vendor">{packed}</script>'
 
 
 def data_element(content: Mapping[str, Any]) -> str:
-    """Return the elements of a page that have its content, for ``web/data.js``.
+    """Return the elements of a page that contain its data, for ``web/data.js``.
 
     The content is escaped, so it cannot close the tag.
 
-    Arrays are stored in a separate element, one after another, and compressed: the differences of the integers that
-    have the same bits as the numbers, sorted by byte.
+    Arrays are stored in a separate element, one after another and compressed, as the differences of the integers with
+    the numbers' bits, sorted by byte.
     """
     arrays = list[bytes]()
 
@@ -94,7 +94,7 @@ def data_element(content: Mapping[str, Any]) -> str:
 
 
 def scripts_of(name: str) -> list[str]:
-    """Return the script of a page by the name of its module in ``web``, and the libraries that it adds to the page."""
+    """Return the scripts of a page: its module in ``web`` by name, and the libraries that it adds to the page."""
     return [bundle(f"{name}.js"), *([] if name in ("study", "gallery") else [bundle(_LIBRARIES)])]
 
 
@@ -104,11 +104,11 @@ def bundle(name: str) -> str:
 
 
 def base_module() -> bytes:
-    """Return the module of WebAssembly of all pages: the solver in a communication step, functions of the C library."""
+    """Return the WebAssembly module shared by all pages: the solver of a communication step, C library functions."""
     return (data_path("fmu_src") / "batch" / "module.wasm").read_bytes()
 
 
 def packed(values: NDArray[Any], kind: str) -> NDArray[Any]:
-    """Return numbers in a row, as a `kind` of the page: ``<f4``, ``<f8`` or ``<u4``."""
+    """Return numbers as bytes of a `kind` that pages read: ``<f4``, ``<f8`` or ``<u4``."""
     with np.errstate(over="ignore"):  # values beyond single precision are drawn as gaps
         return np.ascontiguousarray(values, dtype=kind).reshape(-1)

@@ -1,10 +1,8 @@
-"""Looks of an arm: shapes in the frames of its links, ellipsoids of inertia, meshes."""
+"""How an arm is drawn: shapes in its links' frames."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import import_module
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -12,12 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vdfmu.arm.equations.kinematics import poses
-from vdfmu.arm.equations.rigid_body import principal
-from vdfmu.arm.robot import Robot
-from vdfmu.arm.robot.visual import read_mesh
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import JOINT_TYPES
-from vdfmu.study.report.scripts import packed
 
 PAYLOAD = "#b07a2a"
 """Colour of a payload."""
@@ -28,19 +22,19 @@ class DrawnShape(NamedTuple):
     """A shape that is fixed to a body."""
 
     body: int
-    """0 is {I}, i is {B_i}, counted from 1."""
+    """Number of the body: 0 is {I}, i is {B_i}, counted from 1."""
     shape: str
-    """One of `vdfmu.arm.robot.visual.SHAPES`, with its `size`."""
+    """A key of `vdfmu.arm.robot.visual.SHAPES`, for `size`."""
     size: Sequence[float]
     offset: Floats
-    """Its centre in the frame of the body, (3,) [m]."""
+    """Centre in the frame of the body, (3,) [m]."""
     rotation: Floats
-    """Its axes as columns, (3, 3)."""
+    """Axes as columns, (3, 3)."""
     colour: str = "light"
     """Colour as ``#rrggbb``; "light" and "dark" follow the theme; "joint" shows the value of joint `body`."""
 
     def plain(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the shape for JSON."""
         facts = self._asdict()
         return facts | {key: np.asarray(facts[key]).tolist() for key in ("size", "offset", "rotation")}
 
@@ -58,7 +52,7 @@ class Chain:
         self.payload: Mapping[str, Any] | None = arm.get("payload")
         length = float(np.linalg.norm(gravity))
         self.up: Floats = gravity / length if length else np.array([0.0, 0.0, 1.0])
-        """Unit vector against the pull of gravity: its parameter is written upward."""
+        """Unit vector against gravity, which a robot file states upward."""
         self.weightless = length == 0.0
         self.reach = max(0.05, float(np.linalg.norm([*self.offset, self.tool_offset], axis=1).sum()))
         """Length of the stretched arm at q = 0 [m], at least 5 cm."""
@@ -71,7 +65,7 @@ class Chain:
     def parts(self, travel: ArrayLike, reach: float) -> Iterator[DrawnShape]:
         """Yield housings along the axes of the joints, and the robot's own shapes or tubes from joint to joint.
 
-        Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are shares of `reach` [m].
+        Rails of prismatic joints are as long as `travel`, (n,) or one for all [m]; radii are fractions of `reach` [m].
         """
 
         def radius(place: float) -> float:
@@ -101,9 +95,9 @@ class Chain:
             yield DrawnShape(self.n, "box", self.payload["size"], offset + R @ centre, R @ axes, PAYLOAD)
 
     def mount(self, travel: Floats) -> Floats:
-        """Return the side of {I} on which the base is fixed, whose joints are at most at +-`travel`: unit vector, (3,).
+        """Return the side of {I} on which the base is mounted, as a unit vector (3,); joints reach at most +-`travel`.
 
-        Behind the first joint, if it is away from {I}; else below it, above it or beside it: the first of these to
+        It is behind the first joint if this is away from {I}; else below, above or beside it: the first of these to
         which the first link never points.
         """
         if np.linalg.norm(self.offset[0]) > 1e-9:
@@ -121,7 +115,7 @@ class Chain:
 
 
 def drawing_of(arm: Mapping[str, Any], travel: Floats) -> dict[str, Any]:
-    """Return the page's drawing of an arm whose joints are at most at +-`travel`, (n,) [rad or m]: ready for JSON."""
+    """Return the page's drawing of an arm whose joints reach at most +-`travel`, (n,) [rad or m], ready for JSON."""
     chain = Chain(arm)
     rails = [each for each, kind in zip(travel, chain.types, strict=True) if JOINT_TYPES[kind].slides]
     reach = chain.reach + float(max(rails, default=0.0))
@@ -135,82 +129,18 @@ def own_shapes(shapes: Sequence[Mapping[str, Any]]) -> Iterator[DrawnShape]:
     for shape in shapes:
         if shape["shape"] != "mesh":
             offset, rotation = np.array(shape["offset"]), np.array(shape["rotation"])
-            yield DrawnShape(shape["joint"], shape["shape"], shape["size"], offset, rotation, _hex(shape["color"]))
+            yield DrawnShape(shape["joint"], shape["shape"], shape["size"], offset, rotation, hex_of(shape["color"]))
 
 
-def _hex(color: Sequence[float] | Floats) -> str:
+def hex_of(color: Sequence[float] | Floats) -> str:
+    """Return a colour, red, green and blue from 0 to 1, as ``#rrggbb``."""
     return "#" + bytes(round(255.0 * part) for part in color[:3]).hex()
 
 
 def turn_to(direction: Floats) -> Floats:
-    """Return a rotation that takes z to a direction, the identity for z itself: (3, 3)."""
+    """Return a rotation (3, 3) from z to a direction, which is the identity for z itself."""
     z = direction / np.linalg.norm(direction)
     x = np.eye(3)[int(abs(z[0]) > 0.9)]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
     return np.array([x, np.cross(z, x), z], dtype=np.float64).T
-
-
-def half_axes(mass: float, moments: Floats) -> Floats:
-    """Half-axes of the uniform solid ellipsoid of a mass [kg] and principal moments of inertia [kg.m2]: (3,) [m].
-
-    Its moments about the centre of mass are ``I_x = m (b^2 + c^2) / 5`` and so on (Meriam and Kraige, Engineering
-    Mechanics: Dynamics, Table D/4), so ``a^2 = 5 (I_y + I_z - I_x) / (2 m)``. A flat or thin body has axes of 0.
-    """
-    squares = 2.5 * (moments.sum() - 2.0 * moments) / mass
-    return np.sqrt(np.maximum(squares, 0.0))
-
-
-def inertia_parts(robot: Robot) -> tuple[list[DrawnShape], list[str]]:
-    """Ellipsoids of inertia of links and payload, axes at least 1 % of the longest, and notes on missing ones."""
-    of_link = zip(robot.mass, robot.centroid, robot.inertia, strict=True)
-    bodies = [(f"link {i}", i, *numbers) for i, numbers in enumerate(of_link, 1)]
-    if robot.payload:
-        p, R = robot.tool_offset, robot.tool_rotation
-        centroid, inertia = p + R @ robot.payload_centroid, R @ robot.payload_inertia @ R.T
-        bodies.append(("payload", robot.n, robot.payload_mass, centroid, inertia))
-    parts: list[DrawnShape] = []
-    notes: list[str] = []
-    for name, body, mass, centroid, inertia in bodies:
-        if not float(mass) > 0.0:
-            notes.append(f"{name} has no mass")
-            continue
-        moments, axes = principal(inertia)
-        if moments[0] < 0.0 or 2.0 * moments[2] > moments.sum() * (1.0 + 1e-9):
-            notes.append(f"{name}: no body has principal moments {', '.join(f'{each:.3g}' for each in moments)}")
-        size = half_axes(float(mass), moments)
-        if not size.max() > 0.0:
-            notes.append(f"{name} is a point mass")
-            continue
-        size = np.maximum(size, 0.01 * size.max())
-        parts.append(DrawnShape(body, "ellipsoid", size.tolist(), centroid, axes, "#7c3aed"))
-    return parts, notes
-
-
-def centres(robot: Robot) -> list[tuple[int, Floats]]:
-    """Body and centre of mass in its frame [m] of each link that has a mass."""
-    masses = zip(robot.mass, robot.centroid, strict=True)
-    return [(i, centroid) for i, (mass, centroid) in enumerate(masses, 1) if float(mass) > 0.0]
-
-
-def mesh_parts(robot: Robot, folder: Path | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """Meshes of a robot, and notes on unreadable files. One of these hides all: half an arm looks like all of it."""
-    meshes = [visual for visual in robot.visuals if visual.shape == "mesh"] if folder else []
-    parts: list[dict[str, Any]] = []
-    notes: list[str] = []
-    try:
-        _ = import_module("trimesh") if meshes else None
-    except ImportError as error:
-        install = "Install a reader: 'pip install vdfmu[view]'"
-        return [], [f"{len(meshes)} meshes cannot be shown: {error}. {install}"]
-    for visual in meshes:
-        try:
-            corners, triangles = read_mesh(Path(folder or "") / visual.file, visual.size)
-        except Exception as error:  # a reader of a foreign format may raise anything
-            notes.append(f"mesh {visual.file} cannot be shown: {error}")
-            continue
-        arrays = {"corners": packed(corners, "<f4"), "triangles": packed(triangles, "<u4")}
-        look = (visual.offset, visual.rotation, _hex(visual.color))
-        shape = DrawnShape(visual.joint, "mesh", visual.size.tolist(), *look)
-        parts.append(shape.plain() | {"mesh": arrays})
-    return ([], notes) if notes else (parts, [])

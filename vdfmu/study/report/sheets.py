@@ -32,11 +32,11 @@ from vdfmu.study.run.summary_keys import Summary
 
 
 class Sheet(NamedTuple):
-    """A table as text."""
+    """A table of texts."""
 
     title: str
     columns: tuple[str, ...]
-    """Headings; a line break parts them in a narrow column."""
+    """Headings, with line breaks for narrow columns."""
     rows: list[tuple[str, ...]]
     notes: list[str]
     """Sentences below the table."""
@@ -52,20 +52,22 @@ _ESTIMATION = (
     ("As printed\nRMS error", "rms_tau_f_hat_error_nm", "torque_units"),
     ("Consistent\nRMS error", "rms_tau_s_hat_error_nm", "torque_units"),
 )
-"""Heading, key of the summary, key of the units."""
+"""Heading, key in the summary, key of the units."""
 _LIMITS = {"Torque\nlimit": "torque", "Speed\nlimit": "speed", "End\nstop": "stop"}
 _DEFAULT_UNIT = {"position_units": "deg", "torque_units": "N.m"}
 _SIGNALS = 12
 """Most signals of the table of coupling errors, the worst first; most lines on events."""
 _TIMES = 12
 """Most times of an event in a note."""
+LATEX = ".tex"
+"""Suffix of a file of tables."""
 COMPARED = ["paper", "%"]
-"""Headings of the paper's numbers, and of ours in per cent of them."""
+"""Headings for the paper's numbers, and for ours in per cent of them."""
 _NONE = "-"
 
 
 def sheets(summary: Summary, *, fit: bool = False) -> list[Sheet]:
-    """Return the tables of a run whose numbers its summary has; `fit`: each number with a prefix that fits it."""
+    """Return the tables of a run for which its summary has numbers. With `fit` each number has a suitable prefix."""
     makers = {
         "rms_position_error_deg": tracking_sheet, "limits": limits_sheet, "rms_spring_torque_nm": _estimation_sheet,
         "reference": reference_sheet, "judgement": coupling_sheet, "events": events_sheet,
@@ -103,7 +105,7 @@ def tracking_sheet(summary: Summary, fit: bool = False) -> Sheet:
 
 
 def limits_sheet(summary: Summary, fit: bool = False) -> Sheet | None:
-    """Share of the time that each joint was at its limits; None if no joint was."""
+    """Fraction of the time for which each joint was at its limits; None if no joint was."""
     arms: Mapping[str, Summary] = summary["limits"]
     if not any(share > 0.0 for arm in arms.values() for shares in arm.values() for share in shares):
         return None
@@ -113,8 +115,9 @@ def limits_sheet(summary: Summary, fit: bool = False) -> Sheet | None:
         for i, joint in enumerate(_joints(summary, len(shares["torque"])))
     ]
     notes = [
-        "Share of the time. Torque: the motor, or the controller before it, gives its largest, and more is asked for.",
-        "Speed: the motor gives less than that, as it turns too fast. End stop: the joint pushes into it.",
+        "Share of the time. Torque: the motor, or the controller before it, gives its largest torque, and more is "
+        "requested.",
+        "Speed: the motor delivers less because it turns too fast. End stop: the joint pushes into it.",
     ]
     return Sheet("Joints at their limits", ("Joint", *(f"{heading}\n[%]" for heading in _LIMITS)), rows, notes)
 
@@ -155,7 +158,7 @@ def reference_sheet(summary: Summary, fit: bool = False) -> Sheet:
         keys, factor = ("rms_position_difference", "rms_torque_difference"), 100.0
         notes = [
             "Between the RMS errors of run and reference; largest of the joints.",
-            f"Point by point they differ by up to {number(apart)} {position}. That shows no error: the loop is "
+            f"Point by point they differ by up to {number(apart)} {position}. This is not an error: the loop is "
             f"chaotic, and a change of {separation['change']:g} moves the run by "
             f"{number(separation['max_position_difference_rad'])} {position}.",
         ]
@@ -167,7 +170,7 @@ def reference_sheet(summary: Summary, fit: bool = False) -> Sheet:
 
 
 def coupling_sheet(summary: Summary, fit: bool = False) -> Sheet | None:
-    """Coupling errors at the step, its half and its quarter; None if the run's judgement has no estimate."""
+    """Coupling errors from the step, its half and its quarter; None if the run's judgement has no estimate."""
     judgement: Summary = summary["judgement"]
     signals, order = judgement["signals"], judgement.get("order", 0)
     if not signals or not order:
@@ -262,7 +265,7 @@ def facts(summary: Summary) -> Iterator[tuple[str, str]]:
 
 
 def _joints(summary: Summary, n: int) -> list[str]:
-    """Return the number of each joint, and its name, if it has one."""
+    """Return the number of each joint, and its name if it has one."""
     names: Sequence[str] = summary.get("joint_names") or [""] * n
     return [f"{i} {name}".rstrip() for i, name in enumerate(names, 1)]
 
@@ -273,7 +276,7 @@ def units_of(summary: Summary, key: str, n: int) -> list[str]:
 
 
 def _column(summary: Summary, heading: str, key: str, unit_key: str, fit: bool) -> tuple[str, list[str]]:
-    """Return heading and cells. The heading has the unit if all joints share it, and if no prefix is to fit."""
+    """Return heading and cells. The heading has the unit if all joints share it and numbers do not get prefixes."""
     values: Sequence[float] = summary[key]
     units = units_of(summary, unit_key, len(values))
     if fit:
@@ -301,7 +304,7 @@ _STYLES = {UNJUDGED: "dim", GOOD: "green", DOUBTFUL: "yellow", FAILED: "red"}
 
 
 def run_panel(summary: Summary) -> Panel:
-    """Return the facts of the run for the terminal, a line a fact."""
+    """Return the facts of the run for the terminal, one per line."""
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column(overflow="fold")
@@ -323,7 +326,7 @@ def sheet_table(sheet: Sheet) -> Table:
 
 
 def verdict_table(summary: Summary, limits: bool = False) -> Table:
-    """Return the checks of a run for the terminal, a line for each; with their `limits` and whose these are."""
+    """Return the checks of a run for the terminal, one per line; with `limits` also these and their origin."""
     table = plain_table(show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
@@ -346,5 +349,5 @@ def outcome_text(summary: Summary) -> Text:
 
 
 def state_text(state: str, text: str) -> Text:
-    """Return a line behind the sign of its state; empty without a state."""
+    """Return a line after the symbol of its state; empty without a state."""
     return Text.assemble((f"{SIGNS[state]} ", _STYLES[state]), (text, f"bold {_STYLES[state]}")) if state else Text()

@@ -1,4 +1,4 @@
-"""Runs in folders, read for a page."""
+"""Reads runs in folders for a page."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ class ShownRun(NamedTuple):
     results: Results
     summary: Mapping[str, Any]
     package: Path
-    """Its ``system.ssp``; a diagram needs it."""
+    """The run's ``system.ssp``, which a diagram needs."""
     poses: Poses | None = None
-    """Its loops, if this process made it."""
+    """The run's loops, if this process made the run."""
     program: Mapping[str, Any] | None = None
-    """Its simulation, see `vdfmu.study.report.simulation.keep_program`, if this process made it."""
+    """The run's simulation, see `vdfmu.study.report.simulation.keep_program`, if this process made the run."""
 
 
 def run_folders(folder: Path) -> list[Path]:
-    """Return the folders of runs in a folder, with ``partial`` folders of failed runs."""
+    """Return the folders of runs in a folder, including ``partial`` folders of failed runs."""
     files = (*folder.glob("*/summary.json"), *folder.glob(f"*/{PARTIAL}/summary.json"))
     return sorted(file.parent for file in files)
 
 
 def newest_run(folder: Path) -> Path:
-    """Return the folder of the newest run in a folder; UsageError without any."""
+    """Return the folder of the newest run in a folder; UsageError if there is none."""
     folders = sorted(run_folders(folder), key=lambda path: (path / "summary.json").stat().st_mtime)
     if not folders:
         raise UsageError(f"{folder} must hold results of a run. Name another folder, or run 'vdfmu run tracking'.")
@@ -45,7 +45,7 @@ def newest_run(folder: Path) -> Path:
 
 
 def run_folder(folder: Path) -> Path:
-    """Return the folder of a run; the ``partial`` folder in it if the run failed and no other run is there."""
+    """Return the folder of a run, or its ``partial`` folder if the run failed and there is no other run."""
     partial = folder / PARTIAL
     return partial if not (folder / "summary.json").exists() and (partial / "summary.json").exists() else folder
 
@@ -68,11 +68,11 @@ def read_run(folder: Path) -> ShownRun:
 
 
 def require_file(file: Path) -> None:
-    """UsageError for a folder, pipe or device, whose content may be endless."""
+    """Raise UsageError for a folder, pipe or device, whose content may be endless."""
     if not file.is_file():
         raise UsageError(f"{file} must be a file, got a folder, a pipe or a device.")
 
 
 def is_gallery(folder: Path) -> bool:
-    """Whether a folder holds folders of runs, and no run itself."""
+    """Return whether a folder contains folders of runs, but no run itself."""
     return not (folder / "summary.json").exists() and any(run.name != PARTIAL for run in run_folders(folder))

@@ -1,10 +1,10 @@
 """The simulation of a page: the program of its system, sliders, causes of errors, recorded rows, the table of limits.
 
-By this table ``web/verdict.js`` makes the checks of :mod:`vdfmu.study.verdict` that need neither references nor
+With this table ``web/verdict.js`` makes the checks of :mod:`vdfmu.study.verdict` that need neither references nor
 linearisations.
 
-A run keeps the program in the cache under the digest of its package. So a page runs only programs of this user. What
-does not depend on the values of parameters is kept too: runs with other gains have the same module.
+A run caches the program under the digest of its package, so a page contains only programs of this user. The part that
+does not depend on the values of parameters is cached too: runs with other gains have the same module.
 """
 
 from __future__ import annotations
@@ -43,26 +43,25 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.check import motions
 
 ROWS = 100
-"""Intervals between the recorded rows that the page compares with its own run."""
+"""Number of intervals between the recorded rows that the page compares with its own run."""
 LIMIT = 1e-9
-"""Difference [rad, m] below which the page's own run equals the recorded one. Native FMUs are bit-identical to it."""
+"""Difference [rad, m] below which the page's own run equals the recorded one; with native FMUs they are
+bit-identical."""
 _APART = 3.0
-"""Factor on the distance that a small change causes: two runs reach their largest distance at different times."""
-_UNKNOWN = (
-    "Without a reference, the run does not show whether single solutions of this loop separate. Last digits then grow."
-)
+"""Factor on the distance caused by a small change, because runs reach their largest distance at different times."""
+_UNKNOWN = "Without a reference it is unknown whether single solutions of this loop separate, so that last digits grow."
 _SEPARATES = "Single solutions of this loop separate: two runs whose last digits differ diverge after a while."
 MOST_VALUES = 20_000_000
-"""Values of a run that a page keeps, 160 MB."""
+"""Largest number of values of a run in a page, 160 MB."""
 NOT_MADE = (
-    "This page was made without a simulation. 'vdfmu report' with the folder of the run adds it. So do 'vdfmu run' and "
+    "This page was made without a simulation. 'vdfmu report' with the folder of the run adds it, as do 'vdfmu run' and "
     "simulate=True in Python."
 )
 MOST_MODULES = 660_000
-"""Characters of the compressed modules of a page: they keep it below 1 MB."""
+"""Largest size of a page's compressed modules [characters], which keeps the page below 1 MB."""
 LESS = 4
-"""Factor by which causes that cannot be taken away are reduced. An error in proportion to its cause falls to a quarter;
-much stiffer drives would cost a solver minutes."""
+"""Factor by which causes that cannot be removed are reduced. An error proportional to its cause falls to a quarter;
+much stiffer drives would take the solver minutes."""
 
 
 class Slider(NamedTuple):
@@ -74,9 +73,9 @@ class Slider(NamedTuple):
     least: float = 0.1
     most: float = 10.0
     in_feedforward: bool = False
-    """Whether the feedforward has them too and may include the change."""
+    """Whether the feedforward also has them and may include the change."""
     gain: bool = False
-    """Whether they are gains of a controller, which have a track of their margins."""
+    """Whether they are gains of a controller, which have a track that shows their margins."""
 
 
 def _scaled_as(group: str) -> tuple[str, ...]:
@@ -104,12 +103,12 @@ CAUSES: Sequence[tuple[str, tuple[str, ...], Mapping[str, float]]] = (
     ("Encoders of 48 bits", ("bits",), {"value": 48.0}),
     ("No noise", ("sigma",), {"value": 0.0}),
 )
-"""Causes of errors that the page can remove: the name of the run without the cause; the parameters, one of which is not
-0 in some component if the cause is present; and their new ``value``, or a ``factor``."""
+"""Causes of errors that the page can remove: the name of the run without the cause; the parameters, of which at least
+one is not 0 in some component if the cause is present; and their new ``value`` or a ``factor``."""
 
 
 def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
-    """Return the program of a system, or the reason for its absence, and keep it for later pages of its package."""
+    """Return the program of a system, or why there is none, and keep it for later pages of its package."""
     place = _kept(package)
     kept = load(place, _read)
     if not system.scenario.inputs and kept is not None and "module" in kept:  # inputs are not in the package
@@ -155,7 +154,7 @@ def _structure(system: SystemDescription, package: Path) -> str:
 
 
 def _read(content: bytes) -> dict[str, Any]:
-    """Read a program; ValueError if it is none."""
+    """Read a program; ValueError for anything else."""
     program = json.loads(content)
     keys = {"module", "steps", "names", "units", "sliders", "arms"}
     if isinstance(program.get("reason"), str) or keys <= program.keys():
@@ -179,7 +178,7 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
     """Return the page's simulation of a scenario's run, ready for JSON; ``{"reason": ..}`` without a simulation.
 
     The modules of the run are added to `binaries`, digest to base64 of a compressed module. If `binaries` is None, the
-    page simulates nothing. `command` makes the run, with its end if the user chose this.
+    page simulates nothing. `command` repeats the run, and states its end if the user chose it.
     """
     program = run.program
     if program is None and run.package.is_file():
@@ -210,13 +209,13 @@ def simulation_of(run: ShownRun, binaries: dict[str, str] | None, command: str =
 
 
 def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
-    """Give each slider its track; return the causes and the recorded rows to compare with."""
+    """Add the track to each slider; return the causes, and the recorded rows for comparison."""
     sliders: list[dict[str, Any]] = program["sliders"]
     values = {unit["name"]: {name: row[1] for name, row in unit["parameters"].items()} for unit in program["units"]}
     figures: Mapping[str, Any] = run.summary.get("key_figures") or {}
     margin = figures.get("margin", {})
     why = ""
-    if "unstable" in figures:  # one place of a limit cycle says little about another gain
+    if "unstable" in figures:  # a place on a limit cycle says little about another gain
         why = "the run itself is unstable"
     elif not margin.get("value", 1.0):
         why = f"the run has none at {margin['at_s']:.3g} s"
@@ -241,7 +240,7 @@ def _judged(run: ShownRun, program: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def causes(parameters: Names, sliders: Sequence[Mapping[str, Any]], fast: bool) -> Iterator[dict[str, Any]]:
-    """Yield the causes that a run has, ready for JSON; `fast`: the page can sample it `LESS` times as often."""
+    """Yield the causes present in a run, ready for JSON. If `fast`, the page can sample it `LESS` times as often."""
     if fast:
         yield {"words": f"Sampled {LESS} times as often", "split": LESS, "changes": []}
     for words, names, change in CAUSES:
@@ -266,7 +265,7 @@ def causes(parameters: Names, sliders: Sequence[Mapping[str, Any]], fast: bool) 
 
 
 def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
-    """Return the real parameters of all units by their names."""
+    """Return the real parameters of all units by name."""
     return {
         name: {
             v.name: float(system.values[name].get(v.name, v.start))
@@ -278,7 +277,7 @@ def values_of(system: SystemDescription) -> dict[str, dict[str, float]]:
 
 
 def sliders(system: SystemDescription) -> Iterator[dict[str, Any]]:
-    """Yield groups of parameters that the page may change, ready for JSON, if any of a group differs from zero."""
+    """Yield groups of parameters that the page may change, ready for JSON, if a member differs from zero."""
     models = {name: table.model_name for name, table in system.tables.items()}
     joined = {(start, end) for (start, _), (end, _) in system.resolved.links()}
     groups: dict[str, dict[str, list[float]]] = {}
@@ -312,7 +311,7 @@ def sliders(system: SystemDescription) -> Iterator[dict[str, Any]]:
 
 
 def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
-    """Return some recorded rows in double precision, and the largest difference of the page's own run from them."""
+    """Return some recorded rows in double precision, and the largest allowed difference of the page's own run."""
     results, summary = run.results, run.summary
     recorded = set(results.names)
     kept = [name for name in names if name in recorded]
@@ -333,7 +332,7 @@ def _recorded(run: ShownRun, names: Sequence[str]) -> dict[str, Any]:
 
 
 def facts_of(system: SystemDescription) -> dict[str, Any]:
-    """Return the facts of a system that its verdict needs, ready for JSON.
+    """Return the facts of a system that are needed for its verdict, ready for JSON.
 
     ``arms``: the limits of motors and stops; ``motions``: start and length [s] of each;
     ``touch``: signals of the wrench at the tool; ``robot``: what errors are compared with, None without a robot.
@@ -374,9 +373,9 @@ def row_of(row: Limit) -> dict[str, Any]:
 
 
 def rules_of(summary: Mapping[str, Any], command: str) -> dict[str, Any]:
-    """Return the limits of a run, ready for JSON, and its checks that hold for any place of its sliders.
+    """Return the limits of a run, ready for JSON, and the checks that do not depend on its sliders.
 
-    `command` makes the run. It says whether the user chose the run's end.
+    `command` repeats the run; it shows whether the user chose the run's end.
     """
     limits = LIMITS
     for key, entry in (summary.get("own_limits") or {}).items():

@@ -2,9 +2,9 @@
 
 One slider is moved at a time, for all joints. The gains of a controller only scale the feedback of the loops, so the
 loops with another gain are calculated from the loops of the recorded run; only the states of that run would differ. If
-a run is judged without dry friction, so are its tracks. Other parameters have no track, because they change the motion
-of the run. Gains of single joints have none either, because the search for the least margin of each at all rows would
-take seconds.
+a run is judged without dry friction, so are its tracks. Other parameters have no track, because they change the run's
+motion, and neither have gains of single joints, because finding the smallest margin of each at all rows would take
+seconds.
 
 A track is green where the margins are within the limits of :mod:`vdfmu.study.limits`, amber where they are not, and
 red where the loops are unstable.
@@ -36,17 +36,17 @@ from vdfmu.study.analysis.arm_space import least_dry_friction
 from vdfmu.study.analysis.loops import TIED, place_of
 
 NOTCHES = 100.0
-"""Places of a slider to either side of 0. Its factor at 0 is 1."""
+"""Places of a slider on either side of 0, where its factor is 1."""
 _COARSE, _NEAR, _LIMIT = 12.5, 6.25, 1.5625
-"""Largest distance between places whose figures are calculated; smallest distance to which it is halved where the
-figures are not linear, and where stability ends: 4 % of a factor of up to 10."""
+"""Largest distance between places whose figures are calculated, and the smallest distance to which it is halved where
+figures are not linear or stability ends: 4 % of a factor of up to 10."""
 _STRAIGHT = np.array([2e-3, 2e-2])
-"""Largest differences of margin and delay margin [samples] from a straight line."""
+"""Largest deviations of margin and delay margin [samples] from a straight line."""
 _LATE = 1.5
-"""Delay margin [samples] above which no verdict depends on its value."""
+"""Delay margin [samples] above which its value does not affect verdicts."""
 _PROBES, _EVERY = (12.5, 25.0, 50.0, NOTCHES), 2
-"""Places to either side at which every second row is judged, up to the first unstable one. All other places are judged
-only by the rows that were worst at these places, and in the run."""
+"""Places on either side at which every second row is judged, up to the first unstable one. All other places are judged
+only at the rows that were worst at these places and in the run."""
 _ROUNDING = 1e-9
 """Relative rounding of derivatives that are proportional to a gain."""
 
@@ -54,7 +54,7 @@ Names = Mapping[str, Mapping[str, float]]
 """Values in the run, by component and parameter."""
 Track = dict[str, Any]
 Slopes = Mapping[tuple[int, ...], Floats]
-"""Change of the feedback of the loops, by its shape."""
+"""Change of the loops' feedback, by its shape."""
 Figures = dict[str, Any]
 """See :attr:`vdfmu.study.analysis.loops.Judged.figures`."""
 
@@ -78,11 +78,11 @@ def tracks(
 ) -> list[Track | None]:
     """Return the track of each slider, None for a slider without one.
 
-    A track has ``places``; ``figures``, the numbers by which a verdict judges the loops at each; and in ``limits`` the
-    lowest and the highest place with stable loops, or None; ``still`` if dry friction is omitted.
+    A track has ``places``; ``figures``, the numbers by which a verdict judges the loops at each; ``limits``, the lowest
+    and the highest place with stable loops, or None; and ``still`` if dry friction is omitted.
 
-    `span` has start, stop and step of the run [s]. `dry`: the run is judged with the dry friction of its arms. `poses`
-    are the loops of the run, taken with `again`; without them, the run is repeated.
+    `span` is the start, stop and step of the run [s]. If `dry`, the run is judged with the arms' dry friction. `poses`
+    are the loops of the run, recorded with `again`; without them the run is repeated.
     """
     facts = [source_digest("study.report.tracks"), algorithm, sliders, parameters, span, dry]
     digest = sha256(json.dumps(facts).encode() + digest_of(package).encode()).hexdigest()
@@ -103,7 +103,7 @@ def tracks(
             if not poses.lacking:
                 loops = _MovedLoops(poses, parameters, still, (start, stop))
                 made = [_track(loops, slider) if slider["gain"] else None for slider in sliders]
-    except VdfmuError:  # without loops, or without directional derivatives
+    except VdfmuError:  # there are no loops, or no directional derivatives
         pass
     store(path, json.dumps(made).encode())
     return made
@@ -122,7 +122,7 @@ class _MovedLoops:
         if along.lacking:
             raise UsageError(along.lacking)
         self.alike = {pose.loop.K.shape: (row, pose.loop) for row, pose in enumerate(along.rows) if pose.loop}
-        """A row and its loop for each number of states."""
+        """A row with its loop for each number of states."""
         at = [(pose.loop, pose.time) for pose in along.poses if pose.loop and pose.loop.K.shape in self.alike]
         self.loops, self.times = [loop for loop, _ in at], [time for _, time in at]
         self.every = range(len(self.loops))
@@ -130,9 +130,9 @@ class _MovedLoops:
         self.recorded, self.worst = self._figures({}, self.every, *map(np.array, zip(*of_run, strict=True)))
 
     def slopes(self, slider: Mapping[str, Any]) -> Slopes:
-        """Return by how much the feedback changes if a slider adds 1 to its factor.
+        """Return the change of the feedback if a slider adds 1 to its factor.
 
-        Empty if the slider changes anything else than the feedback, or the feedback not in proportion.
+        It is empty if the slider changes anything but the feedback, or changes the feedback nonlinearly.
         """
         if not all(can_change(self.checked, target["unit"]) for target in slider["targets"]):
             return {}
@@ -154,7 +154,7 @@ class _MovedLoops:
         return dict(zip(self.alike, slopes[0], strict=True)) if alike else {}
 
     def moved(self, more: Slopes, rows: Sequence[int]) -> list[Loop]:
-        """Return the loops at rows with more feedback; inputs that have none there keep none."""
+        """Return the loops at rows with more feedback; inputs without feedback stay so."""
         loops = [self.loops[row] for row in rows]
         if not more:
             return loops
@@ -164,7 +164,7 @@ class _MovedLoops:
         ]
 
     def judged(self, more: Slopes, rows: Sequence[int]) -> tuple[Figures, set[int]]:
-        """Return the figures of the loops at rows with more feedback, and the rows that decide on them."""
+        """Return the figures of the loops at rows with more feedback, and the rows that determine them."""
         return self._figures(more, rows, *margins_of(self.moved(more, rows), least=True))
 
     def _figures(
@@ -200,7 +200,7 @@ class _MovedLoops:
 
 def _track(loops: _MovedLoops, slider: Mapping[str, Any]) -> Track | None:
     slopes = loops.slopes(slider)
-    if not any(slope.any() for slope in slopes.values()):  # none of its parameters is in a loop
+    if not any(slope.any() for slope in slopes.values()):  # none of the slider's parameters is in a loop
         return None
 
     at, worst = {0.0: loops.recorded}, loops.worst.copy()
@@ -213,7 +213,7 @@ def _track(loops: _MovedLoops, slider: Mapping[str, Any]) -> Track | None:
         return at[place]
 
     def halve(near: float, far: float) -> None:
-        """Add places between two: where stability ends, and where the margin is not a straight line."""
+        """Add places between two if stability ends there, or if the margin is not a straight line."""
         pair, distance = (figures(near, rows), figures(far, rows)), abs(far - near)
         margins = np.array([_margins(each) for each in pair])
         ends = len({(margin > 0.0, "unstable" in each) for (margin, _), each in zip(margins, pair, strict=True)}) > 1

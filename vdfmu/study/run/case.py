@@ -1,4 +1,4 @@
-"""Describe the system of a run: its values, the kind of its FMUs, its limits, and the facts of its summary."""
+"""Describes the system of a run: its values, the kind of its FMUs, its limits, and the facts for its summary."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _JOINED = "connected automatically: the only output that fits by name, terminal,
 
 
 class RunCase(NamedTuple):
-    """A prepared scenario with the options of its run: all that the later stages read."""
+    """A prepared scenario with the options of its run: everything that later stages read."""
 
     scenario: Scenario
     options: ScenarioRunOptions
@@ -41,14 +41,14 @@ class RunCase(NamedTuple):
     backend: str
     """Kind of the FMUs."""
     limits: Mapping[str, Limit]
-    """Limits of the verdict, by name."""
+    """Limits of the verdict by name."""
     arm_limits: list[ArmLimits]
     expected: Expected | None
-    """Recorded results that the run must equal."""
+    """Recorded results that the run must match."""
     facts: dict[str, Any]
-    """The entries of the summary that are set before the run."""
+    """Entries of the summary that are set before the run."""
     parameters: Mapping[str, Any] = MappingProxyType({})
-    """Values that the package of the run does not have, by ``component.variable``."""
+    """Values, by ``component.variable``, that are not in the package of the run."""
 
     @property
     def written(self) -> bool:
@@ -88,7 +88,7 @@ def describe(scenario: Scenario, options: ScenarioRunOptions) -> RunCase:
 
 
 def note(options: ScenarioRunOptions, text: str, status: str = "note") -> None:
-    """Write a note, or a table of connections, into the log of a run."""
+    """Write a note, or a table of connections, to the log of a run."""
     if (log := options["log"]) is not None:
         log(LogMessage("", 0.0, status, "", text))
 

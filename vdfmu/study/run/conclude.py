@@ -1,4 +1,4 @@
-"""Compare a run with its references, judge its communication, and add key figures and verdict to its summary."""
+"""Compares a run with its references, judges its coupling error, and adds key figures and verdict to its summary."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def conclude(case: RunCase, package: Path, results: Results, loops: RunLoops) ->
 
 @with_options
 def judge_results(results: Results, scenario: Scenario, package: Path, **options: Unpack[ScenarioRunOptions]) -> None:
-    """Add the verdict of :func:`vdfmu.run` to the summary of a run of the package of a scenario.
+    """Add the verdict of :func:`vdfmu.run` to the summary of a run of a scenario's package.
 
-    The package is run once more for the values that are read along a run.
+    The package is run again for the values that are read along a run.
     """
     case = describe(prepare(scenario, **pick(ScenarioOptions, options)), options)
     case = case._replace(parameters=options["parameters"] or {})

@@ -15,23 +15,23 @@ from vdfmu.engine.plan.check import check_system
 from vdfmu.engine.results.results import Results
 
 BASE = "base"
-"""Position of an arm's base in {I}, then its rotation, row by row: 12 signals."""
+"""Position of an arm's base in {I}, then its rotation row by row: 12 signals."""
 _POWER = ".P_B"
 
 
 def joints_of(results: Results) -> list[str]:
-    """Return the components that are joints, by the virtual power flow that they show."""
+    """Return the components that are joints, recognised by their virtual power flow."""
     return [group.removesuffix(_POWER) for group in results.groups if group.endswith(_POWER)]
 
 
 def wired_arm(results: Results, package: Path) -> dict[str, Any]:
-    """Return ``arm`` and ``joint_signals``, array to signals, of a chain of joint components. Else it is empty."""
+    """Return ``arm`` and ``joint_signals``, array to signals, for a chain of joint components; else nothing."""
     names = joints_of(results)
     if not names or not package.is_file():
         return {}
     try:
         checked = check_system(load_ssp(package))
-    except VdfmuError:  # the page shows the results; a run reports faults of the package
+    except VdfmuError:  # the page shows the results anyway; a run reports faults of the package
         return {}
     feeds = {link.end: link.start[0] for link in checked.links}
     links = {name: feeds.get((name, "V_A[1]"), "") for name in names}
@@ -65,7 +65,7 @@ def wired_arm(results: Results, package: Path) -> dict[str, Any]:
 
 
 def cut_figures(results: Results) -> dict[str, Any]:
-    """Return the largest virtual power flow, and torque or force about an axis, at the cutting points of joints."""
+    """Return the largest virtual power flow, and the largest axial torque or force, at the cutting points of joints."""
     names, figures = joints_of(results), dict[str, Any]()
     for key, units, signals in (
         ("power", ("W",), [f"{name}.P_B" for name in names]),

@@ -1,4 +1,4 @@
-"""The main numbers of a run, and their times: entry ``key_figures`` of a summary."""
+"""The main numbers of a run and their times: the entry ``key_figures`` of a summary."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from vdfmu.study.run.summary import ArmLimits, has_signals
 from vdfmu.system.reference.reference import BLOCK
 
 _SMALL = 0.1
-"""Size of motion [rad, or as a share of the arm's length] with which errors of an arm at rest are compared: its tool is
-off its path from a tenth of it on, 1 % of the arm's length."""
+"""Size of motion [rad, or as a fraction of the arm's length] with which errors of an arm at rest are compared: its tool
+counts as off its path from a tenth of it, 1 % of the arm's length."""
 
 
 def key_figures(
@@ -34,14 +34,13 @@ def key_figures(
 ) -> dict[str, Any]:
     """Return the largest errors and torque of a run of an arm.
 
-    With `limits` of the arms, the torque is of the joint with the largest share of its limit. `plant` is the robot of
-    the plant; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the tool, if it is the
-    output of another component. `objects` are those of the scene.
+    With `limits` of the arms, the torque is that of the joint with the largest share of its limit. `plant` is the robot
+    of the plant; a tool error needs the geometry of `robot`. `touch` is the signal of the wrench at the tool, if it is
+    the output of another component. `objects` are those of the scene.
 
     Keys: ``tool_error`` [m], ``joint_error`` [deg, mm], ``torque`` link-side [N.m, N], each with ``at_s``; ``path``,
     the error of tool or joint that is worst for the ``size`` of its motion; ``contact``, the largest force at the tool
-    [N], and its start; ``depth``, the largest length that an object shows of a contact [m]. Numbers without signals are
-    omitted.
+    [N], and its start; ``depth``, the largest depth of a contact [m]. Numbers without signals are omitted.
     """
     figures: dict[str, Any] = {}
     if has_signals(results, "trajectory.q_d", "plant.q"):
@@ -92,7 +91,7 @@ class _Peaks:
     def worst(self, units: list[str], limit: Floats | None = None) -> dict[str, Any]:
         """Return the joint with the largest share of its limit, or the largest value of the first joint's unit.
 
-        A limit of 0, of a motor without torque, has no share.
+        A limit of 0, for a motor without torque, has no share.
         """
         most = self.most[: len(units)]
         if limit is None:
@@ -105,12 +104,12 @@ class _Peaks:
 
 
 def comparable(robot: Robot, plant: Robot) -> bool:
-    """Whether the robot of the motion and that of the plant have the same geometry, so that the tool has an error."""
+    """Return whether the robots of motion and plant have the same geometry, so that a tool error exists."""
     return all(np.array_equal(each, frames(plant)[name]) for name, each in frames(robot).items())
 
 
 def least_sizes(robot: Robot) -> Floats:
-    """Return the sizes with which errors of an arm at rest are compared: of its joints [deg, mm], of its tool [m]."""
+    """Return the sizes with which errors of an arm at rest are compared: for its joints [deg, mm] and its tool [m]."""
     arm = float(np.linalg.norm(robot.offset[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
     types = [JOINT_TYPES[kind] for kind in robot.joint_types]
     least = [each.shown.factor * (arm if each.slides else 1.0) for each in types]
@@ -118,7 +117,7 @@ def least_sizes(robot: Robot) -> Floats:
 
 
 def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, Any]:
-    """Return the error that is worst for its motion: of the tool [m], or of a joint against the largest of its kind.
+    """Return the worst error relative to its motion: of the tool [m], or of a joint, relative to the largest motion.
 
     `peaks` are errors of the joints [deg, mm] and of the tool [m], `sizes` those of the joints' motions, `tool` that of
     the tool's motion, infinite without a tool error.
@@ -143,7 +142,7 @@ def _path(robot: Robot, peaks: _Peaks, sizes: Floats, tool: float) -> dict[str, 
 
 
 def _torque(results: Results, robot: Robot, arm: ArmLimits | None) -> dict[str, Any]:
-    """Return the largest torque that a motor gave, link-side."""
+    """Return the largest torque of a motor, link-side."""
     limit = None
     if arm is not None:
         least = np.minimum(arm.tau_max, arm.delivered(np.full(robot.n, NO_LIMIT), np.zeros(robot.n)))

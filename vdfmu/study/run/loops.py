@@ -1,4 +1,4 @@
-"""The loops of a run and its lowest mode: from the cache if an equal run left them there, else linearised."""
+"""The loops of a run and its lowest mode: from the cache if an equal run stored them, else linearised."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from vdfmu.study.run.summary import has_signals
 from vdfmu.system.scenario.values import robot_with
 
 _POSES = 5
-"""Poses along a run at which its lowest mode is looked for."""
+"""Number of poses along a run at which its lowest mode is calculated."""
 
 
 class RunLoops:
-    """The loops of a run. `taps` read along it, unless the cache has the loops of an equal run of the `package`."""
+    """The loops of a run, read along it by `taps` unless the cache has those of an equal run of the `package`."""
 
     def __init__(self, case: RunCase, package: Path | None = None) -> None:
         self._case = case
         self._place = None if package is None else _place_of(case, package)
         self._stored = load(self._place, _loops_from) if self._place else None
         self.poses = None if self._stored is not None else self._poses()
-        """Functions that read the loops along the run; None if the cache has them."""
+        """Functions that read the loops along the run; None if they are in the cache."""
 
     def _poses(self) -> Poses:
         return poses_of(self._case.system, again=bool(self._case.options["simulate"]))
@@ -51,7 +51,7 @@ class RunLoops:
         return [] if self.poses is None else [self.poses]
 
     def entries(self, results: Results) -> dict[str, Any]:
-        """Return the entries of the summary about loops and lowest mode, after the run; they are stored."""
+        """Return, after the run, the summary's entries on loops and lowest mode; they are stored."""
         if self._stored is None:
             self._stored = self._linearised()
             figures: dict[str, Any] = self._stored.setdefault("key_figures", {})
@@ -61,7 +61,7 @@ class RunLoops:
         return self._stored
 
     def _linearised(self) -> dict[str, Any]:
-        """Return the entries of this run; those of Python FMUs from a run of their native twins."""
+        """Return the entries of this run; for Python FMUs from a run of their native twins."""
         case, poses = self._case, self.poses
         assert poses is not None
         if poses.lacking and case.backend == "python":
@@ -75,14 +75,14 @@ class RunLoops:
         return loops_of(poses, case.system, case.scenario.stop)
 
     def _mode(self, results: Results) -> dict[str, Any]:
-        """Return the lowest mode of the links [Hz], motors held, at rest at some poses along the run; empty without."""
+        """Return the lowest mode of the links [Hz], motors held, at rest at some poses along the run, or nothing."""
         scenario = self._case.scenario
         if scenario.robot is None or not has_signals(results, "plant.q"):
             return {}
         robot = robot_with(scenario.plant_robot, self._case.system.values.get("plant", {}))
         modes: list[tuple[float, float]] = []
         for row in np.linspace(0, len(results) - 1, _POSES).astype(int):
-            with suppress(VdfmuError):  # beyond an end stop, or too heavy for its motors to hold: no rest there
+            with suppress(VdfmuError):  # beyond an end stop, or too heavy for its motors, the arm cannot rest
                 q = [results[f"plant.q[{i + 1}]"][row] for i in range(robot.n)]
                 frequencies = natural_modes(robot, q, motors="held").frequency
                 modes += [(float(frequency), float(results.time[row])) for frequency in frequencies[:1]]
@@ -90,13 +90,13 @@ class RunLoops:
 
 
 def _loops_from(stored: bytes) -> dict[str, Any]:
-    """Return the entries about the loops of a run from the cache; KeyError for other content."""
+    """Return the entries on the loops of a run from the cache; KeyError for other content."""
     loops = json.loads(stored)
     return {"key_figures": {name: {**figure} for name, figure in loops["key_figures"].items()}}
 
 
 def _place_of(case: RunCase, package: Path) -> Path | None:
-    """Return the place of the loops in the cache, by all that decides them and a page; None for unknown masters."""
+    """Return the cache key of the loops, from everything that determines them and a page; None for unknown masters."""
     scenario, algorithm = case.scenario, ALGORITHMS[case.scenario.algorithm]
     if not algorithm.stepper.startswith("vdfmu."):
         return None

@@ -1,4 +1,4 @@
-"""Numbers of a run that need no reference: tracking, estimation, limits, energy of the coupling, accuracy."""
+"""Numbers of a run that need no reference: tracking, estimation, limits, coupling energy, accuracy."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from vdfmu.system.reference.reference import BLOCK
 from vdfmu.system.scenario.values import robot_with
 
 _SHOWN = 1e-4
-"""Smallest share of the largest torque for a note on the inverse."""
+"""Smallest fraction of the largest torque for a note on the inverse."""
 _LOST = 1e-3
-"""Smallest share of the largest spring torque for a note on the tolerance."""
+"""Smallest fraction of the largest spring torque for a note on the tolerance."""
 
 
 def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]:
-    """Yield notes on the times at which a run is less exact than the pages of its units say."""
+    """Yield notes on where a run is less exact than the pages of its units state."""
     scenario = system.scenario
     for name, unit in system.resolved.units.items():
         values, part = system.values.get(name, {}), scenario.system.parts[name]
@@ -45,16 +45,16 @@ def accuracy_notes(results: Results, system: SystemDescription) -> Iterator[str]
 
 
 def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterator[str]:
-    """Yield a note on the torque that the inverse of an arm with coupled rotors omits over a step.
+    """Yield a note on the torque that the inverse omits over a step for an arm with coupled rotors.
 
     The rotors after a joint react with at most ``sum I_m (kappa_ddot - q_ddot)`` more than the inverse includes in the
-    motion of the joint's own rotor. D' times this is missing there, and the torque I_m times its second derivative.
-    Rows near rest are omitted, because the third derivative of q_d may jump there.
+    motion of the joint's own rotor. D' times this is missing in that motion, and I_m times its second derivative in the
+    torque. Rows near rest are omitted, because the third derivative of q_d may jump there.
     """
     if not has_signals(results, f"{name}.tau_s", f"{name}.tau_m", f"{name}.kappa_dot_d", q_d_dot):
         return
     lacking, largest = np.zeros(robot.n), np.zeros(robot.n)
-    for part in results.blocks(BLOCK, overlap=6):  # seven rows, the third difference over the middle four
+    for part in results.blocks(BLOCK, overlap=6):  # seven rows, with the third difference over the middle four
         largest = np.maximum(largest, np.abs(part[f"{name}.tau_m"]).max(axis=0))
         if len(part) < 7:
             continue
@@ -71,7 +71,7 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
     i = int(share.argmax())
     if share[i] > _SHOWN:
         yield (
-            f"{name}: mode inverse omits {lacking[i]:.2g} of {largest[i]:.3g} N.m of motor {i + 1} in a step, for "
+            f"{name}: mode inverse omits {lacking[i]:.2g} of {largest[i]:.3g} N.m of motor {i + 1} in a step, because "
             "its rotors are coupled and the motion is fast. See docs/model.md, 'Where the inverse is not exact'."
         )
 
@@ -79,10 +79,10 @@ def _left_out(results: Results, robot: Robot, name: str, q_d_dot: str) -> Iterat
 def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]) -> Iterator[str]:
     """Yield a note if springs oscillate for so long that their torque at an instant depends on the tolerance.
 
-    The energy of a vibration drifts by ``2 tol^(5/4)`` a cycle: Rodas4 keeps an error of order 5, its error control one
-    of order 4 at the tolerance. The frequency of a stiffening spring changes with the energy, relatively by up to half
-    as much, so the phase drifts with the square of the number of cycles. Viscous friction damps a vibration within ``2
-    I_m ell / f_v``.
+    The energy of a vibration drifts by ``2 tol^(5/4)`` per cycle, because the local error of Rodas4 is of order 5,
+    while its error control keeps one of order 4 at the tolerance. The frequency of a stiffening spring changes with the
+    energy, by up to half the relative change, so the phase drifts with the square of the number of cycles. Viscous
+    friction damps a vibration within ``2 I_m ell / f_v``.
     """
     if not has_signals(results, f"{name}.tau_s"):
         return
@@ -90,7 +90,7 @@ def _phases(results: Results, robot: Robot, name: str, values: Mapping[str, Any]
     for part in results.blocks(BLOCK, overlap=2):
         tau_s = part[f"{name}.tau_s"]
         largest = np.maximum(largest, np.abs(tau_s).max(axis=0))
-        bends = np.diff(tau_s, 2, axis=0)  # of noise of size 1 it is the root of 6
+        bends = np.diff(tau_s, 2, axis=0)  # for noise of size 1 it is the square root of 6
         squares, rows = squares + np.sum(bends * bends, axis=0) / 6.0, rows + len(bends)
     slack, taut = (deformation_derivative(robot, tau_s) for tau_s in (0.0 * largest, largest))
     inertia = robot.I_m * robot.ell
@@ -114,13 +114,14 @@ POWER = ("plant.tau", "plant.kappa_dot", "controller.tau", "controller.kappa_dot
 
 
 class PowerBond(Tap):
-    """Coupling energy error at tau and kappa_dot, link-side [J]; printed is the sum of its absolute values.
+    """Coupling energy error at tau and kappa_dot, link-side [J], printed as the sum of its absolute values.
 
-    Torque and rotor velocity carry power from controller to plant. The plant takes up ``ell tau_in kappa_dot`` with the
-    torque that it was given, the controller gives ``ell tau kappa_dot_in`` with the velocity that it was given; with
-    exact coupling the two are the same. Each step begins with inputs that are the outputs they read, so the difference
-    grows from zero over it, and half the final difference times the step is the energy that the coupling adds to the
-    plant or takes from it (trapezoidal rule). Error control steps between the rows; then this is an estimate.
+    Torque and rotor velocity transmit power from controller to plant. The plant absorbs ``ell tau_in kappa_dot`` with
+    the torque at its input, the controller delivers ``ell tau kappa_dot_in`` with the velocity at its input; with exact
+    coupling the two are equal. At the start of each step inputs equal the outputs that they read, so the difference
+    grows from zero over the step, and half the final difference times the step is the energy that the coupling adds to
+    the plant or removes from it (trapezoidal rule). With error control, which steps between the rows, this is an
+    estimate.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -138,17 +139,17 @@ class PowerBond(Tap):
         if not self._columns:
             return
         tau, kappa_dot, transmitted, received = np.split(values[:, self._columns], 4, axis=1)
-        h = np.diff(times, prepend=self._time)[:, None]  # 0 at the first row, which ends no step
+        h = np.diff(times, prepend=self._time)[:, None]  # 0 at the first row, where no step ends
         self._time = times[-1]
         taken = self._ell * tau * kappa_dot
         residual = 0.5 * h * (taken - self._ell * transmitted * received)
         self._energies += np.sum([residual, np.abs(residual), np.abs(h * taken)], axis=1)
 
     def summary(self) -> dict[str, Any]:
-        """Return the entry ``power_bond`` of a summary; nothing if one of the signals is not in the run.
+        """Return the entry ``power_bond`` of a summary; nothing if a signal is missing in the run.
 
         For each joint ``residual_energy_j``, the sum over the rows; ``residual_energy_abs_j``, the sum of the absolute
-        values; ``exchanged_energy_j``, the same for the energy that the plant took up.
+        values; ``exchanged_energy_j``, the same for the energy absorbed by the plant.
         """
         if not self._columns:
             return {}
@@ -157,7 +158,7 @@ class PowerBond(Tap):
 
 
 class Measures:
-    """The numbers of a run. Its `taps` read along the run, `add` adds all of them to the summary after it."""
+    """The numbers of a run. `taps` read along the run, and `add` adds all numbers to the summary after it."""
 
     def __init__(self, case: RunCase) -> None:
         self._case = case

@@ -1,4 +1,4 @@
-"""Load a scenario and apply options to it: the first stage of a run."""
+"""Loads a scenario and applies options to it: the first stage of a run."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Unpack
 
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.base.errors import LOG, UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import pick, with_options
 from vdfmu.engine.algorithms import ALGORITHMS, choice
 from vdfmu.engine.options import CouplingOptions
@@ -17,7 +18,6 @@ from vdfmu.engine.package.system import ends_of
 from vdfmu.engine.plan.check import check_coupling
 from vdfmu.engine.plan.grid import count_steps
 from vdfmu.engine.plan.inputs import read_inputs
-from vdfmu.study.analysis.reach import reach_scenario
 from vdfmu.study.options import ScenarioOptions
 from vdfmu.system.scenario import Scenario, load_scenario
 from vdfmu.system.scenario.check import unfed_inputs
@@ -29,10 +29,10 @@ def scenario_of(
 ) -> Scenario:
     """Load a scenario by name or file, or make ``reach`` for a robot.
 
-    The robot gets the parameters that these `names` need, see `with_parameters`.
+    The robot gets the parameters that these `names` need; see `with_parameters`.
     """
     if source == "reach" and not Path("reach").exists():
-        source = reach_scenario(robot)
+        source = module_of_extra("reach", "robots", "The scenario reach").reach_scenario(robot)
     return with_parameters(source if isinstance(source, Scenario) else load_scenario(source, robot), names)
 
 
@@ -42,12 +42,12 @@ def prepare(
 ) -> Scenario:
     """Load a scenario and apply options to it, with the checks of a scenario file.
 
-    Names in `parameters`, and `names`, will be set later: the robot gets parameters for them, see `with_parameters`.
+    Names in `parameters`, and `names`, will be set later, so the robot gets parameters for them; see `with_parameters`.
 
     Raises
     ------
     UsageError, ModelError
-        For an unknown name, a bad file or options that do not fit together.
+        For an unknown name, a faulty file or inconsistent options.
     """
     changes = {name: value for name, value in options.items() if value is not None}
     robot = options["robot"]
@@ -69,7 +69,7 @@ def prepare(
         LOG.info("%s", connection_table(scenario, options["units"]))
         _require_fed(scenario, [*names, *(options["parameters"] or ())], options["unfed"])
     if scenario.algorithm not in ALGORITHMS:
-        ALGORITHMS.names()  # so that the choice has those of other packages
+        ALGORITHMS.names()  # so that the choice includes those of other packages
         raise UsageError(f"algorithm: expected {choice()}, got {scenario.algorithm!r}.")
     check_coupling(scenario.algorithm, scenario.adaptive)
     count_steps(scenario.step, scenario.stop)
@@ -94,8 +94,8 @@ def connection_table(scenario: Scenario, components: Iterable[str], most: int | 
 def _require_fed(scenario: Scenario, names: Iterable[str], allowed: str | None) -> None:
     """Raise UsageError for unconnected inputs, unless they are among the `names` that are set.
 
-    Those of a plant may keep their start values, such as a wrench at its tool, unless a replaced unit no longer has the
-    output that fed them.
+    Inputs of a plant, such as a wrench at its tool, may keep their start values, unless a replacement lacks the output
+    that fed them.
     """
     lost = {link.partition(" -> ")[2] for link in scenario.system.dropped}
     lines: list[str] = []

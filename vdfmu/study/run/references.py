@@ -1,4 +1,4 @@
-"""Solve the references of a run and compare the run with them."""
+"""Solves the references of a run and compares the run with them."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from vdfmu.study.run.summary import compare, compared, has_signals
 from vdfmu.system.reference.reference import BLOCK, reference_blocks
 
 _NUDGE = 1e-9
-"""Relative change of the rotor inertias that must not show; below every tolerance that a scenario has."""
+"""Negligible relative change of the rotor inertias, below every tolerance of a scenario."""
 _SLOW, _LONG = 3.0, 10.0
-"""Time of a reference, relative to the run's and in s, from which on both times are reported."""
+"""Time of a reference, relative to the run's and in s, from which both times are reported."""
 
 
 class _Progress:
-    """Reports the progress of a reference, and once that it takes much longer than the steps of the run, `wall_s`."""
+    """Reports the progress of a reference, and once that it takes much longer than `wall_s`, the steps of the run."""
 
     def __init__(self, case: RunCase, stage: str, wall_s: float) -> None:
         self._case, self._stage, self._wall_s = case, stage, wall_s
@@ -43,16 +43,16 @@ class _Progress:
             note(
                 self._case.options,
                 f"the {self._stage} takes about {number(whole, 2)} s, {times} times as long as the run: "
-                "--reference-stop 10 compares the first 10 s only, --no-reference nothing",
+                "--reference-stop 10 compares only the first 10 s, --no-reference skips it",
             )
 
 
 def compare_with_references(case: RunCase, package: Path, results: Results) -> dict[str, Any]:
     """Solve the sampled reference of the algorithm, if it samples, and the continuous one; return the entries.
 
-    ``reference`` has the differences to each. If the first of them differs visibly from the run, the run is compared
-    with itself after an invisible change. If that shows as well, single solutions separate. Then ``separation`` has
-    their distance, and the references are compared by their statistics too.
+    ``reference`` has the differences from each. If the first reference differs visibly from the run, the run is
+    compared with itself after a negligible change. If these runs differ visibly too, single solutions separate; then
+    ``separation`` has their distance, and the references are also compared by their statistics.
     """
     scenario, differences = case.scenario, dict[str, Any]()
     entries: dict[str, Any] = {"reference": differences}
@@ -70,7 +70,7 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
     if rows < len(results):
         entries["reference_stop"] = (rows - 1) * scenario.step
         results = results.first(rows)
-    # without a feedforward torque in the controller there is no compensation error: all outputs are compared
+    # without a feedforward torque in the controller there is no compensation error, so all outputs are compared
     robot = scenario.robot if "controller.tau_m" in scenario.system.fed else None
     wanted = {"sampled": how.reference} if how.reference else {}
     for key, name in (wanted | {"continuous": "continuous"}).items():
@@ -83,7 +83,7 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
         )  # fmt: skip
         try:
             differences[key], statistics = compare(results, solution, robot, how.substeps)
-        except UsageError as error:  # an algebraic loop, which the run may have solved
+        except UsageError as error:  # there is an algebraic loop, which the run may have solved
             entries["no_reference"] = str(error).rstrip(".")
             continue
         if len(differences) == 1 and differences[key].get("max_position_difference_rad", 0.0) > visible:
@@ -97,7 +97,7 @@ def compare_with_references(case: RunCase, package: Path, results: Results) -> d
 
 
 def _separation(case: RunCase, package: Path, results: Results) -> float:
-    """Largest difference [rad, m] of link positions to the same run with rotor inertias larger by `_NUDGE`."""
+    """Largest difference [rad, m] of link positions from the same run with rotor inertias larger by `_NUDGE`."""
     parameters = {
         f"{plant}.{name}": (1.0 + _NUDGE) * value
         for plant in case.system.resolved.plants

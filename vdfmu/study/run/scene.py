@@ -1,6 +1,6 @@
-"""Drawn parts of a run: every arm of a system, and the objects that the arms touch.
+"""The drawn parts of a run: every arm of a system, and the objects that the arms touch.
 
-Roles follow from the class of a unit and from the connections, never from the name of a component.
+Roles follow from units' classes and from the connections, never from the names of components.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario.values import group_of
 
 _OBJECTS = {"wall": ("plane", "normal", ()), "screw": ("screw", "axis", ("pitch", "turn_seat"))}
-"""Units that are drawn: how, the parameter of the direction, and further parameters."""
+"""Drawn units: how they are drawn, the parameter of the direction, and other parameters."""
 _DENSITY = 2700.0
-"""Density of a payload that is drawn as a cube: aluminium [kg/m3]."""
+"""Density of a payload drawn as a cube, that of aluminium [kg/m3]."""
 
 
 def scene_of(system: SystemDescription) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def scene_of(system: SystemDescription) -> dict[str, Any]:
 
 
 def carriers_first(arms: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return arms, each after its carrier; arms in a circle come last."""
+    """Return arms, each after its carrier; arms in a cycle come last."""
     left, ordered = list(arms), list[dict[str, Any]]()
     while ready := [arm for arm in left if arm["mounted"] in ("", *(each["component"] for each in ordered))]:
         ordered.append(ready[0])
@@ -158,7 +158,7 @@ def _estimates(system: SystemDescription, name: str) -> Iterator[dict[str, Any]]
 
 
 def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return drawn facts of a robot: geometry, ratios, shapes except meshes. `values` of the plant override them."""
+    """Return a robot's facts for its drawing: geometry, ratios, shapes except meshes. The plant's `values` override."""
     numbers = frames(robot) | {"gravity": robot.gravity, "ell": robot.ell}
     return {
         "types": list(robot.joint_types),
@@ -169,9 +169,9 @@ def arm_of(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _payload(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return sides, offset and rotation in {O} of the uniform box with the inertia of the payload; a cube of a point.
+    """Return sides, offset and rotation in {O} of the uniform box with the payload's inertia; for a point mass a cube.
 
-    Sides by ``a^2 = 6 (I_y + I_z - I_x) / m`` (Meriam and Kraige, Engineering Mechanics: Dynamics, Table D/4).
+    Sides follow from ``a^2 = 6 (I_y + I_z - I_x) / m`` (Meriam and Kraige, Engineering Mechanics: Dynamics, Table D/4).
     """
     names = ("payload_mass", "payload_centroid", "payload_inertia")
     mass, centroid, inertia = (with_named(getattr(robot, name), name, values) for name in names)

@@ -1,4 +1,4 @@
-"""Co-simulate the package of a run, with the taps that read along."""
+"""Co-simulates the package of a run, with taps that read along it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from vdfmu.study.verdict import explain, loop_checks
 
 
 def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None = None, **options: Any) -> Results:
-    """Co-simulate a package with the parameters of the case, and others.
+    """Co-simulate a package with the parameters of the case and additional ones.
 
-    For `options` see :meth:`vdfmu.engine.run.Simulator.run`, and `log`.
+    `options` are `log` and those of :meth:`vdfmu.engine.run.Simulator.run`.
     """
     scenario = case.scenario
     settings: SimulatorOptions = {
@@ -42,8 +42,8 @@ def simulate(case: RunCase, package: Path, parameters: Mapping[str, Any] | None 
 def co_simulate(case: RunCase, package: Path, poses: Poses | None, taps: Sequence[Tap]) -> Results:
     """Co-simulate the package; return rows and summary, written next to it according to the options.
 
-    A run that fails or is stopped keeps its rows and its summary in the folder ``partial``. If its loops are unstable,
-    or if it starts away from its motion, its error says so.
+    A run that fails or is stopped keeps its rows and its summary in the folder ``partial``. The error mentions unstable
+    loops, or a start away from the motion.
     """
     options, folder = case.options, package.parent
     try:
@@ -72,7 +72,7 @@ def co_simulate(case: RunCase, package: Path, poses: Poses | None, taps: Sequenc
 
 
 def _recorded(case: RunCase) -> list[str] | None:
-    """Return the names of all outputs, inputs from outside and the option `record`; None without this option."""
+    """Return the names of all outputs and external inputs, and those in `record`; None without this option."""
     if not case.options["record"]:
         return None
     tables = case.system.tables.items()

@@ -1,4 +1,4 @@
-"""Numbers of a run: errors of tracking and compensation, time at limits, differences to the references."""
+"""Numbers of a run: errors of tracking and compensation, time at limits, differences from the references."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.replace import leaders
 
 _PACKAGES = ("numpy", "scipy", "casadi", "fmpy")
-"""Packages that the numbers of a run depend on, in addition to vdfmu."""
+"""Packages on which the numbers of a run depend, in addition to vdfmu."""
 _COMPARED = ("plant.q", "controller.tau", "feedforward.tau_m")
 _APART = 1e-6
-"""Largest difference [rad, m] between a start and the motion's start that is not noted."""
+"""Difference [rad, m] between a start and the motion's start from which it is noted."""
 FAR = 1e-2
-"""Difference [rad, m] between them at which the first torque may make a run fail: 10 N.m at a gain of 1000 N.m/rad."""
+"""The same, from which the first torque may make a run fail: 10 N.m at a gain of 1000 N.m/rad."""
 _ESTIMATES = ("tau_f_hat", "tau_s_hat")
 
 
@@ -58,7 +58,7 @@ def run_facts(scenario: Scenario) -> dict[str, Any]:
 
 
 def has_signals(results: Results, *groups: str) -> bool:
-    """Whether a run recorded the first element of groups ``component.signal``."""
+    """Return whether a run recorded the first element of groups ``component.signal``."""
     return all(f"{group}[1]" in results for group in groups)
 
 
@@ -88,8 +88,8 @@ def tracking_errors(
     """Position errors in deg (mm for prismatic joints) and torque compensation errors link-side in N m (N).
 
     The compensation error is the control torque minus the feedforward torque, the signal `tau_m`, as in the paper's
-    Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is their torque. It may be less
-    than the controller's. Empty for a system without these signals.
+    Fig. 11(b): ``ell (tau - tau_m)``. With `limits` of the motors of ``plant``, tau is the motors' torque, which may be
+    less than the controller's. Empty for a system without these signals.
     """
     if not tau_m or not has_signals(results, "trajectory.q_d", "plant.q", "controller.tau", tau_m):
         return {}
@@ -124,14 +124,14 @@ def compared(results: Results, robot: Robot | None) -> tuple[str, ...] | None:
 def compare(
     results: Results, reference: Iterable[Reference], robot: Robot | None, substeps: int
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Compare a run with a reference in blocks of `BLOCK` rows that begin with the row before them.
+    """Compare a run with a reference in blocks of `BLOCK` rows, each preceded by the row before it.
 
-    The row at a step's end has the torque that a sampled master holds over the step. The continuous reference is
-    taken a substep before, at the time of its calculation.
+    The row at a step's end has the torque that a sampled master held over the step, so the continuous reference is
+    evaluated a substep earlier, when this torque was calculated.
 
-    Return largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N]; then
-    largest relative differences of a joint between the RMS errors of run and reference, see :func:`tracking_errors`,
-    for loops whose single solutions separate.
+    Return the largest absolute differences of link positions [rad or m] and control torques, link-side [N m or N];
+    then, for loops whose single solutions separate, a joint's largest relative differences between the RMS errors of
+    run and reference, see :func:`tracking_errors`.
     """
     if robot is None or compared(results, robot) is None:
         largest: dict[str, float] = {}
@@ -172,10 +172,10 @@ def compare(
 
 
 def estimation_errors(results: Results, substeps: int) -> dict[str, Any]:
-    """RMS of the spring torque and of the estimates' errors, link-side [N m or N].
+    """RMS values of the spring torque and of the estimates' errors, link-side [N m or N].
 
-    A sampled master gives the estimator the plant's signals a substep before, when its step began, and the torque that
-    the step that ended there had. Empty for a run that ended before its first step did.
+    A sampled master passes to the estimator the plant's signals of a substep earlier, when its step began, and the
+    torque of the step that ended then. Empty for a run that ended before its first step.
     """
     late, squares = min(1, substeps), 0.0
     if len(results) <= late:
@@ -190,35 +190,35 @@ def estimation_errors(results: Results, substeps: int) -> dict[str, Any]:
 
 
 def _earlier(rows: Floats, substeps: int) -> Floats:
-    """Return the values a substep earlier, on lines through the rows; the first row has none before it and stays."""
+    """Return the values a substep earlier by linear interpolation between rows; the first row is kept."""
     lag = 1.0 / substeps if substeps else 0.0
     return (1.0 - lag) * rows + lag * np.vstack([rows[:1], rows[:-1]])
 
 
 LIMITED = 0.01
-"""Least reported share of a run's time at a limit: the table of the shares shows whole per cent."""
+"""Smallest reported share of a run's time at a limit, because the table shows whole per cent."""
 _PLACES = ("torque limit", "speed limit", "end stop")
 
 
 class ArmLimits(NamedTuple):
-    """Limits that act on an arm of a system."""
+    """The limits that act on an arm of a system."""
 
     plant: str
     """The arm's component."""
     robot: Any
-    """With the run's values, as :func:`vdfmu.arm.drive.limits.motor_torque` reads it; None without limits."""
+    """Robot with the run's values for :func:`vdfmu.arm.drive.limits.motor_torque`; None without limits."""
     tau_max: Floats
-    """(n,) [N m] motor-side, at which the controller cuts its torque; `NO_LIMIT` if it does not."""
+    """Limit (n,) [N m], motor-side, of the controller's torque; `NO_LIMIT` if there is none."""
     asked: str
-    """Signal of the torque that is asked for."""
+    """Signal of the requested torque."""
 
     def delivered(self, tau: Floats, kappa_dot: Floats) -> Floats:
-        """Return the torque of the motors if `tau` is asked for: (rows, n) [N m], motor-side."""
+        """Return the torque of the motors if `tau` is requested: (rows, n) [N m], motor-side."""
         return tau if self.robot is None else motor_torque(self.robot, tau, kappa_dot)
 
 
 def limits_of(system: SystemDescription) -> list[ArmLimits]:
-    """Return the limits of the arms of a system, except arms without limits."""
+    """Return the limits of the arms of a system, omitting arms without limits."""
     units, values = system.resolved.units, system.values
     limits: list[ArmLimits] = []
     for plant, unit in units.items():
@@ -239,11 +239,11 @@ def limits_of(system: SystemDescription) -> list[ArmLimits]:
 
 
 def time_at_limits(results: Results, limits: list[ArmLimits]) -> dict[str, Any]:
-    """Return the shares of a run's time that the joints were at their limits.
+    """Return the fractions of a run's time in which the joints were at their limits.
 
-    A motor is at its torque limit if it, or its controller, gives its largest torque and more is asked for; at its
-    speed limit if only the speed reduces it. A joint is at an end stop if the stop pushes. A row represents
-    the step that ends there.
+    A motor is at its torque limit if it, or its controller, is at its largest torque and more is requested, and at its
+    speed limit if only the speed reduces the torque. A joint is at an end stop if the stop pushes. A row represents the
+    step that ends there.
 
     ``limits``: by component of an arm with limits, ``torque``, ``speed`` and ``stop``, with a share of 0 to 1 for each
     joint. Empty without limits, or without their signals. ``key_figures`` has the largest share, ``saturated``, its
@@ -267,7 +267,7 @@ def _read(arm: ArmLimits) -> tuple[str, str, str]:
 
 
 def _spent(results: Recorded, arm: ArmLimits) -> tuple[Floats, Floats]:
-    """Return the shares of the time at the limits of torque, speed and travel, (3, n), and when each is first met."""
+    """Return the shares of the time at the limits of torque, speed and travel, (3, n), and when each begins."""
     spent, since = np.zeros((3, len(arm.tau_max))), np.full((3, len(arm.tau_max)), np.inf)
     for part in results.blocks(BLOCK, overlap=1):
         asked, q, kappa_dot = (part[name] for name in _read(arm))

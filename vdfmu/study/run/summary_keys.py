@@ -1,4 +1,4 @@
-"""The keys of ``summary.json``, their meanings and types, and its reader."""
+"""The keys of ``summary.json``, with meanings and types, and its reader."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Summary = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class List:
-    """A list, with an entry for each joint if `joints`, or with `size` entries."""
+    """A list, with an entry per joint if `joints`, or with `size` entries."""
 
     of: Any
     joints: bool = False
@@ -53,7 +53,7 @@ _TURN = List(_PLACE, size=3)
 SPRINGS = ("rms_spring_torque_nm", "rms_tau_s_hat_error_nm", "rms_tau_f_hat_error_nm")
 TRACKING = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
 TOGETHER = (TRACKING, SPRINGS)
-"""Groups of keys; a summary has all keys of a group or none."""
+"""Groups of keys, of which a summary has all or none."""
 _ENERGIES = Record(dict.fromkeys(("residual_energy_j", "residual_energy_abs_j", "exchanged_energy_j"), _VECTOR))
 _STEPS = Record(
     {"steps": WHOLE, "rejected": WHOLE, "unit_steps": WHOLE, "shortest_step": NUMBER, "longest_step": NUMBER},
@@ -73,7 +73,7 @@ _REFERENCE = {
 
 
 def _arm(joints: bool, **more: Any) -> Record:
-    """Return the type of a drawn arm; with `joints` its lists are as long as the summary's other lists over joints."""
+    """Return the type of a drawn arm; with `joints` its lists are as long as other lists over joints in the summary."""
     facts = {
         "types": List((*JOINT_TYPES,), joints), "ell": List(NUMBER, joints), "rotation": List(_TURN, joints),
         "offset": List(_PLACE, joints), "tool_offset": _PLACE, "tool_rotation": _TURN, "gravity": _PLACE,
@@ -147,7 +147,7 @@ KEYS: Mapping[str, Any] = {
     "inputs": _LINES,  # files of signals from outside
     "plant_factors": Keyed(ANY),  # ratios of the plant's numbers to the model's, common or per joint
     "parameters": Keyed(ANY),  # parameters and inputs that were set for this run
-    "units": Keyed(TEXT),  # units instead of the scenario's, by component
+    "units": Keyed(TEXT),  # units that replace the scenario's, by component
     "connections": _LINES,  # connections that were added for this run, output -> input
     "backend": TEXT,  # kind of the FMUs
     "compiler": TEXT,  # C compiler of native FMUs
@@ -185,7 +185,7 @@ KEYS: Mapping[str, Any] = {
     "rms_tau_f_hat_error_nm": _JOINTS,  # RMS of the errors of the estimated friction torques, link-side
     "own_limits": Keyed(Record({"value": NUMBER, "by": TEXT})),  # limits of the verdict that a user set
     "power_bond": _ENERGIES,  # energy that the coupling adds or takes, and exchanged energy, link-side [J]
-    "limits": Keyed(_SHARES),  # shares of the time at limits, for each plant
+    "limits": Keyed(_SHARES),  # fractions of the time at limits, by plant
     "paper": _PAPER,  # values of the paper
     "reference": Keyed(_REFERENCE),  # largest differences from each reference
     "reference_stop": NUMBER,  # end of the comparison with the references, if it is before that of the run [s]
@@ -195,7 +195,7 @@ KEYS: Mapping[str, Any] = {
     # the time at a limit, error and size of the motion, largest contact force [N] and depth [m], largest power [W] and
     # torque or force at cutting points, each with its time
     "key_figures": dict.fromkeys(_FIGURES, _FIGURE),
-    "judgement": _JUDGEMENT,  # coupling error, as shares of the signals' ranges
+    "judgement": _JUDGEMENT,  # coupling error, relative to the signals' ranges
     "expected": _EXPECTED,  # recorded results that the run must equal, and the largest differences from them
     "cut": Record({"end": NUMBER, "stop": NUMBER, "asked": FLAG}),  # end of a longer motion and of the run [s]
     "unfed": _LINES,  # unconnected inputs, though the component acts on a plant
@@ -204,7 +204,7 @@ KEYS: Mapping[str, Any] = {
     "verdict": _VERDICT,  # checks of the run, the worst state, its headline, and the results
     "error": TEXT,  # why the run did not reach its end
 }
-"""Types of all keys that a run may write: a tuple for some texts, a mapping for a table of optional keys."""
+"""Types of all keys that a run may write: a tuple means one of some texts, a mapping a table of optional keys."""
 
 
 _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
@@ -212,7 +212,7 @@ _TEXTS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
 def read_summary(file: Path) -> dict[str, Any]:
-    """Return a summary of the types of `KEYS`, without null keys. UsageError has every problem."""
+    """Return a summary with the types of `KEYS`, without null keys. UsageError lists all problems."""
     try:
         content = read_json(file)
     except (OSError, ValueError) as error:

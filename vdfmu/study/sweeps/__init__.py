@@ -1,1 +1,1 @@
-"""Parameter studies: runs at many points, on one machine or several, and their results."""
+"""Parameter studies: runs at many points, on one or several machines, and their results."""

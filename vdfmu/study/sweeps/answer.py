@@ -1,4 +1,4 @@
-"""The answer of a study: its verdict, and the sentences that begin its page and the output of its command."""
+"""The answer of a study: its verdict, and the first sentences of its page and of the command's output."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import Floats
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.measure import number, quantity
 from vdfmu.engine.results.verdict import DOUBTFUL, FAILED, GOOD, UNJUDGED, Check, verdict_of
 from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.candidates import MOST, JudgedPoint, best_of, candidates, judge_point, neighbours
 from vdfmu.study.sweeps.failures import failure_words, place_of
-from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import SearchPoints, StudyTable, View, groups, parts_of, view
 
 _TIE = 0.01
-"""Largest relative difference of points that tie, and smallest improvement of a search that is reported."""
+"""Largest relative difference between points that tie, and smallest improvement by a search that is reported."""
 _SHUFFLES, _CHANCE = 199, 0.05
-"""Random shuffles of a measure, and the share of them above which the effect of an axis may be chance."""
+"""Number of random shuffles of a measure, and the share of them above which an axis' effect may be chance."""
 _SENSITIVITY = ("saltelli", "morris")
-"""Samples of studies whose question is which axis matters, not which point is best."""
+"""Samples of studies that ask which axis matters, not which point is best."""
 
 
 class Answer(NamedTuple):
     """The result of a study."""
 
     verdict: dict[str, Any]
-    """As of a run, see :func:`vdfmu.engine.results.verdict.verdict_of`."""
+    """Verdict as for a run, see :func:`vdfmu.engine.results.verdict.verdict_of`."""
     sentences: tuple[str, ...]
-    """Where the best point is, how robust it is, how sure the ranking is, the axis that matters most, failures."""
+    """Sentences on the best point, its robustness, how clear the ranking is, the axis that matters most, and
+    failures."""
     best: int | None = None
-    """Number of the best point, a good one if there is one; None for a study that does not look for one."""
+    """Number of the best point, a good one if possible; None for a study that does not search one."""
 
     @property
     def state(self) -> str:
@@ -44,12 +45,12 @@ class Answer(NamedTuple):
 
     @property
     def headline(self) -> str:
-        """The state and its reason, in at most 90 characters."""
+        """The state and the reason for it, in at most 90 characters."""
         return self.verdict["headline"]
 
 
 def answer_of(study: StudyTable) -> Answer:
-    """Return the answer of a study. The best points of a scenario of the user run again, for their verdicts."""
+    """Return the answer of a study. For a user's scenario the best points are run again to judge them."""
     try:
         values = study.values()
     except UsageError:
@@ -65,7 +66,7 @@ def answer_of(study: StudyTable) -> Answer:
         return _of_search(study, study.search, values, checks, sentences)
     axes = read_axes(study.facts["axes"])
     if study.facts["sample"] in _SENSITIVITY:
-        check, influence = _matters(study)
+        check, influence = module_of_extra("sensitivities", "sensitivity", "the answer").matters(study)
         return Answer(verdict_of([*checks, check], influence), (_spread(study, values), *sentences))
     if all(axis.form in ("normal", "lognormal") for axis in axes):
         spread, influence = _spread(study, values), _influence(study)
@@ -107,7 +108,7 @@ def _chosen_of(study: StudyTable, values: Floats, judged: Sequence[JudgedPoint])
 
 
 def _how(candidate: JudgedPoint) -> str:
-    """Return the fault of a point, as the rest of a sentence about it."""
+    """Return the fault of a point, as the end of a sentence about it."""
     if candidate.why.startswith("unstable"):
         return f"is {candidate.why}"
     why = f": {candidate.why}" if candidate.why else ""
@@ -115,7 +116,7 @@ def _how(candidate: JudgedPoint) -> str:
 
 
 def _around(study: StudyTable, values: Floats, best: JudgedPoint) -> Iterator[str]:
-    """Yield whether the neighbours of a good point in a grid are good as well."""
+    """Yield a sentence on whether the neighbours of a good point in a grid are good too."""
     beside = [*neighbours(study, best.point)]
     if best.state != GOOD or not 0 < len(beside) <= MOST:
         return
@@ -141,7 +142,7 @@ def _around(study: StudyTable, values: Floats, best: JudgedPoint) -> Iterator[st
 def _of_search(
     study: StudyTable, search: SearchPoints, values: Floats, checks: list[Check], failed: list[str]
 ) -> Answer:
-    """Return the answer of a search: its chosen values, their margin, and the verdict on their run."""
+    """Return the answer of a search: the chosen values, their margin, and the verdict on their run."""
     point, demanded = min(search.chosen), study.facts.get("tune", {}).get("margin")
     feasible = not search.chosen & search.infeasible
     if not feasible:
@@ -150,11 +151,11 @@ def _of_search(
     if demanded:
         pairs = [pair for name, pair in search.compared.items() if name.startswith("modulus[")]
         before, after = (min(pair[k] for pair in pairs) for k in (0, 1))
-        # COBYQA ends at a border from either side: the tenth digit is rounding
+        # COBYQA may stop on either side of a bound: the tenth digit is rounding
         holds = all(pair[1] > needed - 1e-9 for pair, needed in zip(pairs, demanded, strict=True))
-        words = f"modulus margin {after:.2g}, {min(demanded):.2g} demanded, {before:.2g} at the start"
+        words = f"modulus margin {after:.2g}, {min(demanded):.2g} requested, {before:.2g} at the start"
         state = GOOD if holds else DOUBTFUL
-        by = "the margin that was demanded"
+        by = "the requested margin"
         checks.append(Check("margin", "Modulus margin", state, words, "", after, min(demanded), by))
     phrases, lines = _chosen(study, search)
     if feasible:
@@ -175,12 +176,12 @@ def _of_search(
 
 
 def _less(value: float, other: float, unit: str) -> str:
-    """Return by how much a value is less than another: times, per cent, or a difference."""
+    """Return how far a value is below another, as a factor, in per cent, or as a difference."""
     if value > 0.0 and other > 2.0 * value:
-        return f"{number(other / value)} times less than"
+        return f"a factor of {number(other / value)} below"
     if value > 0.0:
-        return f"{_per_cent(1.0 - value / other)} less than"
-    return f"{quantity(other - value, unit)} less than"
+        return f"{_per_cent(1.0 - value / other)} below"
+    return f"{quantity(other - value, unit)} below"
 
 
 def _per_cent(share: float) -> str:
@@ -188,14 +189,14 @@ def _per_cent(share: float) -> str:
 
 
 def _named(study: StudyTable) -> tuple[str, str]:
-    """Return the first measure and its unit, empty for pure numbers."""
+    """Return the first measure and its unit, which is empty for pure numbers."""
     name = next(iter(study.facts["measures"]))
     unit = study.facts["units"].get(name, "")
     return name, "" if unit == "1" else unit
 
 
 def _best(study: StudyTable, values: Floats, point: int) -> str:
-    """Return where a point is, and how its value compares with the rest."""
+    """Return where a point is, and how its value compares with the others."""
     (name, unit), worst = _named(study), study.row("worst")
     value = float(values[study["point"] == point][0])
     middle, high = (float(f(values)) for f in (np.nanmedian, np.nanmax))
@@ -219,7 +220,7 @@ def _spread(study: StudyTable, values: Floats) -> str:
 
 
 def _edges(study: StudyTable, point: int) -> Iterator[str]:
-    """Yield whether the best point is at an end of an axis."""
+    """Yield a sentence if the best point is at an end of an axis."""
     best = study.row(point)
     for axis in read_axes(study.facts["axes"]):
         column = study[axis.target]
@@ -251,7 +252,7 @@ def _chosen(study: StudyTable, search: SearchPoints) -> tuple[list[str], list[st
 
 
 def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator[str]:
-    """Yield for how many robots of several the chosen values are better than those at the start."""
+    """Yield a sentence on the number of robots for which the chosen values are better than those at the start."""
     if study.robots > 1:
         of = dict(zip(study["point"].tolist(), values.tolist(), strict=True))
         better = sum(of[b] < of[a] for a, b in zip(sorted(search.start), sorted(search.chosen), strict=False))
@@ -259,7 +260,7 @@ def _robots(study: StudyTable, search: SearchPoints, values: Floats) -> Iterator
 
 
 def _ranking(study: StudyTable, values: Floats, best: float) -> str:
-    """Return how far the next value is behind the best; smaller ones belong to points that are not good."""
+    """Return how far the next value is behind that of the best good point. Smaller values are of points that fail."""
     points, allowed = study["point"], np.isfinite(values) & (values >= best)
     finite = np.sort(values[allowed])
     if len(finite) < 2:
@@ -272,28 +273,8 @@ def _ranking(study: StudyTable, values: Floats, best: float) -> str:
     return f"The ranking is clear: the next, point {second}, has {more}." if gap < np.inf else ""
 
 
-def _matters(study: StudyTable) -> tuple[Check, list[str]]:
-    """Return the check of the indices of a study of sensitivity, and the axes that matter most."""
-    (name, unit), label = _named(study), "Indices"
-    try:
-        sensitivity = indices(study, name)
-    except UsageError as error:
-        return Check("indices", label, DOUBTFUL, str(error).partition(": ")[2].partition(". ")[0]), []
-    key = "total" if sensitivity.kind == "sobol" else "mu_star"
-    first, *rest = np.argsort(-sensitivity.values[key], kind="stable")[:2].tolist()
-    if key == "total":
-        begin, by, factor, unit, more = "", "", 100.0, "%", f" of the variance of {name}"
-    else:
-        begin, by, factor, more = f"over its range it changes {name} ", "by ", 1.0, ""
-    values, widths = (factor * each[key] for each in (sensitivity.values, sensitivity.widths))
-    effects = [f"{by}{quantity(float(values[k]), unit)} ± {quantity(float(widths[k]), unit)}" for k in (first, *rest)]
-    phrases = [f"{sensitivity.axes[first]} matters most: {begin}{effects[0]}{more}"]
-    phrases += [f"{sensitivity.axes[k]} {effect}" for k, effect in zip(rest, effects[1:], strict=True)]
-    return Check("indices", label, GOOD, phrases[0]), phrases
-
-
 def _influence(study: StudyTable) -> str:
-    """Return the axis that matters most, and whether its effect may be chance."""
+    """Return a sentence on the axis that matters most, and on whether its effect may be chance."""
     try:
         shown = view(study)
     except UsageError:
@@ -317,9 +298,9 @@ def _influence(study: StudyTable) -> str:
 
 
 def _chance(shown: View) -> float:
-    """Return in which share of shuffles of the points' ranks the means over any axis differ as much as over the first.
+    """Return the share of shuffles of the points' ranks in which means over any axis differ as much as over the first.
 
-    Ranks, because a few large values would hide the order of the rest.
+    Ranks are used because a few large values would hide the order of the rest.
     """
     good, rng = np.isfinite(shown.value.values), np.random.default_rng(0)
     over = [parts_of(side.values[good], bool(side.words)) for side in shown.sides]
@@ -328,5 +309,5 @@ def _chance(shown: View) -> float:
     def spread(y: Floats, sides: Sequence[Sequence[NDArray[np.intp]]]) -> float:
         return max(float(np.ptp([np.mean(y[part]) for part in parts])) for parts in sides)
 
-    least = (1.0 - 1e-12) * spread(ranks, over[:1])  # a shuffle sums equal values in another order
+    least = (1.0 - 1e-12) * spread(ranks, over[:1])  # a shuffle adds equal values in another order
     return (1 + sum(spread(rng.permutation(ranks), over) >= least for _ in range(_SHUFFLES))) / (1 + _SHUFFLES)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vdfmu.base.arrays import Floats
 from vdfmu.base.csv_file import MOST_FAULTS, open_csv
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import FORMER, check_type
 from vdfmu.study.options import SAMPLES
 
@@ -31,19 +32,19 @@ _RANGE = re.compile(r"([-+.\de]+):([-+.\de]+)(?::([-+.\de]+))?")
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 MOST_POINTS = 10_000_000
-"""Most points: a grid of many axes easily has more than intended."""
+"""Largest number of points, because a grid of many axes easily has more than intended."""
 OPTIONS = ("robot", "algorithm", "step", "stop")
-"""Targets that are options of a run, not parameters."""
+"""Targets that are options of a run instead of parameters."""
 
 
 def is_option(target: str) -> bool:
-    """Whether a target is an option of a run, not a parameter, so that another value means another system."""
+    """Return whether a target is an option of a run, not a parameter, so that another value means another system."""
     return target in OPTIONS or target.startswith("unit:")
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity that varies, and how."""
+    """A quantity that varies, and how it varies."""
 
     target: str
     """``component.parameter``, with or without an index, ``robot.parameter``, or an option of a run:
@@ -53,12 +54,12 @@ class Axis:
     numbers: tuple[float, ...] = ()
     """Parameters of the distribution."""
     values: tuple[Any, ...] = ()
-    """Its values, numbers or texts; for ``lin`` and ``log`` the values of a grid; empty without a number of values."""
+    """Values, numbers or texts; for ``lin`` and ``log`` those of a grid; empty without a number of values."""
     factor: bool = False
     """Whether a value multiplies the scenario's, element by element."""
 
     def at(self, share: ArrayLike) -> NDArray[Any]:
-        """Values at shares of the distribution (its quantiles), each between 0 and 1; for a list the value there."""
+        """Return the values at `shares` of the distribution, quantiles between 0 and 1; for a list the value there."""
         u = np.asarray(share, dtype=float)
         if self.form == "values":
             index = np.minimum((u * len(self.values)).astype(int), len(self.values) - 1)
@@ -70,7 +71,7 @@ class Axis:
             return low * (high / low) ** u
         from scipy.special import ndtri
 
-        # the shares of 0 and 1, which low-discrepancy sequences begin with, are infinitely far away
+        # the shares 0 and 1, with which low-discrepancy sequences begin, are infinitely far away
         z = ndtri(np.clip(u, 2.0**-32, 1.0 - 2.0**-32))
         return low + high * z if self.form == "normal" else low * np.exp(high * z)
 
@@ -83,7 +84,7 @@ class Axis:
 
 
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> list[Axis]:
-    """Read axes, ``TARGET=FORM``, or target to form or values. UsageError has a line for each that cannot be read."""
+    """Read axes, ``TARGET=FORM``, or target to form or values. UsageError has a line for each faulty one."""
     check_type("vary", "Mapping[str, Any] | Sequence[str]", over)
     pairs: list[tuple[str, Any]] = []
     problems: list[str] = []
@@ -142,7 +143,7 @@ def _axis(target: str, form: Any) -> Axis:
         return axis
     n = numbers[2]
     if n != int(n) or not 1 <= n <= MOST_POINTS:
-        raise ValueError(f"expected a whole number of values of at least 1, at most {MOST_POINTS}, got {form}.")
+        raise ValueError(f"expected a whole number of values from 1 to {MOST_POINTS}, got {form}.")
     return Axis(target, name, (low, high), tuple(axis.at(np.linspace(0.0, 1.0, int(n))).tolist()), factor)
 
 
@@ -163,20 +164,17 @@ def _checked(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(map(str, values)) if any(isinstance(v, str) for v in values) else values
 
 
-LEVELS = 4
-"""Levels of Morris' trajectories on each axis."""
-
 Points = dict[str, NDArray[Any]]
-"""Target of an axis to its values, (n,) each: row k is point k."""
+"""Target of an axis to its values, (n,) each, where row k is point k."""
 
 
 def draw(axes: Sequence[Axis], sample: str, n: int | None = None, seed: int = 0) -> tuple[list[Axis], Points]:
-    """Draw the points of axes; the same for the same arguments.
+    """Draw the points of axes; the result is deterministic.
 
     The `sample` is ``grid``, all combinations of the values, the last axis running fastest; ``lhs`` (Latin hypercube),
     ``sobol`` (scrambled) or ``random``, `n` points; ``saltelli``, n (2 d + 2) points, or ``morris``, n (d + 1) points,
-    for d axes; or the path of a CSV file: a line of targets, then a line for each point. Its axes are returned with the
-    points. UsageError for axes that do not fit the sample, a bad file, or too many points.
+    for d axes; or the path of a CSV file with a line of targets, then a line per point. The file's axes are returned
+    with the points. UsageError for axes that do not fit the sample, a bad file, or too many points.
     """
     if seed < 0:
         raise UsageError(f"seed: expected a number of at least 0, got {seed}.")
@@ -213,10 +211,10 @@ def _grid(axes: Sequence[Axis], n: int | None) -> Points:
 
 
 def shares(d: int, sample: str, n: int, seed: int) -> Floats:
-    """Return points in the unit cube, a row each: for each axis the shares of its distribution, see `Axis.at`."""
+    """Return points in the unit cube, one per row: for each axis the share of its distribution, see `Axis.at`."""
     from scipy.stats import qmc
 
-    drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which takes both
+    drawn: Any = {"seed": seed}  # rng from SciPy 1.15 on, which accepts both
     if sample == "random":
         return np.random.default_rng(seed).random((n, d))
     if sample == "lhs":
@@ -225,19 +223,7 @@ def shares(d: int, sample: str, n: int, seed: int) -> Floats:
         if n & (n - 1) == 0:
             return qmc.Sobol(d, **drawn).random_base2(n.bit_length() - 1)
         return qmc.Sobol(d, **drawn).random(2 ** n.bit_length())[:n]
-    problem = unit_problem(d)
-    if sample == "saltelli":
-        from SALib.sample import sobol
-
-        return np.asarray(sobol.sample(problem, n, calc_second_order=True, seed=seed))
-    from SALib.sample import morris
-
-    return np.asarray(morris.sample(problem, n, num_levels=LEVELS, seed=seed))
-
-
-def unit_problem(d: int, names: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return a problem of SALib in the unit cube."""
-    return {"num_vars": d, "names": list(names or [f"x{i}" for i in range(d)]), "bounds": [[0.0, 1.0]] * d}
+    return module_of_extra("sensitivities", "sensitivity", f"sample {sample}").shares_of(d, sample, n, seed)
 
 
 def _read(path: str) -> tuple[list[Axis], Points]:

@@ -1,4 +1,4 @@
-"""The points of a study that may be its best, each judged by the verdict on a separate run, and their neighbours."""
+"""Candidates for the best point of a study, each judged by the verdict on a separate run, and their neighbours."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.table import StudyTable
 
 MOST = 8
-"""Best points that run again to find the best good one, before ranks are skipped; and most neighbours of a point."""
+"""Number of best points that run again, before ranks are skipped, to find the best good one; most neighbours of a
+point."""
 _FARTHER, _BACK = 2, 3
-"""After these the next rank divided by the last, and most halvings of the skipped ranks before a good point."""
+"""Ratio of the next rank to the last after these points, and most halvings of the skipped ranks before a good point."""
 
 
 class JudgedPoint(NamedTuple):
-    """A point, judged."""
+    """A judged point."""
 
     point: int
     value: float
     """Value of the measure that ranks the points."""
     state: str
-    """State of its run; not judged if the study does not contain how to run it, as for packages."""
+    """State of its run; "not judged" if the study does not contain how to run it, as for packages."""
     why: str = ""
     """The worst check of a run that is not good, or why it was not judged."""
     margin: float = math.nan
@@ -37,8 +38,8 @@ class JudgedPoint(NamedTuple):
 def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
     """Judge points in the order of their values (n,) until one is good, or not judged.
 
-    After the `MOST` best, more and more ranks are skipped. Those before the first good point are then searched
-    by halving, so that at most 25 points run of a hundred thousand.
+    After the `MOST` best, more and more ranks are skipped. The skipped ranks before the first good point are then
+    searched by bisection, so that of a hundred thousand points at most 25 are run.
     """
     points, finite = study["point"], int(np.isfinite(values).sum())
     places = np.argsort(values, kind="stable")[:finite].tolist()
@@ -60,7 +61,7 @@ def candidates(study: StudyTable, values: Floats) -> list[JudgedPoint]:
 
 
 def judge_point(study: StudyTable, point: int, value: float, without: Sequence[str] = ()) -> JudgedPoint:
-    """Run a point and judge it as `vdfmu.run` does, without a reference and without some checks."""
+    """Run a point and judge it like `vdfmu.run`, but without a reference and some checks."""
     from vdfmu.study.runs import run
     from vdfmu.study.verdict import loop_checks
 
@@ -84,13 +85,13 @@ def judge_point(study: StudyTable, point: int, value: float, without: Sequence[s
 
 
 def best_of(judged: Sequence[JudgedPoint]) -> JudgedPoint:
-    """Return the first of the best state."""
+    """Return the first candidate with the best state."""
     order = (*STATES, UNJUDGED)
     return min(judged, key=lambda candidate: order.index(candidate.state))
 
 
 def neighbours(study: StudyTable, point: int) -> Iterator[int]:
-    """Yield the points of a grid that differ from a point by one step of one axis with numbers."""
+    """Yield the points of a grid that differ from a point by one step on one numeric axis."""
     if study.facts["sample"] != "grid" or study.search is not None:
         return
     axes = [axis.target for axis in read_axes(study.facts["axes"])]

@@ -1,7 +1,7 @@
-"""Digest of a function or of data: with another function of the user's, a study is another study.
+"""Digest of a function or of data, because a study with another user function is a different study.
 
 It covers the code of the function, its defaults and closure, and the numbers, functions and modules that it names.
-Functions and modules of installed packages count by their names.
+Functions and modules of installed packages are represented by their names.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from vdfmu.base.files import PACKAGE
 
 _INSTALLED = (*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")), str(PACKAGE))
 _MOST = 1000
-"""Most elements of a container for which each is digested; for a larger container its pickle is digested."""
+"""Most elements of a container that are digested one by one; a larger container is digested as a pickle."""
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), np.generic)
 
 
 def value_digest(value: Any) -> str:
-    """Digest of a function, an object that is called, or data. Other objects that cannot be pickled are ignored."""
+    """Return the digest of a function, a callable object, or data. Other objects that cannot be pickled are ignored."""
     return hashlib.sha256(b"\0".join(_facts(value, {}))).hexdigest()[:16]
 
 
 def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
-    """Yield the bytes that decide a value, without functions, classes and parents that were `seen`.
+    """Yield the bytes that determine a value, omitting functions, classes and parents that were `seen`.
 
-    Of an object of this package its fields count, not its caches.
+    For an object of this package only its fields count, not its caches.
     """
     if not isinstance(value, _PLAIN):
         if id(value) in seen:
@@ -61,7 +61,7 @@ def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
             yield from _code(value.__code__)
             inner = [*(value.__defaults__ or ()), *chain(*sorted((value.__kwdefaults__ or {}).items()))]
             for cell in value.__closure__ or ():
-                with suppress(ValueError):  # of a function that names itself, still empty
+                with suppress(ValueError):  # in a function that names itself, still empty
                     inner.append(cell.cell_contents)
             inner += [value.__globals__[name] for name in _named(value.__code__) if name in value.__globals__]
     elif isinstance(value, type):
@@ -80,12 +80,12 @@ def _facts(value: Any, seen: dict[int, Any]) -> Iterator[bytes]:
     else:
         yield type(value).__qualname__.encode()
         if not type(value).__module__.startswith(f"{PACKAGE.name}."):
-            with suppress(Exception):  # it counts only where it can
+            with suppress(Exception):  # it counts only if it can
                 yield _pickled(value)
     for part in inner:
         yield from _facts(part, seen)
     if not isinstance(value, (FunctionType, ModuleType, type)):
-        seen.pop(id(value), None)  # whether two equal values are one object does not count
+        seen.pop(id(value), None)  # it does not matter whether two equal values are one object
 
 
 def _methods(kind: type) -> list[FunctionType]:
@@ -93,12 +93,12 @@ def _methods(kind: type) -> list[FunctionType]:
 
 
 def _is_own(file: str) -> bool:
-    """Whether a file, or text from a terminal or notebook, is the user's."""
+    """Return whether a file, or text from a terminal or notebook, belongs to the user."""
     return bool(file) and not file.startswith(("<frozen", *_INSTALLED))
 
 
 def _pickled(value: Any) -> bytes:
-    """Return the pickle, whichever parts of the value are one object."""
+    """Return the pickle, independent of which parts of the value are one object."""
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer, pickle.DEFAULT_PROTOCOL)
     pickler.fast = True
@@ -120,7 +120,7 @@ def _code(code: CodeType) -> Iterator[bytes]:
         yield part.co_code
         yield repr(part.co_names).encode()
         for value in part.co_consts:
-            if isinstance(value, frozenset):  # whose order is another one in another process
+            if isinstance(value, frozenset):  # whose order differs between processes
                 value = sorted(value, key=repr)
             if not isinstance(value, CodeType):
                 yield repr(value).encode()

@@ -15,7 +15,7 @@ from vdfmu.study.sweeps.axes import read_axes
 from vdfmu.study.sweeps.table import StudyTable
 
 _NAMED = 3
-"""Causes of failures that are named."""
+"""Number of causes of failures that are named."""
 _CAUSES: Mapping[str, str] = {
     FailureKind.UNSTABLE: "unstable loop",
     FailureKind.SOLVER: "solver of {}: its step reached the minimum, as in an unstable loop",
@@ -23,18 +23,18 @@ _CAUSES: Mapping[str, str] = {
     FailureKind.COUPLING: "coupling of {} does not converge",
     FailureKind.TIME_LIMIT: "took longer than the time limit",
 }
-"""FailureKind of a failure to the text of its cause; {} is the component. Other kinds have it in their messages."""
+"""FailureKind to the text of the cause, where {} is the component. Other kinds have the cause in their messages."""
 
 
 class FailedGroup(NamedTuple):
-    """Points that failed for one cause."""
+    """Points that failed for the same cause."""
 
     cause: str
     points: Sequence[int]
     where: str
     """Ranges of the axes, if they are narrower than over all points."""
     message: str
-    """Message of the first point."""
+    """Message of the first of these points."""
 
 
 def failed_groups(study: StudyTable) -> list[FailedGroup]:
@@ -58,7 +58,7 @@ def failed_groups(study: StudyTable) -> list[FailedGroup]:
 
 
 def cause_of(failed: str, kind: str | None = None, failed_in: str | None = None, point: int = 0) -> str:
-    """Return the cause that a failed point shares with others: that of its kind, else its message without numbers."""
+    """Return the cause that a failed point shares with others: that of its kind, or its message without numbers."""
     if kind is not None and kind in _CAUSES:
         return _CAUSES[kind].format(failed_in)
     return re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "…", failed.splitlines()[0])[:160]
@@ -74,7 +74,7 @@ def failure_words(study: StudyTable) -> Iterator[str]:
 
 
 def axis_words(study: StudyTable) -> dict[str, str]:
-    """Return the axes and their text: factors have a cross behind the name."""
+    """Return the axes and their text, in which factors have a cross after the name."""
     return {axis.target: f"{axis.target} ×" if axis.factor else axis.target for axis in read_axes(study.facts["axes"])}
 
 

@@ -1,4 +1,4 @@
-"""The job of a worker of a parameter study: runs of systems that it has loaded, one for each point."""
+"""The job of a parameter study's worker: runs of loaded systems, one per point."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ from vdfmu.study.sweeps.measures import Measure, measured
 Row = dict[str, Any]
 """``point``, ``failed`` (why, or None), ``failed_at`` [s], ``failed_in`` (the component), ``kind`` of the failure, see
 :class:`vdfmu.base.errors.FailureKind`, ``wall_s``, measures and signals, by column; for some points of the batch engine
-``to_fmu[rad]`` and so on, the largest difference of a signal of that unit to the run of the FMUs.
+``to_fmu[rad]`` and so on, the largest difference between a signal of that unit and the FMUs' run.
 """
 _ALIVE = 8
-"""Systems that a worker keeps loaded."""
+"""Number of systems that a worker keeps loaded."""
 
 
 @dataclass(frozen=True)
 class AxisBinding:
-    """Variables that the value of an axis sets in a system."""
+    """Variables that an axis' value sets in a system."""
 
     names: tuple[str, ...]
     """Variables, ``component.variable``."""
     nominal: tuple[float, ...] = ()
-    """Their values, if the axis has factors; else empty."""
+    """Their values if the axis has factors, else empty."""
     words: Mapping[Any, Any] | None = None
-    """Value of the axis to value of the variables, for values that are not numbers."""
+    """Value of the axis to value of the variables, for non-numeric values."""
 
     def values(self, value: Any) -> dict[str, Any]:
         """Values by ``component.variable``."""
@@ -58,7 +58,7 @@ class AxisBinding:
 
 @dataclass(frozen=True)
 class WiredSystem:
-    """A package, how it runs, the axes in it, and the program that runs it in lanes, if there is one."""
+    """A package, how it runs, its axes, and the program, if there is one, that runs it in lanes."""
 
     content: bytes
     options: Mapping[str, Any]
@@ -73,10 +73,10 @@ class WiredSystem:
     variant: str = DEFAULT
     """Its SSD."""
     scenario: str = ""
-    """Digest of the scenario, with what is not in the package, such as its limits."""
+    """Digest of the scenario, including what is not in the package, such as its limits."""
 
     def read(self, folder: Path) -> FlatSystem:
-        """Return the system of the package, which is written into a separate folder if it is not there."""
+        """Return the system of the package, which is first written to a separate folder if missing."""
         path = folder / self.name
         if not path.exists():
             with storing(path):
@@ -95,7 +95,7 @@ class WiredSystem:
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker needs; it is sent to each once."""
+    """Everything that a worker needs, sent once to each."""
 
     systems: tuple[WiredSystem, ...]
     measures: tuple[Measure, ...]
@@ -104,7 +104,7 @@ class Job:
     keep: tuple[str, ...]
     """Patterns of recorded signals that are kept."""
     compared: tuple[int, ...] = ()
-    """Points that the FMUs run too, if a program runs them in lanes."""
+    """Points that are also run with the FMUs if a program runs them in lanes."""
     limit: int | None = None
     """See `package_limit`."""
     anyway: bool = False
@@ -112,11 +112,11 @@ class Job:
 
     @property
     def together(self) -> list[int]:
-        """Number of points of each system that are run side by side."""
+        """Number of points of each system that run side by side."""
         return [1 if system.program is None else system.program.lanes for system in self.systems]
 
     def packed(self) -> bytes:
-        """Return its pickle; functions of a script go with their code, UsageError if they cannot."""
+        """Return the job's pickle, in which functions of a script have their code; UsageError if that is impossible."""
         if all(measure.function is None for measure in self.measures):
             return pickle.dumps(self)
         try:
@@ -132,7 +132,7 @@ class Job:
 
 
 Task = tuple[int, int, dict[str, Any]]
-"""Number of a point, number of its system, and the values of its axes by target."""
+"""Number of a point, number of its system, and the axes' values by target."""
 
 
 class Bench:
@@ -144,7 +144,7 @@ class Bench:
         self._engines: dict[int, Any] = {}
 
     def run(self, tasks: Sequence[Task], apart: bool = False) -> list[Row]:
-        """Run points of one system, `apart` each by the FMUs; failures are in their rows, except StorageError."""
+        """Run points of one system, if `apart` one by one with the FMUs. Rows have failures, except StorageError."""
         with package_limit(self._job.limit), run_anyway(self._job.anyway):
             return self._rows(tasks, apart)
 
@@ -157,7 +157,7 @@ class Bench:
         share = (perf_counter() - begin) / len(tasks)
         rows: list[Row] = []
         for task, results in zip(tasks, outcomes, strict=True):
-            # where there is no result, an FMU gives the reason
+            # if there is no result, an FMU gives the reason
             row = self._row(task, self._by_fmus if results is None else lambda _, results=results: results)
             row["wall_s"] += share
             if results is not None and task[0] in self._job.compared:
@@ -239,14 +239,14 @@ class Bench:
 
 
 def _words(error: Exception) -> str:
-    """Return the text of an error of a point; StorageError if it is the disk's."""
+    """Return the text of a point's error; StorageError if the disk caused it."""
     if reason := disk_error(error):
         raise StorageError(str(reason)) from error
     return error_text(error)
 
 
 def _differences(results: Results, other: Results) -> dict[str, float]:
-    """Return the largest difference of the signals of each unit of measurement."""
+    """Return the largest difference of signals by unit of measurement."""
     differences: dict[str, float] = {}
     for name, unit in results.units.items():
         largest = float(np.max(np.abs(results[name] - other[name])))

@@ -1,4 +1,4 @@
-"""The answer and page of a study, kept in the user's cache: a repeated study does not make them again."""
+"""The answer and page of a study, cached so that a repeated study does not make them again."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BUNDLES = Path(__file__).parents[1] / "report" / "bundles"
 class KeptAnswer:
     """The answer of a study and the digest of its page, if the cache has them.
 
-    They are those of the same table, scenario, options, code and place of the study; else there is none.
+    They are only valid for the same table, scenario, options, code and place of the study.
     """
 
     def __init__(self, study: StudyTable, plan: Plan) -> None:
@@ -42,20 +42,20 @@ class KeptAnswer:
         return content and Answer(content["verdict"], tuple(content["sentences"]), content["best"])
 
     def has_page(self) -> bool:
-        """Whether the page in the folder is the one that was kept, to the byte."""
+        """Return whether the page in the folder has exactly the bytes of the cached one."""
         return self.page.is_file() and self._content.get("page") == digest_of(self.page)
 
     def keep(self, answer: Answer) -> None:
-        """Keep an answer, and the digest of the page, which is written."""
+        """Cache an answer, and the digest of the written page."""
         if self._place:
             self._content = {"answer": answer._asdict(), "page": digest_of(self.page)}
             store(self._place, json.dumps(self._content).encode())
 
 
 def _place_of(study: StudyTable, plan: Plan) -> Path | None:
-    """Return the place in the cache, by all that decides an answer and a page.
+    """Return the cache key, from everything that determines an answer and a page.
 
-    None for a study whose table names another source or other options than the plan: those of the table are run.
+    None for a study whose table, which determines what is run, names another source or options than the plan.
     """
     sources = [json.dumps([facts["source"], facts["options"]]) for facts in (study.facts, plan.facts)]
     if sources[0] != sources[1] or not study.path.is_file():

@@ -1,7 +1,7 @@
-"""The folder of a parameter study: a file for each chunk of points, both result and record of progress.
+"""The folder of a parameter study: a file per chunk of points, which is both result and record of progress.
 
-A part takes its place when it is whole. So a killed study resumes, and no point occurs twice.
-When all are done, the parts become one file, ``sweep.parquet``; without pyarrow all are CSV, see `PlainTable`.
+A part is moved to its place when it is complete, so a killed study can resume, and no point occurs twice. When all are
+done, the parts are merged into one file, ``sweep.parquet``; without pyarrow all files are CSV, see `PlainTable`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Ledger:
     """Finished points of a study, in a folder that only one process writes to, in Parquet, or CSV without pyarrow.
 
     The study has `facts` and their digest `key`; each row gets the axes' values, `points`. UsageError if the folder
-    holds another study and `overwrite` is not set, is in use, cannot be written to, or needs pyarrow.
+    contains another study and `overwrite` is not set, is in use, cannot be written to, or needs pyarrow.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Ledger:
 
     def __exit__(self, *_: object) -> None:
         closed(self._lock)
-        with suppress(OSError):  # parts are in it
+        with suppress(OSError):  # it contains parts
             self._parts.rmdir()
 
     def _choose_format(self) -> None:
@@ -92,7 +92,7 @@ class Ledger:
         self._table_name = TABLES[any(plain)]
 
     def _check(self) -> None:
-        """Take the folder, if it is empty or has this study."""
+        """Claim the folder if it is empty or has this study."""
         place = self.folder / LEDGER
         facts: dict[str, Any] = {}
         try:
@@ -131,10 +131,10 @@ class Ledger:
             ) from None
 
     def done(self, again: str = KILLED) -> NDArray[np.bool_]:
-        """Whether each point is done, shape (n,).
+        """Return whether each point is done, (n,).
 
-        Files that are not whole are set aside, with a note, and rows of points that failed for a reason that begins
-        with `again` are removed, so that these points are run again. A file that the disk does not give is refused.
+        Incomplete files are set aside with a note, and rows of points whose reason of failure begins with `again` are
+        removed, so that these points are run again. UsageError for a file that cannot be read.
         """
         done = np.zeros(self._facts["n"], dtype=bool)
         for table in self._kept(again, len(done)):
@@ -142,13 +142,13 @@ class Ledger:
         return done
 
     def reopen(self) -> list[Row]:
-        """Return the rows that are kept, of a study that can get more points; see `done`."""
+        """Return the rows of a study that may get more points; see `done`."""
         for _ in self._kept(KILLED):
             pass
         return [row for file in self._files() for row in table_of(file).to_pylist()]
 
     def _files(self) -> list[Path]:
-        """Return the files, after removing parts that are in the table: left by a kill just after it was made."""
+        """Return the files, after removing parts that a kill left although the table already has them."""
         files = files_of(self.folder)
         if len(files) > 1 and files[0].name in TABLES:
             points = set(table_of(files[0], ["point"])["point"].to_pylist())
@@ -168,7 +168,7 @@ class Ledger:
                 self._set_aside(error)
                 continue
             reasons = rows["failed"]
-            if reasons.null_count == len(reasons):  # none failed: without a look at each
+            if reasons.null_count == len(reasons):  # none failed, so no row is read
                 yield rows
                 continue
             good = [why is None or not why.startswith(again) for why in reasons.to_pylist()]
@@ -183,7 +183,7 @@ class Ledger:
             yield kept
 
     def _set_aside(self, error: BrokenError) -> None:
-        """Give a file that is not whole an unused name."""
+        """Rename an incomplete file to an unused name."""
         number = 0
         while (aside := error.file.with_name(f"{error.file.name}.broken{number or ''}")).exists():
             number += 1
@@ -191,7 +191,7 @@ class Ledger:
         self.notes.append(f"{error}, so its points are run again. It is now {aside}")
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Keep the rows of consecutive points."""
+        """Store the rows of consecutive points."""
         if rows:
             self._write(self._table(rows), self._place(rows[0]["point"], rows[-1]["point"]))
 
@@ -199,7 +199,7 @@ class Ledger:
         return self._parts / f"part_{first:08d}_{last:08d}{Path(self._table_name).suffix}"
 
     def _write(self, table: Any, place: Path) -> None:
-        """Write a part; the facts of the study, perhaps thousands of values, are in `LEDGER` once for all parts."""
+        """Write a part; the facts of the study, maybe thousands of values, are only in `LEDGER`, once for all parts."""
         if isinstance(table, PlainTable):
             self._put(place, table.packed())
             return
@@ -227,7 +227,7 @@ class Ledger:
         return pa.table(columns)
 
     def finish(self) -> Path:
-        """Make one file of the parts, in the order of the points, and return it."""
+        """Merge the parts into one file, in the order of the points, and return it."""
         place = self.folder / self._table_name
         files = self._files()
         if not files or files == [place]:
@@ -266,7 +266,7 @@ class Ledger:
 
 
 class BrokenError(UsageError):
-    """A file is not whole, or is not a study's."""
+    """A file is incomplete, or does not belong to a study."""
 
     def __init__(self, file: Path, why: object) -> None:
         super().__init__(f"{file}: is not whole: {why}")
@@ -274,7 +274,7 @@ class BrokenError(UsageError):
 
 
 def files_of(folder: Path) -> list[Path]:
-    """Return the files of a study that are there, the table first; UsageError if the disk does not answer."""
+    """Return the existing files of a study, the table first; UsageError if the disk fails."""
     try:
         parts = sorted(name for name in os.listdir(folder / _PARTS) if _PART.fullmatch(name))
     except FileNotFoundError:
@@ -298,7 +298,7 @@ def _refused(path: Path, error: OSError) -> UsageError:
 
 
 def readable(path: Path) -> bytes:
-    """Return the content of a file of a study; UsageError if the disk does not give it now. Nothing is changed."""
+    """Return the content of a study's file; UsageError if it cannot be read now. Nothing is changed."""
     try:
         return read_regular(path)
     except OSError as error:
@@ -308,9 +308,9 @@ def readable(path: Path) -> bytes:
 def table_of(path: Path, columns: Sequence[str] | None = None) -> Any:
     """Return the table of a file, or some of its columns; `BrokenError` if it is damaged.
 
-    Its bytes are read: Arrow takes only names in UTF-8, and reports errors of the disk as errors of the file. Without
-    threads: `parquet.read_table` waits for them for ever if memory is short, and a thread that starts as the process
-    ends aborts it.
+    The bytes are read first, because Arrow accepts only names in UTF-8 and reports errors of the disk as errors of the
+    file. Threads are off, because `parquet.read_table` waits for them forever if memory is short, and a thread that
+    starts as the process ends aborts it.
     """
     if path.suffix == Path(PLAIN).suffix:
         try:
@@ -350,7 +350,7 @@ def _within(points: NDArray[np.int64], most: float) -> bool:
 
 
 def _in_order(files: Sequence[Path]) -> bool:
-    """Whether the points of each file are known to come after the points of the file before."""
+    """Return whether the points of each file are known to follow those of the previous file."""
     if files[0].name in TABLES and len(files) > 1:
         return False
     ends = [int(number) for file in files for number in file.stem.split("_")[1:]]
@@ -358,7 +358,7 @@ def _in_order(files: Sequence[Path]) -> bool:
 
 
 def _groups(tables: Iterator[Any], ordered: bool, most: int = 16 * 2**20) -> Iterator[list[Any]]:
-    """Put tables together up to a number of bytes; all of them, if their points are mixed."""
+    """Concatenate tables up to a number of bytes, or all of them if their points are mixed."""
     group: list[Any] = []
     size = 0
     for table in tables:
@@ -372,7 +372,7 @@ def _groups(tables: Iterator[Any], ordered: bool, most: int = 16 * 2**20) -> Ite
 
 
 def _locked(path: Path) -> int:
-    """Open a file that one process has at a time; UsageError if another has it."""
+    """Open a file that only one process may hold; UsageError if another holds it."""
     handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if os.name == "nt":

@@ -1,6 +1,6 @@
 """Measures of a run of a parameter study: expressions of its signals, such as ``rms(trajectory.q_d - plant.q)``.
 
-They are read as Python, but hold nothing but signals, numbers, the functions below, ``+ - * / **`` and comparisons.
+They are parsed as Python, but may contain only signals, numbers, the functions below, ``+ - * / **`` and comparisons.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def _integral(x: Array, t: Array) -> Array:
 
 
 def _at(x: Array, t: Array, time: float) -> Array:
-    """Value at the first communication point that is not before `time` [s]."""
+    """Value at the first communication point at or after `time` [s]."""
     if not t[0] <= time <= t[-1]:
         raise ValueError(f"expected a time from {t[0]:g} to {t[-1]:g} s, got {time:g} s")
     return x[np.searchsorted(t, time - 1e-9 * t[-1])]
@@ -50,11 +50,11 @@ class MeasureFunction(NamedTuple):
 
     of: Callable[..., Array]
     unit: str | None = None
-    """Unit of its value; None for its argument's, empty where that is not plain."""
+    """Unit of the value; None for the argument's unit, empty if that is not simple."""
     numbers: tuple[int, int] = (0, 0)
-    """Least and most numbers that it takes in addition to its signal."""
+    """Smallest and largest number of arguments in addition to the signal."""
     elements: bool = False
-    """Whether it is over the elements of a signal."""
+    """Whether it reduces the elements of a signal instead of the time."""
 
 
 REDUCTIONS = {
@@ -70,17 +70,17 @@ REDUCTIONS = {
     "at": MeasureFunction(_at, numbers=(1, 1)),
     "settling": MeasureFunction(_settling, "s", (0, 1)),
 }
-"""Over time: signal (m, ...) and times (m,) to (...)."""
+"""Functions over time, from a signal (m, ...) and times (m,) to (...)."""
 _FUNCTIONS = REDUCTIONS | {
-    "worst": MeasureFunction(lambda x: np.max(x, axis=-1), elements=True),  # over the elements, (..., n) to (...)
+    "worst": MeasureFunction(lambda x: np.max(x, axis=-1), elements=True),  # over the elements, from (..., n) to (...)
     "least": MeasureFunction(lambda x: np.min(x, axis=-1), elements=True),
     "sum": MeasureFunction(lambda x: np.sum(x, axis=-1), elements=True),
     "norm": MeasureFunction(lambda x: np.linalg.norm(x, axis=-1), elements=True),
-    "abs": MeasureFunction(np.abs),  # of each element
+    "abs": MeasureFunction(np.abs),  # element by element
     "degrees": MeasureFunction(np.degrees, "deg"),
     **{name: MeasureFunction(getattr(np, name), "") for name in ("sqrt", "exp", "log", "sin", "cos")},
 }
-"""All functions. Another one is a row here, or in `REDUCTIONS`."""
+"""All functions. A new one needs a row here or in `REDUCTIONS`."""
 _TAKEN = ("point", "failed", "failed_at", "failed_in", "kind", "wall_s", "time", *OPTIONS)
 """Columns of a study that are not measures."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
@@ -97,7 +97,7 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.GtE: operator.ge,
 }
 _KEEPING = (ast.Add, ast.Sub, ast.USub, ast.UAdd)
-"""Operators whose value has the unit of their operands."""
+"""Operators whose value has the unit of the operands."""
 
 
 @dataclass(frozen=True)
@@ -105,20 +105,20 @@ class Measure:
     """A named expression, or a function of the results."""
 
     name: str
-    """Name of its column; several elements have ``name[1]``, ``name[2]`` and so on."""
+    """Name of the column; several elements have ``name[1]``, ``name[2]`` and so on."""
     text: str
     """The expression, or the name of the function."""
     signals: tuple[str, ...]
-    """Signals that it needs, ``plant.q[1]``, or all elements, ``plant.q``; a function has them in its attribute
-    `signals`, else all, ``*``."""
+    """Required signals, ``plant.q[1]``, or all elements, ``plant.q``; for a function those in its attribute `signals`,
+    by default all, ``*``."""
     function: Callable[[Results], Any] | None = None
     """Called with the `Results`; returns a number, or several.
 
-    If it has a true attribute `loops`, the run is linearised at some of its rows, and the summary of the results has
+    If its attribute `loops` is true, the run is linearised at some of its rows, and the summary of the results contains
     ``loops``, the :class:`~vdfmu.engine.linear.growth.Poses`."""
 
     def of(self, results: Results) -> dict[str, float]:
-        """Return its value, or values, by column; UsageError if a signal is missing, or it is not a number."""
+        """Return the value or values by column; UsageError if a signal is missing, or if a value is not a number."""
         try:
             if self.function is not None:
                 array = np.asarray(self.function(results), dtype=float)
@@ -138,7 +138,7 @@ class Measure:
 
 
 def read_measures(measures: Mapping[str, Any] | Sequence[str]) -> list[Measure]:
-    """Read ``NAME=EXPRESSION``, or name to expression or function. UsageError has a line for each wrong one."""
+    """Read ``NAME=EXPRESSION``, or name to expression or function. UsageError has a line for each faulty one."""
     if isinstance(measures, Mapping):
         pairs = list(measures.items())
     else:
@@ -182,12 +182,12 @@ def measured(measures: Sequence[Measure], results: Results) -> dict[str, float]:
 
 
 def unit_of(measure: Measure, units: Mapping[str, str]) -> str:
-    """Return a measure's unit from `units` of signals and arrays. It is empty if not plain, as for products."""
+    """Return a measure's unit from `units` of signals and arrays; empty if it is not simple, as for products."""
     return "" if measure.function is not None else _read(measure.text).unit(units)
 
 
 class _Term(NamedTuple):
-    """A part of an expression, and how its value and its unit follow from the signals'."""
+    """A part of an expression, and how its value and unit follow from those of the signals."""
 
     of: Callable[[Results], Any]
     unit: Callable[[Mapping[str, str]], str] = lambda units: ""
@@ -208,7 +208,7 @@ def _term(node: ast.expr) -> _Term:
         return _Term(values, lambda units: units.get(name, ""), (name,), True)
     match node:
         case ast.Constant(int() | float() as value):
-            return _Term(lambda _: float(value))  # powers of whole numbers would have any number of digits
+            return _Term(lambda _: float(value))  # powers of Python's integers could have any number of digits
         case ast.Call(ast.Name(name), [_, *_], []):
             return _call(node, name)
         case ast.BinOp(left, op, right) | ast.Compare(left, [op], [right]) if type(op) in _OPERATORS:
@@ -217,7 +217,7 @@ def _term(node: ast.expr) -> _Term:
             operands = [operand]
         case _:
             raise ValueError(f"expected signals, numbers and functions, got {ast.unparse(node)}")
-    # a generator takes a frame: what is too long for values or units is too long to read
+    # a generator needs a stack frame, so an expression too deep to evaluate is already too deep to parse
     first, *more = terms = tuple(_term(each) for each in operands)
 
     def of(results: Results) -> Any:
@@ -260,7 +260,7 @@ def _call(node: ast.Call, name: str) -> _Term:
 
 
 def _signal(node: ast.expr) -> str | None:
-    """Name of a signal, ``plant.q`` or ``plant.q[1]``; None if it is not a signal."""
+    """Return the name of a signal, ``plant.q`` or ``plant.q[1]``; None if it is not a signal."""
     if isinstance(node, ast.Subscript):
         name = _signal(node.value)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]

@@ -1,4 +1,4 @@
-"""The page of a study: its answer, pictures that choose together, tables, a run that opens any point; its content."""
+"""The page of a study and its content: the answer, linked figures, tables, and a run that can show any point."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vdfmu.base.arrays import distinct
 from vdfmu.base.errors import UsageError, VdfmuError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.files import inside, temporary_folder, write_whole
 from vdfmu.base.measure import quantity
 from vdfmu.base.page import table
@@ -23,22 +24,22 @@ from vdfmu.study.report.shown_run import ShownRun, read_run
 from vdfmu.study.sweeps.answer import Answer
 from vdfmu.study.sweeps.axes import is_option
 from vdfmu.study.sweeps.failures import failed_groups, place_of
-from vdfmu.study.sweeps.indices import indices
 from vdfmu.study.sweeps.table import Side, StudyTable, view
 
 
 def write_page(
     study: StudyTable, answer: Answer, path: Path | None = None, *, simulate: bool = True, trust: bool = False
 ) -> Path:
-    """Write a study's page, default ``report.html`` in its folder, with `simulate` with a run. VdfmuError on errors.
+    """Write a study's page, by default ``report.html`` in its folder, with `simulate` including a run.
 
-    The notes of the study say why a page has no run. `trust` runs a study of others too.
+    The notes of the study say why a page has no run. With `trust` a study made by others is run too. VdfmuError if it
+    fails.
     """
     path = inside(study.folder, study.folder / NAME) if path is None else path
     with temporary_folder("vdfmu_page_") as folder:
         part, run = _part(study, answer, Path(folder) / "run", simulate, trust)
         page = study_page(part) if run is None else report_page([run], simulate=True, study=part)
-    with suppress(OSError):  # writing then reports more
+    with suppress(OSError):  # writing reports details
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [page])
     return path
@@ -110,7 +111,7 @@ def _facts(study: StudyTable) -> list[list[str]]:
 
 
 def _measures(study: StudyTable) -> str:
-    """Return the range of each measure, with buttons for its best and worst points, named by the axes' values."""
+    """Return the range of each measure, with buttons for its best and worst points, labelled by the axes' values."""
     rows: list[list[str]] = []
     places = {point: k for k, point in enumerate(study["point"].tolist())}
     columns = study.table(study.axes).to_pylist()
@@ -144,7 +145,7 @@ def _failures(study: StudyTable) -> str:
 
 def _indices(study: StudyTable, name: str) -> str:
     try:
-        sensitivity = indices(study, name)
+        sensitivity = module_of_extra("sensitivities", "sensitivity", "the table of indices").indices(study, name)
     except UsageError as error:
         return f"<p>{escape(str(error))}</p>"
     rows = [[axis, *(row.get(index, "") for index in sensitivity.values)] for axis, row in sensitivity.rows()]
@@ -152,7 +153,7 @@ def _indices(study: StudyTable, name: str) -> str:
 
 
 def _compared(study: StudyTable) -> Iterable[str]:
-    """Return the differences between batch engine and FMUs, at points that both ran."""
+    """Return the differences between the batch engine and FMUs at points that both ran."""
     columns = [column for column in study.columns if column.startswith("to_fmu[")]
     if not columns:
         return
@@ -181,13 +182,14 @@ def _short(text: str, most: int = 160) -> str:
 
 
 MOST_SHOWN = 15_000
-"""Points in a page, 3 MB with five columns. Of more points it has a random selection, and all that its texts name."""
+"""Most points in a page, 3 MB with five columns. Of more points it has a random selection, and all that its texts
+mention."""
 MOST_VALUES = 200_000
-"""Parameters of all points that a page holds, 2 MB."""
+"""Most parameters of all points in a page, 2 MB."""
 
 
 def shown_rows(study: StudyTable, answer: Answer) -> NDArray[np.intp]:
-    """Return the rows of the points in a page: all, or some with extremes, first failures and points with roles."""
+    """Return the rows of the points in a page: all, or some with all extremes, first failures and roles."""
     n, points = len(study), study["point"]
     if n <= MOST_SHOWN:
         return np.arange(n)
@@ -200,7 +202,8 @@ def shown_rows(study: StudyTable, answer: Answer) -> NDArray[np.intp]:
 def columns_of(study: StudyTable, shown: NDArray[np.intp]) -> list[dict[str, Any]]:
     """Return the axes that vary, the most influential first, and the measures, each a column of `shown` rows.
 
-    Of a measure of several elements the largest comes before them. Values have six digits; None for a failed run.
+    For a measure with several elements, the largest precedes them. Values have six digits, and are None for a failed
+    run.
     """
     sides = [(side, True) for side in view(study).sides]
     for name in study.facts["measures"]:
@@ -247,9 +250,9 @@ def _roles(study: StudyTable, answer: Answer) -> dict[str, list[int]]:
 def base_run(
     study: StudyTable, shown: NDArray[np.intp], folder: Path, trust: bool = False
 ) -> tuple[ShownRun, dict[str, Any]]:
-    """Run the scenario of a study without its axes in a folder; return the run and the parameters of `shown` points.
+    """Run a study's scenario without its axes in a folder; return the run and the parameters of `shown` points.
 
-    Options that vary have the values of the best point; points with other values have no changes. ``names`` are
+    Varied options have the values of the best point; points with other values have no changes. ``names`` are
     ``component.variable``, ``rows`` the places of points, ``values`` little-endian numbers, point by point.
     """
     from vdfmu.study.runs import run

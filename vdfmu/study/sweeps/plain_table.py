@@ -65,7 +65,7 @@ class PlainTable:
 
     @classmethod
     def read(cls, content: bytes, columns: Sequence[str] | None = None) -> PlainTable:
-        """Read what `packed` wrote, or some of its columns, for [] all without rows; ValueError if it is damaged."""
+        """Return the table that `packed` wrote, or some columns; all without rows for []. ValueError if damaged."""
         names, *rows = csv.reader(io.StringIO(content.decode(), newline=""), strict=True)
         if not content.endswith(b"\n") or any(len(row) != len(names) for row in rows):
             raise ValueError("its last line is not whole")
@@ -75,7 +75,7 @@ class PlainTable:
         return cls({name: _read(name, [row[names.index(name)] for row in rows]) for name in chosen})
 
     def packed(self) -> bytes:
-        """Return it as CSV: no text for a missing value, a list as JSON."""
+        """Return it as CSV: an empty field for a missing value, a list as JSON."""
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.names)
@@ -84,7 +84,7 @@ class PlainTable:
 
     @property
     def schema(self) -> PlainTable:
-        """What has the names of the columns."""
+        """The table itself, because it has the names of the columns."""
         return self
 
     @property

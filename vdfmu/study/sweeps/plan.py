@@ -1,4 +1,4 @@
-"""From a scenario or a package and its axes to the checked systems and points of a parameter study."""
+"""Plans a parameter study: from a scenario or package and its axes to checked systems and points."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ TRACKING = {
     "peak_error": "peak(trajectory.q_d - plant.q)",
     "peak_torque": "peak(controller.tau)",
 }
-"""Measures of a tracking loop, if none are given."""
+"""Default measures of a tracking loop."""
 _COUPLED = ("algorithm", "parameters", "tolerance", *CouplingOptions.__annotations__)
 """Options of the simulator of a package."""
 
@@ -74,7 +74,7 @@ def signals_of(system: WiredSystem, axes: Sequence[Axis]) -> tuple[list[str], di
 
 
 def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
-    """Raise UsageError for axes without effect, because others after them set the same."""
+    """Raise UsageError for axes without effect because later ones set the same."""
     problems: list[str] = []
     later: dict[str, str] = {}
     for target in reversed([axis.target for axis in axes if axis.target in system.bindings]):
@@ -91,7 +91,7 @@ def check_overlap(axes: Sequence[Axis], system: WiredSystem) -> None:
 
 
 def try_measures(names: Sequence[str], measures: Sequence[Measure], times: tuple[float, float]) -> None:
-    """Evaluate the expressions on signals of zeros; UsageError for values that no results have."""
+    """Evaluate the expressions on zero signals; UsageError for expressions that cannot be evaluated."""
     signals = [Signal(name, "real", "", 0) for name in names]
     zeros = Results(np.array(times), signals, {"real": np.zeros((2, 1))})
     problems: list[str] = []
@@ -117,7 +117,7 @@ def default_measures(names: Sequence[str]) -> list[Measure]:
 
 
 def recorded(names: Sequence[str], measures: Sequence[Measure], keep: Sequence[str]) -> list[str]:
-    """Return patterns of the signals to record; UsageError for unknown signals."""
+    """Return patterns of signals to record; UsageError for unknown signals."""
     signals = set(names)
     groups = {name.partition("[")[0] for name in names}
     record: list[str] = list(keep)
@@ -149,10 +149,10 @@ class Plan:
 
     points: Points
     chosen: Any
-    """(n,): Number of each point's system."""
+    """Number of each point's system, (n,)."""
     job: Job
     facts: dict[str, Any]
-    """Facts of it, for the ledger; the same for the same study."""
+    """Facts for the ledger, the same for the same study."""
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -165,7 +165,7 @@ class Plan:
 
     @property
     def key(self) -> str:
-        """Digest of `facts` except for places of files and the course of a search: equal if the runs are equal."""
+        """Digest of `facts` without places of files and the course of a search; equal if the runs are equal."""
         apart = ("source", "options", "engine", "search")
         facts = {name: fact for name, fact in self.facts.items() if name not in apart}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
@@ -173,7 +173,7 @@ class Plan:
 
 @with_options
 def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **options: Unpack[PlanOptions]) -> Plan:
-    """Plan a study; for arguments see `vdfmu.sweep`. Faults are raised before anything runs."""
+    """Plan a study; for arguments see `vdfmu.sweep`. Errors are raised before anything runs."""
     engine, measure, keep = options["engine"], options["measure"], options["record"]
     sample = os.fspath(options["sample"])
     if engine not in (None, *ENGINES):
@@ -249,7 +249,7 @@ def make_plan(scenario: Any, over: Mapping[str, Any] | Sequence[str] = (), **opt
 
 
 def _plain(value: Any) -> Any:
-    """Return an option as JSON, if it is a number, several, a path or a name."""
+    """Return an option as JSON if it is a number, several, a path or a name."""
     if isinstance(value, Mapping):
         return {str(name): _plain(each) for name, each in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -267,17 +267,17 @@ def name_of(scenario: Any) -> str:
 
 
 def digest(*parts: bytes) -> str:
-    """Return a short SHA-256 of contents."""
+    """Return a short SHA-256 digest of contents."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def _bytes_of(column: np.ndarray[Any, Any]) -> bytes:
-    """Return the bits of numbers, since their text takes long, and the text of other values."""
+    """Return the bits of numbers, because their text takes long, and the text of other values."""
     return (column if column.dtype.kind in "iuf" else column.astype(str)).tobytes()
 
 
 def _unit_of_axis(axis: Axis, system: WiredSystem, units: Mapping[str, str]) -> str:
-    """Return the unit of an axis' values; nothing for factors and texts."""
+    """Return the unit of an axis' values; empty for factors and texts."""
     if axis.target in system.bindings:
         name = system.bindings[axis.target].names[0]
         return "" if axis.factor else units.get(name, "")
@@ -293,7 +293,7 @@ def _of_package(
     options: ScenarioOptions,
     engine: str,
 ) -> WiredSystem:
-    """Take a package as it is; the master checks the names of the axes."""
+    """Use a package as it is; the master checks the names of the axes."""
     if engine == "batch":
         raise UsageError("engine: batch needs a scenario, whose equations are known, got FMUs. Choose the engine fmu.")
     wrong = [target for target in switched if target not in ("algorithm", "step", "stop")]
@@ -367,7 +367,7 @@ def _program(scenario: Any, values: Mapping[str, Any], names: Sequence[str], *, 
 
 
 def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]]) -> AxisBinding:
-    """Return the variables that an axis sets; UsageError if they are unknown or cannot have its values."""
+    """Return the variables that an axis sets; UsageError if they are unknown or do not allow its values."""
     from vdfmu.system.scenario.values import override, present_values
 
     def names(value: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A study: points, workers that run them in chunks, and a ledger that keeps their rows."""
+"""A study: points, workers that run them in chunks, and a ledger that stores their rows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def processors() -> int:
 
 
 class LocalWorkers:
-    """Processes on this machine. They live from one set of chunks to the next."""
+    """Processes on this machine, which are kept from one set of chunks to the next."""
 
     def __init__(self, job: bytes, count: int, time_limit: float | None) -> None:
         self._team = [Worker(job, time_limit) for _ in range(count)]
@@ -37,7 +37,7 @@ class LocalWorkers:
         self._threads = ThreadPoolExecutor(count)
 
     def run(self, chunks: Chunks, tell: Callable[[list[Row]], None], advance: Callable[[int], None]) -> None:
-        """Run chunks. Call `tell` with their rows, also if interrupted, and `advance` with the number of new points."""
+        """Run chunks. Call `tell` with their rows, even if interrupted, and `advance` with the number of new points."""
         done: queue.SimpleQueue[list[Row] | BaseException | int | None] = queue.SimpleQueue()
 
         def work(worker: Worker) -> None:
@@ -96,10 +96,10 @@ class LocalWorkers:
 
 
 class Study:
-    """Points of a job, run by at most `most` workers that live as long as the study, and kept in a ledger.
+    """Points of a job, run by at most `most` workers, which exist as long as the study, and stored in a ledger.
 
-    `ask` runs points: a sweep requests all of them, a search one generation. Rows in the ledger survive the process:
-    the same study only runs the other points.
+    `ask` runs points: a sweep requests all of them, a search one generation. Rows in the ledger survive the process, so
+    that the same study only runs the missing points.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Study:
         task: Callable[[int], Task],
         advance: Callable[[int], None] = lambda points: None,
     ) -> None:
-        """Run points, in ascending order, and keep their rows. VdfmuError if any are missing. `advance`: see `run`."""
+        """Run points, in ascending order, and store their rows. VdfmuError if any are missing. `advance`: see `run`."""
         chunks = Chunks(np.array(points, dtype=int), task, self._chunk, self._together)
         self._missing = len(points)
         self._workers.run(chunks, self.tell, advance)
@@ -134,13 +134,13 @@ class Study:
             raise VdfmuError(f"{self.ledger.folder}: {self._missing} points are missing: repeat the command.")
 
     def tell(self, rows: list[Row]) -> None:
-        """Keep the rows of consecutive points."""
+        """Store the rows of consecutive points."""
         self.ledger.add(rows)
         self._missing -= len(rows)
 
 
 def check_workers(options: WorkerOptions) -> None:
-    """Raise UsageError for options of workers out of their range."""
+    """Raise UsageError for options of workers that are out of range."""
     workers, time_limit = options["workers"], options["time_limit"]
     if workers is not None and workers < 1:
         raise UsageError(f"workers: expected at least 1, got {workers}.")

@@ -1,4 +1,4 @@
-"""`sweep`: runs of a system at many points, resumed after any interruption; indices and page."""
+"""`sweep`: runs a system at many points and resumes after any interruption; indices and page."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 
 from vdfmu.base.cache import one_job
 from vdfmu.base.errors import UsageError
+from vdfmu.base.extras import module_of_extra
 from vdfmu.base.option import pick, with_options
 from vdfmu.base.progress import report, with_progress
 from vdfmu.study.options import PlanOptions, SweepOptions
 from vdfmu.study.sweeps.answer import Answer, answer_of
-from vdfmu.study.sweeps.indices import Indices, indices
 from vdfmu.study.sweeps.kept import KeptAnswer
 from vdfmu.study.sweeps.ledger import Ledger
 from vdfmu.study.sweeps.plan import Plan, make_plan, name_of
@@ -35,8 +35,8 @@ class Sweep(StudyTable):
     notes : sequence of str
         Remarks on the study.
     plan : Plan, optional
-        The plan whose points these are. With it the answer, and the page in the folder, are kept until something that
-        decides them changes.
+        The plan of these points. With it the answer, and the page in the folder, are reused until something that
+        determines them changes.
 
     Raises
     ------
@@ -53,23 +53,23 @@ class Sweep(StudyTable):
     def __init__(self, path: str | os.PathLike[str], notes: Sequence[str] = (), plan: Plan | None = None) -> None:
         super().__init__(path, notes)
         self.unchanged = False
-        """Whether `report` left the page as it was, because it is that of the same points, scenario and version."""
+        """Whether `report` left the page unchanged, because it belongs to the same points, scenario and version."""
         self._kept = None if plan is None else KeptAnswer(self, plan)
 
     @cached_property
     def answer(self) -> Answer:
-        """Return the result in sentences: best point, margin, ranking, the axis that matters most, failures."""
+        """Return sentences on the best point, its margin, the ranking, the axis that matters most, and failures."""
         return (self._kept and self._kept.answer) or answer_of(self)
 
-    def indices(self, measure: str | None = None) -> Indices:
-        """Return Sobol or Morris indices of a measure, see `vdfmu.study.sweeps.indices.indices`."""
-        return indices(self, measure)
+    def indices(self, measure: str | None = None) -> Any:
+        """Return Sobol or Morris indices of a measure; see `vdfmu.extras.sensitivity.indices`."""
+        return module_of_extra("sensitivities", "sensitivity", "indices").indices(self, measure)
 
     def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True, trust: bool = False) -> Path:
-        """Write the page, default ``report.html`` in the folder, and return its path.
+        """Write the page, by default ``report.html`` in the folder, and return its path.
 
-        With `simulate` the page runs any point. For that the scenario of a study that you made is run, with the code
-        that it names; `trust` runs one that others made. A page of `sweep` in the folder is left if it would be the
+        With `simulate` the page can run any point. For this the scenario is run, with the code that it names, if you
+        made the study; with `trust` even if others made it. A page of `sweep` in the folder is kept if it would be the
         same, see `unchanged`.
         """
         kept = self._kept if out is None and simulate else None
@@ -81,7 +81,7 @@ class Sweep(StudyTable):
         notes = len(self.notes)
         page = write_page(self, self.answer, None if out is None else Path(out), simulate=simulate, trust=trust)
         if kept is not None and (len(self.notes) == notes or self.facts["source"].endswith(".ssp")):
-            # a page without the run of its scenario may get it the next time
+            # a page without its scenario's run may get it the next time
             kept.keep(self.answer)
         return page
 
@@ -93,19 +93,19 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
     """Run a scenario or a system package at many points, and keep a row for each.
 
     Finished points are kept: after Ctrl-C, a kill or a full disk the same call resumes. A point that fails, crashes its
-    process or hangs is a row with its reason.
+    process or hangs becomes a row with the reason.
 
     Parameters
     ----------
     scenario : Scenario, str or path
-        Loaded, the name of a shipped one, a file, or a system package, ``.ssp``.
+        A loaded scenario, the name of a shipped one, a file, or a system package, ``.ssp``.
     vary : mapping, or sequence of "TARGET=FORM"
         Targets: ``component.parameter``, ``robot.parameter``, or ``robot``, ``algorithm``, ``step``, ``stop`` and
-        ``unit:COMPONENT``. Its form is ``lin(a, b)``, ``log(a, b)``, with the number of values as a third for a grid,
-        ``normal(mean, deviation)``, ``lognormal(median, deviation of the logarithm)``, or values, ``"1, 2, 5"`` or a
-        sequence. A star before it makes them factors of the scenario's values: ``*lin(0.9, 1.1)``.
+        ``unit:COMPONENT``. The form is ``lin(a, b)`` or ``log(a, b)``, for a grid with the number of values as third
+        argument, ``normal(mean, deviation)``, ``lognormal(median, deviation of the logarithm)``, or values, ``"1, 2,
+        5"`` or a sequence. A star before the form makes the values factors of the scenario's: ``*lin(0.9, 1.1)``.
     **options
-        :class:`vdfmu.study.options.SweepOptions`; options of a run are the same for all points.
+        :class:`vdfmu.study.options.SweepOptions`; options of a run apply to all points.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
     VdfmuError
         The disk is full, or no worker can be started. Finished points are kept.
     KeyboardInterrupt
-        After finished points are kept.
+        After finished points are stored.
     """
     chunk = options["chunk"]
     if chunk is not None and not 1 <= chunk:
@@ -142,7 +142,7 @@ def sweep(scenario: Any, vary: Mapping[str, Any] | Sequence[str] = (), **options
                 with Study(plan.job, ledger, options, total - finished, chunk) as study:
                     study.ask(np.flatnonzero(~done), plan.task, advance)
             except KeyboardInterrupt as error:
-                error.add_note(f"Finished points are in {folder}: repeat the command to go on.")
+                error.add_note(f"Finished points are in {folder}: repeat the command to continue.")
                 raise
         study_table = Sweep(ledger.finish(), ledger.notes, plan)
     study_table.notes += study_table.undefined()

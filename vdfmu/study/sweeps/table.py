@@ -1,4 +1,4 @@
-"""The table of a parameter study, a row for each point, on disk; and its axes and measures as figures have them."""
+"""The table of a parameter study on disk, with a row per point, and its axes and measures as data for figures."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _FACTS = Record({
     "axes": List(TEXT), "measures": Keyed(TEXT), "units": Keyed(TEXT), "parameters": Keyed(ANY), "options": Keyed(ANY),
     "systems": List({"package": TEXT}),
 }, {"engine": TEXT})  # fmt: skip
-"""Facts of the study that are read, and their types."""
+"""The facts of a study that are read, and their types."""
 
 
 _TUNED = Record({
     "points": Record(dict.fromkeys(("start", "chosen", "infeasible"), List(WHOLE))),
     "comparison": List(Record({"name": TEXT, "before": NUMBER, "after": NUMBER})),
 })  # fmt: skip
-"""Results of a search that are read, and their types."""
+"""The results of a search that are read, and their types."""
 TUNED = "tune.json"
 """File of these results."""
 
@@ -51,13 +51,13 @@ class SearchPoints(NamedTuple):
     """Points with the values of the scenario."""
     chosen: frozenset[int]
     infeasible: frozenset[int]
-    """Points that failed, or miss a limit or the margin."""
+    """Points that failed or violate a limit or the margin."""
     compared: Mapping[str, tuple[float, float]]
     """Name of a cost, measure or margin to its values at the start and at the chosen point."""
 
 
 def _sealed(folder: Path) -> bool:
-    """Whether this user made the study in a folder."""
+    """Return whether this user made the study in a folder."""
     try:
         facts = dict(read_json(readable(folder / LEDGER)))
         return is_own(facts.pop("seal", None), facts, str(folder.resolve()))
@@ -66,7 +66,7 @@ def _sealed(folder: Path) -> bool:
 
 
 def _foreign_table(path: Path, columns: Sequence[str] | None = None) -> Any:
-    """Return the table of a file of someone else, or some of its columns; see `read_foreign`."""
+    """Return the table of someone else's file, or some of its columns; see `read_foreign`."""
     if path.suffix == Path(PLAIN).suffix:
         return table_of(path, columns)
     pyarrow, _ = needed()
@@ -119,11 +119,11 @@ class StudyTable:
         return [c for c in self.columns if c.partition("[")[0] in names]
 
     def table(self, columns: Sequence[str] | None = None) -> Any:
-        """Return a ``pyarrow.Table`` of some columns, or all; of a study in CSV a table with some of its methods."""
+        """Return a ``pyarrow.Table`` of some columns, or all; for a study in CSV a table with some of its methods."""
         for name in columns or ():
             if name not in self.columns:
                 if (group := name.partition("[")[0]) in self.facts["measures"]:
-                    self.elements(group)  # an error where all points failed
+                    self.elements(group)  # an error if all points failed
                 way = close_to(name, self.columns) or f"; it has {', '.join(self.columns)}"
                 raise UsageError(f"the study has no column {name!r}{way}")
         tables = [
@@ -153,7 +153,7 @@ class StudyTable:
 
     @cached_property
     def search(self) -> SearchPoints | None:
-        """The points of a search by their roles; None for a sweep, and before a search has ended."""
+        """The points of a search by role; None for a sweep, and before a search has ended."""
         file = self.folder / TUNED
         if "tune" not in self.facts or not file.exists():
             return None
@@ -169,12 +169,12 @@ class StudyTable:
 
     @property
     def robots(self) -> int:
-        """Robots that each value of a search runs with; 1 for a sweep."""
+        """Number of robots with which each value of a search runs; 1 for a sweep."""
         return self.facts["n"] if "tune" in self.facts else 1
 
     @property
     def failed(self) -> dict[int, str]:
-        """Why points failed, by their number."""
+        """Reasons why points failed, by point number."""
         if not self._files:
             return {}
         table = self.table(["point", "failed"])
@@ -185,7 +185,7 @@ class StudyTable:
         }
 
     def elements(self, by: str | None = None) -> list[str]:
-        """Return the columns of a measure, default the first, or a column itself; UsageError for an unknown name."""
+        """Return the columns of a measure, by default the first, or a column itself; UsageError for an unknown name."""
         name = by or next(iter(self.facts["measures"]), "")
         columns = [c for c in self.columns if name in (c, c.partition("[")[0])]
         if not columns and name in self.facts["measures"]:
@@ -208,7 +208,7 @@ class StudyTable:
         return Sheet(f"Measures of {self.facts['scenario']}", columns, rows, [])
 
     def ranges(self) -> list[list[str]]:
-        """Return for each column of a measure: name, smallest, median, largest, points of smallest and largest."""
+        """Return for each column of a measure the name, smallest, median, largest, points of smallest and largest."""
         points, rows = self["point"], list[list[str]]()
         for column in self.measures:
             values = self[column]
@@ -226,7 +226,7 @@ class StudyTable:
         return [f"{c} has no finite value at {n} of {len(points)} points." for c, n in counts.items() if n]
 
     def row(self, which: int | str, by: str | None = None) -> dict[str, Any]:
-        """Return a point: its number, or ``worst`` or ``best`` by the largest element of a measure, or by a column."""
+        """Return a point, given by number, or as ``worst`` or ``best`` by a measure's largest element or a column."""
         if which in ("worst", "best"):
             values = self.values(by)
             if which == "best" and self.search and not self.search.chosen & self.search.infeasible:
@@ -243,7 +243,7 @@ class StudyTable:
         return self.table().slice(place, 1).to_pylist()[0]
 
     def require_own(self, trust: bool = False) -> None:
-        """Raise UsageError unless the user made the study, in this folder, or trusts the files that it names."""
+        """Raise UsageError unless the user made the study in this folder, or trusts the files that it names."""
         if not trust and not is_own(*self._sealed):
             raise UsageError(
                 f"{self.path}: its scenario was not run, because the study was made elsewhere or with another cache, "
@@ -253,8 +253,8 @@ class StudyTable:
     def options(self, which: int | str = "worst", by: str | None = None, *, trust: bool = False) -> dict[str, Any]:
         """Return the options of `vdfmu.run` for the run of a point: ``vdfmu.run(**sweep.options("worst"))``.
 
-        `notes` says if the scenario, or a file that it names, has changed since the study. UsageError: see `row`; for a
-        study of a package, of inputs that were not a file, or, without `trust`, from elsewhere.
+        `notes` says if the scenario, or a file that it names, has changed since the study. UsageError as in `row`, and
+        for a study of a package, with inputs that were not a file, or, without `trust`, from elsewhere.
         """
         from vdfmu.study.sweeps.plan import digest
 
@@ -264,7 +264,10 @@ class StudyTable:
             kept = self.folder / Path(source).name
             values = ", ".join(f"{axis}={row[axis]}" for axis in self.axes)
             package = kept if kept.exists() else source
-            raise UsageError(f"{self.path}: is a study of a package: 'vdfmu run {package}' runs it, with {values}.")
+            raise UsageError(
+                f"{self.path}: expected a study of a scenario, got one of a package. Use 'vdfmu run {package}' and set "
+                f"{values}."
+            )
         system, options = self.system(row)
         if digest(system.content) not in [each["package"] for each in was]:
             self._note(f"{source}: its values, units or robot have changed since the study.")
@@ -279,7 +282,7 @@ class StudyTable:
             self.notes.append(note)
 
     def system(self, row: Mapping[str, Any]) -> tuple[WiredSystem, dict[str, Any]]:
-        """Return the system of a point, and the options of its run, without the parameters that vary."""
+        """Return the system of a point, and the options of its run without the varied parameters."""
         from vdfmu.study.sweeps.plan import of_scenario
 
         switched = {axis: row[axis] for axis in self.axes if is_option(axis)}
@@ -305,26 +308,26 @@ _FIFTHS = 5
 
 @dataclass(frozen=True)
 class Side:
-    """A column as a figure has it."""
+    """A column as data for a figure."""
 
     name: str
     unit: str
     values: Floats
-    """(n,): Numbers; for words, their places in `words`."""
+    """Numbers (n,); for words the places in `words`."""
     log: bool = False
     words: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class View:
-    """A measure over the axes that vary, the most influential first."""
+    """A measure over the varied axes, the most influential first."""
 
     sides: list[Side]
     value: Side
 
 
 def view(study: StudyTable, measure: str | None = None) -> View:
-    """Read the data in figures of a measure, or of one of its columns; UsageError if all failed."""
+    """Read the data for figures of a measure, or of one of its columns; UsageError if all points failed."""
     columns = study.elements(measure)
     values = study.values(measure)
     name, units = columns[0].partition("[")[0], study.facts["units"]
@@ -342,7 +345,7 @@ def view(study: StudyTable, measure: str | None = None) -> View:
         if column.dtype.kind not in "iuf":
             words = tuple(dict.fromkeys(map(str, axis.values)))
             places = np.array([words.index(str(each)) for each in column], dtype=float)
-            names = tuple(Path(word).name for word in words)  # of files without their folders
+            names = tuple(Path(word).name for word in words)  # files are named without their folders
             side = Side(label, "", places, words=names if len(set(names)) == len(words) else words)
         else:
             log = axis.form in ("log", "lognormal") and column.min() > 0.0
@@ -356,14 +359,14 @@ def view(study: StudyTable, measure: str | None = None) -> View:
 
 
 def groups(side: Side, value: Side) -> list[tuple[float, float]]:
-    """Return means of a side and of the measure, at each value of a side with few, else in fifths of its points."""
+    """Return means of a side and of the measure, at each value if the side has few, else in fifths of the points."""
     good = np.isfinite(value.values)
     x, y = side.values[good], value.values[good]
     return [(float(np.mean(x[part])), float(np.mean(y[part]))) for part in parts_of(x, bool(side.words))]
 
 
 def parts_of(x: Floats, words: bool) -> list[NDArray[np.intp]]:
-    """Return the places of each value of a side with few, or with `words`, else of each fifth of its points."""
+    """Return the places of each value if a side has few, or has `words`, else of each fifth of the points."""
     distinct = np.unique(x)
     if len(distinct) <= _FIFTHS or words:
         return [np.flatnonzero(x == level) for level in distinct]

@@ -1,4 +1,4 @@
-"""Workers of a parameter study: processes that run chunks of points, replaced if a point kills them or hangs."""
+"""Workers of a parameter study: processes that run chunks of points and are replaced if a point crashes or hangs."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ TIME_LIMIT = 600.0
 _START = 120.0
 """Time limit [s] for the start of the process."""
 _TRIES = 3
-"""Number of processes that may be killed from outside at the same point."""
+"""How many processes may be killed from outside at the same point."""
 KILLED = "the process was killed (SIGKILL)"
-"""Start of the reason for a point that ran out of memory or was killed, which is not a fault of the model."""
-_WRITTEN = "a component wrote into the pipe of the worker"
+"""Start of the reason for a point that ran out of memory or was killed, which is no fault of the model."""
+_WRITTEN = "a component wrote to the worker's pipe"
 _HEAD = {
     "point": int,
     "failed": (str, type(None)),
@@ -36,20 +36,20 @@ _HEAD = {
     "failed_in": (str, type(None)),
     "kind": (str, type(None)),
 }
-"""Keys that each row has, and their types; the others are measures."""
+"""Keys of each row and their types; others are measures."""
 
 
 LARGEST = 50
 """Most points in a chunk."""
 _SECONDS = 10.0
-"""Time [s] that a chunk should take: the most that is lost when all is killed."""
+"""Time [s] that a chunk should take, which is the most that is lost if everything is killed."""
 
 
 class Chunks:
-    """Hands out consecutive `points` in their order, as many as take some seconds, fewer towards the end.
+    """Hands out consecutive `points` in order, as many as take some seconds, and fewer towards the end.
 
-    A chunk has the tasks of `size` points, by default by the time that they take, at most `LARGEST`; and a multiple of
-    the number of points that run side by side, `together`.
+    A chunk has the tasks of `size` points, by default chosen by the time that they take, at most `LARGEST`; it is a
+    multiple of `together`, the number of points that run side by side.
     """
 
     def __init__(
@@ -61,13 +61,13 @@ class Chunks:
         self._points, self._seconds = 0, 0.0
 
     def note(self, seconds: float) -> None:
-        """Take into account how long a point took."""
+        """Record how long a point took."""
         with self._lock:
             self._points += 1
             self._seconds += seconds
 
     def take(self, parts: int) -> list[Task] | None:
-        """Return the next chunk, by default at most one of `parts` of the rest; None at the end."""
+        """Return the next chunk, by default at most 1 / `parts` of the rest; None at the end."""
         with self._lock:
             size = self._size
             if size is None:
@@ -84,7 +84,7 @@ class Chunks:
         return [self._task(int(point)) for point in part]
 
     def stop(self) -> None:
-        """Hand out no more chunks."""
+        """Stop handing out chunks."""
         with self._lock:
             self._next = len(self._open)
 
@@ -104,8 +104,8 @@ class Worker:
     def run(self, tasks: Sequence[Task]) -> Iterator[Row]:
         """Yield a row for each point, in order; nothing more after `stop`. VdfmuError if no process can be started.
 
-        Points that a program runs side by side are sent together; if that ends the process, or takes longer than a
-        point may, they are run one by one, by their FMUs.
+        Points that a program runs side by side are sent together. If that ends the process, or takes longer than one
+        point may, they are run one by one with their FMUs.
         """
         left = list(tasks)
         apart = 0  # number of the next points
@@ -165,7 +165,7 @@ class Worker:
             child.kill()
 
     def close(self) -> None:
-        """Let the process end, and remove its temporary folder."""
+        """End the process gracefully, and remove its temporary folder."""
         with self._folders:
             if self._child is not None:
                 self._end(self._child)
@@ -182,7 +182,7 @@ class Worker:
             raise VdfmuError(f"a worker could not be started: {ready}. Check that its measures can be imported.")
 
     def _reply(self, child: Child) -> Any:
-        """Return the next message, or, as text, why none came."""
+        """Return the next message or, as text, why there is none."""
         with suppress(EOFError):
             return child.take()
         code, said = self._end(child)
@@ -206,7 +206,7 @@ class Worker:
 
 
 def _rows(message: Any, points: Sequence[int]) -> list[Row] | str:
-    """Return the rows of points, with arrays for lists; or, as text, that they are not the worker's."""
+    """Return the rows of points, with lists as arrays, or a text if they do not come from the worker."""
     good = isinstance(message, list) and len(message) == len(points)
     good = good and all(
         isinstance(row, dict)

@@ -1,4 +1,4 @@
-"""The system of a scenario for all formats: signals, connections and parameter sets of its units."""
+"""The system of a scenario, for all formats: signals, connections and parameter sets of its units."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from vdfmu.system.scenario.values import system_values
 
 
 class PackageSignal(NamedTuple):
-    """A variable for tools: a scalar, or an array of FMI 3."""
+    """A variable as tools see it: a scalar, or an array of FMI 3."""
 
     name: str
     """Name in the FMU."""
     variables: tuple[Variable, ...]
     """Elements, row by row."""
     shape: tuple[int, ...]
-    """Empty for a scalar."""
+    """Shape, empty for a scalar."""
     type: str
     """Name in the format."""
 
@@ -46,7 +46,7 @@ class PackageSignal(NamedTuple):
 
     @property
     def description(self) -> str:
-        """Description, without the index for an array."""
+        """Description, for an array without the index."""
         text = self.variables[0].description
         return general_description(text) if self.shape else text
 
@@ -77,7 +77,7 @@ class Binding(NamedTuple):
     file: str
     """Name of the set's file."""
     mapping: tuple[tuple[str, str], ...] = ()
-    """Names in the set and in the component. Empty if equal."""
+    """Names in the set and in the component; empty if they are equal."""
 
 
 class SystemDescription:
@@ -104,7 +104,7 @@ class SystemDescription:
         self._signals = {component: self._signals_of(table) for component, table in self.tables.items()}
 
     def fmu_name(self, component: str) -> str:
-        """Return the file of a component's FMU in a package. Links and joints of a kind share a file."""
+        """Return the file of a component's FMU in a package. Links and joints of the same kind share a file."""
         table = self.tables[component]
         model = table.model_name
         shared = isinstance(table, Interface) and table.unit.exchange
@@ -142,7 +142,7 @@ class SystemDescription:
         )
 
     def _links(self, source: str, target: str) -> list[ElementConnection]:
-        """Return a connection of whole arrays, or a connection for each element."""
+        """Return a connection of whole arrays, or one per element."""
         start, end = (name.partition(".")[0] for name in (source, target))
         joined = self.resolved.joined(source, target)
         pairs = [(self._signal_of[start, a.name], self._signal_of[end, b.name]) for a, b in joined]
@@ -166,15 +166,15 @@ class SystemDescription:
 
     @cached_property
     def parameter_sets(self) -> dict[str, ParameterSet]:
-        """Name of a file to its set."""
+        """File name to its set."""
         return self._sets[0]
 
     @cached_property
     def bindings(self) -> dict[str, list[Binding]]:
-        """Component to its sets, in the order of application. A value is in a single set.
+        """Component to its sets, in the order of application. Each value is in only one set.
 
-        The scenario's set comes first, because some importers apply the first set only. The start values of the FMUs
-        have the robot too.
+        The scenario's set comes first, because some importers apply only the first set; the robot is also in the FMUs'
+        start values.
         """
         return self._sets[1]
 
@@ -211,7 +211,7 @@ class SystemDescription:
         return files, bindings
 
     def _entries(self, component: str) -> dict[str, Entry]:
-        """Return the parameters of a component with a value of any element."""
+        """Return the parameters of a component that have a value for any element."""
         values = self.values[component]
         return {
             s.name: (s, tuple(values.get(v.name, v.start) for v in s.variables))
@@ -220,7 +220,7 @@ class SystemDescription:
         }
 
     def _take_shared(self, left: dict[str, dict[str, Entry]]) -> dict[str, Any]:
-        """Move equal shared parameters out of `left`: name to entries, and component to mapping."""
+        """Move equal shared parameters out of `left`; return name to entries, and component to mapping."""
         taken: dict[str, Any] = {}
         for name, groups in self._shared.items():
             members = {
@@ -247,7 +247,7 @@ def _counted(signal: PackageSignal, variable: Variable) -> tuple[int, ...]:
 
 
 def _corners(system: SystemFile) -> dict[str, Box]:
-    """Return the corners of every component in the diagram. Components without a box get columns at the right."""
+    """Return the corners of every component in the diagram. Components without a box are in columns on the right."""
     boxes = [part.box for part in system.parts.values() if part.box is not None]
     x = max((box[2] for box in boxes), default=-60.0) + 60.0
     bottom = min((box[1] for box in boxes), default=0.0)
@@ -259,13 +259,13 @@ def _corners(system: SystemFile) -> dict[str, Box]:
 
 
 def _key(entry: Entry) -> tuple[Any, ...]:
-    """Return the properties that entries with a shared value have in common."""
+    """Return the properties that entries must share to share a value."""
     signal, values = entry
     return signal.shape, signal.type, signal.unit, tuple(v.index for v in signal.variables), tuple(values)
 
 
 def positions(signals: Sequence[PackageSignal]) -> list[float]:
-    """Return the heights of connectors on a side of the box, from 0 to 1: evenly, with a gap before each group."""
+    """Return the heights, 0 to 1, of connectors on a side of the box: even, with a gap before each group."""
     begins = [k == 0 or signal.group != signals[k - 1].group for k, signal in enumerate(signals)]
     slots = np.arange(len(signals)) + np.cumsum(begins)
     return np.round(1.0 - slots / (len(signals) + sum(begins) + 1.0), 6).tolist()

@@ -1,7 +1,7 @@
-"""Layout of the diagram of a system: columns of cards, a wire for each vector.
+"""Layout of a system's diagram: columns of cards, and a wire for each vector.
 
-A wire runs from the vector of a source to its sinks by horizontal and vertical lines: straight to the next column, to
-all others below the cards. All lengths are pixels, y downwards.
+A wire runs from the vector of a source to its sinks by horizontal and vertical lines: directly to the next column, and
+below the cards to all others. All lengths are in pixels, y is downwards.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from itertools import count, pairwise
 from typing import NamedTuple
 
 Port = tuple[str, str]
-"""A component, and the name of a scalar or of an array without its indices."""
+"""A component, and the name of a scalar, or of an array without indices."""
 Point = tuple[float, float]
 
 HEAD, ROW = 50.0, 24.0
 """Heights of the head of a card, and of a connector."""
 STUB, LANE, EDGE = 124.0, 9.0, 14.0
-"""Lengths of a wire before its lane, with room for its width and value, between lanes, and of margins."""
+"""Lengths of a wire before its lane, with space for its width and value, between lanes, and of margins."""
 _GAP = 30.0
 """Distance of cards in a column."""
 LETTER = 0.62
@@ -32,19 +32,19 @@ class Net(NamedTuple):
     start: Port
     ends: Sequence[Port]
     width: str
-    """Size of the vector, ``6`` or ``6 × 6``."""
+    """Size of the vector as text, ``6`` or ``6 × 6``."""
 
 
 @dataclass
 class Card:
-    """A component with its connected vectors and its place."""
+    """A component with its connected vectors and its position."""
 
     name: str
     words: str = ""
     inputs: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     free: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """Names of free vectors by their kind."""
+    """Names of free vectors by kind."""
     icon: bytes | None = None
     x: float = 0.0
     y: float = 0.0
@@ -72,7 +72,7 @@ class Wire(NamedTuple):
 
 
 class PlacedSystem(NamedTuple):
-    """Wires among the placed cards, and the size of the picture."""
+    """Wires between the placed cards, and the size of the picture."""
 
     wires: list[Wire]
     width: float
@@ -80,7 +80,7 @@ class PlacedSystem(NamedTuple):
 
 
 def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -> PlacedSystem:
-    """Place every card and return the wires. `ordered`: the cards are placed from left to right."""
+    """Place every card and return the wires. If `ordered`, the cards are placed from left to right."""
     by_name = {card.name: card for card in cards}
     order = list(by_name) if ordered else _order(list(by_name), nets)
     for name in order:
@@ -98,7 +98,7 @@ def arrange(cards: Sequence[Card], nets: Sequence[Net], ordered: bool = False) -
 
 
 def _order(names: Sequence[str], nets: Sequence[Net]) -> list[str]:
-    """Return an order in which a component follows its sources, as far as there is no loop."""
+    """Return an order in which components follow their sources, as far as there is no loop."""
     sources = {name: {net.start[0] for net in nets for end, _ in net.ends if end == name} - {name} for name in names}
     order, left = list[str](), list(names)
     while left:
@@ -108,18 +108,18 @@ def _order(names: Sequence[str], nets: Sequence[Net]) -> list[str]:
 
 
 class _DiagramLayout:
-    """Lanes and lines of nets between columns of cards. Gap k is right of column k."""
+    """Lanes and lines of nets between columns of cards. Gap k is to the right of column k."""
 
     def __init__(self, columns: Sequence[Sequence[Card]], nets: Sequence[Net]) -> None:
         self.columns, self.nets = columns, nets
         self.cards = {card.name: card for column in columns for card in column}
         self.around = [[end for end in net.ends if self._gap(net, end) != 1] for net in nets]
-        """Ends of each net that it reaches below all cards."""
+        """Ends that each net reaches below all cards."""
         self.lanes: dict[int, float] = {}
         self.entries: dict[tuple[int, int], float] = {}
 
     def _gap(self, net: Net, end: Port) -> int:
-        """Return how many columns an end is right of its source."""
+        """Return how many columns an end is to the right of its source."""
         return self.cards[end[0]].column - self.cards[net.start[0]].column
 
     def placed(self) -> PlacedSystem:
@@ -131,7 +131,7 @@ class _DiagramLayout:
         return PlacedSystem(wires, width, max([bottom, *tracks.values()]) + EDGE)
 
     def _stack(self) -> float:
-        """Stack cards near the height of their inputs. Return the lowest edge."""
+        """Stack cards near the height of their inputs, and return the lowest edge."""
         bottom = 0.0
         for column in self.columns:
             y = 0.0
@@ -154,7 +154,7 @@ class _DiagramLayout:
         return card.y + card.port("input", end[1])
 
     def _spread(self) -> float:
-        """Place the columns of cards with gaps as wide as their lanes. Return the width."""
+        """Place the columns of cards with gaps as wide as their lanes, and return the width."""
         x = EDGE
         for gap in range(-1, len(self.columns)):
             if gap >= 0:
@@ -181,7 +181,7 @@ class _DiagramLayout:
         return x
 
     def _tracks(self, bottom: float) -> dict[int, float]:
-        """Return the height of each path below the cards: short paths above, overlapping paths below each other."""
+        """Return the height of each path below the cards: short paths on top, overlapping paths below each other."""
         reach = {
             i: [self.lanes[i], *(self.entries[i, self.cards[end].column] for end, _ in ends)]
             for i, ends in enumerate(self.around)
@@ -212,7 +212,7 @@ class _DiagramLayout:
 
 
 def _lane_order(nets: Sequence[int], leaving: Mapping[int, tuple[float, list[float]]]) -> Iterator[int]:
-    """Yield nets so that a net that starts at a height precedes nets that end there. A cycle starts with its first."""
+    """Yield nets so that one that starts at a height precedes those that end there. Cycles start with the first."""
     left = list(nets)
     while left:
         free = (i for i in left if not any(abs(leaving[j][0] - y) < 0.5 for j in left if j != i for y in leaving[i][1]))
@@ -222,7 +222,7 @@ def _lane_order(nets: Sequence[int], leaving: Mapping[int, tuple[float, list[flo
 
 
 def card_width(card: Card) -> float:
-    """Return the width of a card: its name next to an icon, and its connectors on both sides."""
+    """Return the width of a card for its name next to an icon and the connectors on both sides."""
     longest = [max((len(name) for name in names), default=0) for names in (card.inputs, card.outputs)]
     free = len(free_words(card))
     return max(120.0, 58.0 + LETTER * 14.0 * len(card.name), 58.0 + LETTER * 12.0 * len(card.words),

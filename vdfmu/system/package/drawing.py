@@ -1,4 +1,4 @@
-"""The diagram of a system as SVG: a card for a component, a wire for a vector, in light and dark schemes."""
+"""The diagram of a system as SVG: a card per component, a wire per vector, in light and dark schemes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vdfmu.system.package.description import SystemDescription
 
 _COLOURS = 4
-"""Number of colours of wires, by their source."""
+"""Number of colours of wires, which depend on the source."""
 _STYLE = """
 svg.system { font: 13px system-ui, "DejaVu Sans", Arial, sans-serif; color: #24292f; --back: #fff; --card: #f2f5f9;
   --soft: #57606a; --w0: #0b5cad; --w1: #b8500c; --w2: #1a7f37; --w3: #8e3b8c; }
@@ -67,25 +67,25 @@ _POWERS = {"dddot": "(3)", "ddddot": "(4)"}
 
 
 _CUTS = ("V_A", "V_B", "V_C", "V_D")
-"""Connectors by which the pieces of an arm pass on their velocities."""
+"""Connectors through which an arm's subsystems pass on their velocities."""
 _FEWEST = 4
-"""Pieces that are drawn as one box."""
+"""Subsystems that are drawn as one box."""
 _WIDTHS = (1.5, 1.3, 5.4)
-"""Width [px] of a wire whose error is at most a hundredth of the wanted one, by how much a factor of ten widens it, and
-the largest."""
+"""Width [px] of a wire whose error is at most a hundredth of the requested one, the increase for a factor of ten, and
+the largest width."""
 Kinds = Mapping[str, Mapping[str, Sequence[str]]]
 """Component to kind of connector to names."""
 
 
 class Coupling(NamedTuple):
-    """Coupling errors of a judged run, and the largest that was wanted, as shares of the signals' ranges."""
+    """Coupling errors of a judged run, and the requested largest error, relative to the signals' ranges."""
 
     errors: Mapping[str, float]
-    """By ``component.signal``, of an array the largest of its elements."""
+    """Errors by ``component.signal``; for an array the largest of its elements."""
     wanted: float
 
     def width(self, error: float) -> float:
-        """Return the width of a wire whose signal has an error [px]."""
+        """Return the width [px] of a wire whose signal has this error."""
         least, more, most = _WIDTHS
         share = 100.0 * error / self.wanted
         return min(least + more * math.log10(share), most) if share > 1.0 else least
@@ -97,8 +97,8 @@ _UNJUDGED = Coupling({}, 1.0)
 def system_diagram(package: Path, held: Container[str] = (), coupling: Coupling = _UNJUDGED) -> str:
     """Return HTML with the picture of the system in a package, or an empty text.
 
-    `held` inputs read the last step's value. Errors of `coupling` widen wires. Pieces of an arm are one box, and all of
-    them in a picture that opens. A key has the colours and the widths.
+    `held` inputs read the value of the last step. Errors of `coupling` widen wires. An arm's subsystems are one box,
+    and are all drawn in a picture that can be opened. A key explains the colours and the widths.
     """
     if not package.is_file():
         return ""
@@ -136,7 +136,7 @@ def system_diagram(package: Path, held: Container[str] = (), coupling: Coupling 
 
 
 def _boxes(links: Iterable[tuple[Port, Port]]) -> dict[str, list[str]]:
-    """Return the pieces of each arm, joined by their velocities, by the common start of their names."""
+    """Return the subsystems of each arm, which are connected through velocities, by the common start of their names."""
     arms = list[list[str]]()
     for link in links:
         if all(name.partition("[")[0] in _CUTS for _, name in link):
@@ -154,9 +154,9 @@ def _folded(
     held: Container[str],
     errors: Mapping[str, float],
 ) -> tuple[Kinds, list[tuple[Port, Port]], set[str], dict[str, float]]:
-    """Return components and links with boxes for their pieces, whose equal connectors are a vector.
+    """Return components and links with boxes instead of subsystems; equal connectors of these form a vector.
 
-    Also return the held inputs and the errors of signals, the largest of each vector.
+    Also return the held inputs, and the errors of signals, for each vector the largest.
     """
     late, worst, numbers = set[str](), dict(errors), dict[tuple[str, str, str], dict[str, int]]()
     box_of = {piece: box for box, pieces in boxes.items() for piece in pieces}
@@ -187,7 +187,7 @@ def _folded(
 
 
 def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]], coupling: Coupling) -> str:
-    """Return the key of the colours of wires, the components from which they lead, and of their widths."""
+    """Return the key of the wires' colours, which stand for source components, and of their widths."""
     sources = {start[0] for start, _ in links}
     named = [[name for name in order[k::_COLOURS] if name in sources] for k in range(_COLOURS)]
     line = (
@@ -210,7 +210,7 @@ def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]], coupling: Cou
 
 
 def _places(ssd: Any) -> dict[str, tuple[float, float, str]]:
-    """Return the left and upper edge of components of an SSD, and the source of their icon."""
+    """Return the left and top edges of an SSD's components, and the sources of their icons."""
     components = ssd.iterfind("ssd:System/ssd:Elements/ssd:Component", NAMESPACES)
     geometry = {c.get("name"): c.find("ssd:ElementGeometry", NAMESPACES) for c in components}
     return {
@@ -245,7 +245,7 @@ def draw_system(description: SystemDescription, icons: Mapping[str, bytes]) -> s
 
 
 def _in_order(kinds: Kinds, places: Mapping[str, tuple[float, float, str]]) -> list[str]:
-    """Return the components from left to right if all have places, else as they are declared."""
+    """Return the components from left to right if all have positions, else in the order of declaration."""
     return sorted(kinds, key=places.__getitem__) if all(name in places for name in kinds) else [*kinds]
 
 
@@ -259,7 +259,7 @@ def _draw(
     held: Container[str] = (),
     coupling: Coupling = _UNJUDGED,
 ) -> str:
-    """Draw components with connectors by kind, and their links. Places of all give the order from left to right."""
+    """Draw components with connectors by kind, and their links. If all have positions, these order them."""
     if not kinds:
         return ""
     ends: dict[Port, dict[Port, None]] = {}
@@ -280,7 +280,7 @@ def _draw(
             "output": dict.fromkeys(port for component, port in ends if component == name),
         }
         declared = {kind: vectors(connectors.get(kind, ())) for kind in used}
-        # in the order of declaration, then connected names without a declaration
+        # in the order of declaration, then connected but undeclared names
         connected = {kind: [n for n in {**declared[kind], **names} if n in names] for kind, names in used.items()}
         free = {kind: [n for n in names if n not in used[kind]] for kind, names in declared.items()}
         same = "" if words[name].lower() == name.lower() else words[name]
@@ -306,7 +306,7 @@ def _draw(
 
 
 def _shape(names: Iterable[str]) -> str:
-    """Return the size of a vector from its connected elements. Empty for a scalar."""
+    """Return the size of a vector from its connected elements; empty for a scalar."""
     matches = (re.search(r"\[([\d,]+)\]$", name) for name in names)
     indices = [[int(i) for i in match[1].split(",")] for match in matches if match]
     return " × ".join(str(max(index)) for index in zip(*indices, strict=False)) if indices else ""
@@ -323,7 +323,7 @@ def _wire(wire: Wire, colour: int, late: Container[tuple[Port, Port]], coupling:
         title += f"; {words}"
         judged = f' data-error="{escape(signal)}: {words}." style="--width: {width:.2g}px"'
         wide = 0.5 * (width - _WIDTHS[0])
-    lines = ([*line[:-1], (line[-1][0] - 4.0 * wide, line[-1][1])] for line in wire.lines)  # a tip stays pointed
+    lines = ([*line[:-1], (line[-1][0] - 4.0 * wide, line[-1][1])] for line in wire.lines)  # keeps the tip pointed
     path = "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) for line in lines)
     marks = [f'<circle cx="{x:g}" cy="{y:g}" r="3"/>' for x, y in wire.dots]
     for end, line in zip(net.ends, wire.lines, strict=True):
@@ -370,7 +370,7 @@ def _card(card: Card) -> str:
 
 
 def _label(place: Point, name: str, style: str) -> str:
-    """Return the label of a variable as in the paper: ``kappa_dot_d`` as κ̇ with the index d. Other names unchanged."""
+    """Return the label of a variable as in the paper: ``kappa_dot_d`` as κ̇ with index d. Other names are unchanged."""
     first, *rest = name.split("_")
     text = f'<text class="{style}" x="{place[0]:g}" y="{place[1]:g}"><title>{escape(name)}</title>'
     if not (len(first) == 1 or first in _GREEK):

@@ -24,7 +24,7 @@ def add_units(parent: Any, name: str, units: Iterable[str]) -> None:
 
 
 def value_text(kind: str, value: Any) -> str:
-    """Return a parameter's value of a type of SSP as text."""
+    """Return a parameter's value as text for its SSP type."""
     if kind == "Boolean":
         return str(bool(value)).lower()
     return str(int(value)) if kind in ("Integer", "Int32") else repr(float(value))
@@ -32,7 +32,7 @@ def value_text(kind: str, value: Any) -> str:
 
 _SIDES = {"input": 0.0, "output": 1.0}
 _MARGIN = 12.0
-"""Margin around the boxes [mm], doubled above for the note."""
+"""Margin around the boxes [mm], twice as large above because of the note."""
 
 
 def structure_file(description: SystemDescription) -> Any:
@@ -148,7 +148,7 @@ def mapping_file(pairs: Sequence[tuple[str, str]], version: str) -> Any:
 
 
 def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_versions: Sequence[str]) -> bytes:
-    """Return ``documentation/index.html``, without other files and network, with icons by their sources."""
+    """Return ``documentation/index.html``, which needs no other files and no network, with icons by source."""
     scenario = description.scenario
     about = [f"Scenario {scenario.name}: {scenario.description.rstrip('.')}."]
     if scenario.robot is not None:
@@ -158,7 +158,7 @@ def system_page(description: SystemDescription, icons: Mapping[str, bytes], fmi_
 <div class="wide">
 {draw_system(description, icons)}
 </div>
-<p>A wire is a scalar, or an array with its size. Connectors without a wire are outputs to record, and inputs that keep
+<p>A wire is a scalar, or an array with its size. Connectors without a wire are recorded outputs, and inputs that keep
 the values of the parameter sets.</p>
 <h2>Components</h2>
 {_components(description)}
@@ -201,7 +201,7 @@ def _run(description: SystemDescription) -> str:
 <code>{scenario.algorithm}</code> algorithm and a solver tolerance of {description.tolerance:g}, which the annotations
 of the default experiment contain too.</p>
 <p>The parameter sets of a component apply in the order of its bindings. An importer that applies only one of them
-applies <code>scenario</code>; the other values are also start values of the FMUs, if <code>vdfmu ssp</code> made this
+applies <code>scenario</code>; the other values are also start values of the FMUs if <code>vdfmu ssp</code> made this
 package.</p>"""
     if not description.arrays:
         outputs = [f"{name}.{s.name}" for name in description.tables for s in description.signals(name, "output")]

@@ -1,4 +1,4 @@
-"""Build the FMUs of a scenario, and write its system as a package: SSP 1.0 or 2.0."""
+"""Builds the FMUs of a scenario and writes its system as a package: SSP 1.0 or 2.0."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ _VERSION = re.compile(rb'<fmiModelDescription[^>]*\sfmiVersion="([^"]*)"')
 
 
 def ssp_format(version: str) -> SspFormat:
-    """Return a version of SSP by its name. UsageError for an unknown one."""
+    """Return a version of SSP by name. UsageError for an unknown one."""
     if version not in SSP_FORMATS:
         raise UsageError(f"There is no SSP {version!r} here. There are: {', '.join(map(repr, SSP_FORMATS))}.")
     return SSP_FORMATS[version]
 
 
 def fmi_of_format(form: str, backend: str | None) -> str:
-    """Return the version of FMI of a version of SSP. UsageError if unknown, or without units in this installation."""
+    """Return the FMI version of an SSP version. UsageError if it is unknown or its units cannot be built here."""
     version = ssp_format(form).fmi.name
     if version != PYTHON_FMI.name and backend == "python":
         raise UsageError(
-            f"--ssp {form}: holds units of FMI {version}, but Python FMUs are of FMI {PYTHON_FMI.name}. "
+            f"--ssp {form}: contains units of FMI {version}, but Python FMUs have FMI {PYTHON_FMI.name}. "
             f"Omit --backend python, or use --ssp {SSP_1.name}."
         )
     if version != PYTHON_FMI.name and not native_available():
         raise UsageError(
-            f"--ssp {form}: holds native units of FMI {version}, whose compiler is not installed. "
+            f"--ssp {form}: contains native units of FMI {version}, whose compiler is not installed. "
             f"Install it (pip install vdfmu[native]), or use --ssp {SSP_1.name}."
         )
     return version
 
 
 def require_fmi(fmus: Mapping[str, str | os.PathLike[str]], versions: Sequence[str], form: str) -> list[str]:
-    """Return the versions of FMI of units. StorageError if unreadable, UsageError for a version not in `versions`."""
+    """Return the FMI versions of units. StorageError if unreadable, UsageError for versions not in `versions`."""
     there: set[str] = set()
     for component, fmu in fmus.items():
         content = read_member(Path(fmu), "modelDescription.xml")
@@ -82,24 +82,25 @@ def write_ssp(
 ) -> Path:
     """Write the system of a scenario as a package with its FMUs.
 
-    It holds the structure with its diagram, parameter sets for robot and scenario, parameter mappings where names
-    differ, and ``documentation/index.html``. The same arguments give the same bytes.
+    It contains the structure with its diagram, parameter sets for robot and scenario, parameter mappings where names
+    differ, and ``documentation/index.html``. The result is reproducible to the bit.
 
     Parameters
     ----------
     scenario : Scenario
     fmus : mapping of component to path
         FMUs from :func:`vdfmu.arm.fmus.build_fmus`, for the scenario's robot: FMI 2.0 for SSP 1.0, FMI 3.0 for SSP 2.0.
-        Those that the scenario's system does not have are ignored.
+        FMUs of components that the scenario's system does not have are ignored.
     path : path
         File to write, ``name.ssp``.
     values : mapping of component to mapping of variable to value, optional
-        Parameter values, see :func:`vdfmu.system.scenario.values.system_values`; default those of robot and scenario.
+        Parameter values, see :func:`vdfmu.system.scenario.values.system_values`; by default those of robot and
+        scenario.
     version : "1.0" or "2.0", optional
-        Version of SSP. With 2.0 connectors and parameters are arrays where the units of FMI 3.0 have arrays.
+        Version of SSP. With 2.0, connectors and parameters are arrays if they are arrays in the FMI 3.0 units.
     mixed : bool, optional
-        Whether FMUs of FMI 2.0 and 3.0 may go together, for this project's master: with SSP 1.0, the connectors of
-        arrays of FMI 3.0 are their elements, which other tools do not read so.
+        Whether FMI 2.0 and 3.0 may be mixed, for this project's master: in SSP 1.0, arrays of FMI 3.0 then have a
+        connector per element, which other tools do not support.
 
     Returns
     -------
@@ -109,7 +110,7 @@ def write_ssp(
     Raises
     ------
     UsageError
-        For an unknown version, FMUs that the version cannot hold, or components without one.
+        For an unknown version, FMUs that the version does not support, or components without an FMU.
     StorageError
         If an FMU cannot be read, or the file cannot be written or is not a regular file.
     """
@@ -124,7 +125,7 @@ def write_ssp(
     if lacking := [component for component in description.tables if component not in fmus]:
         raise UsageError(
             f"fmus: expected one of each component of {scenario.name}, got none of {', '.join(lacking)}. Build them "
-            "with vdfmu.arm.fmus.build_fmus, or run vdfmu ssp, because it builds all of them."
+            "with vdfmu.arm.fmus.build_fmus, or run vdfmu ssp, which builds all of them."
         )
     there = require_fmi(fmus, tuple(FMI_VERSIONS) if mixed else (form.fmi.name,), f"SSP {version}")
     icons = {icon_source(name): _icon(table.name) for name, table in description.tables.items()}
@@ -139,7 +140,7 @@ def write_ssp(
 
 
 def system_texts(description: SystemDescription, version: str = SSP_1.name) -> dict[str, bytes]:
-    """Return the members of a package that are SSP's own text, by their paths: structure, parameter sets, mappings."""
+    """Return the text files of SSP in a package, by path: structure, parameter sets, mappings."""
     members = {
         "SystemStructure.ssd": _checked(files.structure_file(description), "ssd", "SystemStructure.ssd", version)
     }
@@ -161,7 +162,7 @@ def _icon(unit: str) -> bytes:
 
 
 def _checked(root: Any, kind: str, name: str, version: str) -> bytes:
-    """Return the content of a file, validated if the schemas are always installed."""
+    """Return the content of a file, validated if its schemas are always installed."""
     if SSP_FORMATS[version].always_validated:
         validate(root, kind, name, version)
     return to_bytes(root)
@@ -175,15 +176,15 @@ def build_parts(
     target: str = FMI,
     **options: Any,
 ) -> dict[str, Path]:
-    """Build the FMUs of the scenario's system, or take its foreign FMUs. Return component to FMU.
+    """Build the FMUs of the scenario's system, or use its foreign FMUs; return component to FMU.
 
     `values` are start values by component. `target` and `options`: see :func:`vdfmu.arm.fmus.build_fmus`. Components
     with the same unit have different FMUs if their start values differ. Components without an FMU for the target are
-    left out.
+    omitted.
     """
     against, robots = _reasons(scenario, target), scenario.resolved.robots
     units = {name: unit for name, unit in scenario.resolved.units.items() if not against[name]}
-    # links and joints of a kind share an FMU: the package has their numbers
+    # links and joints of the same kind share an FMU: the package has their numbers
     starts = {name: each for name, each in (values or {}).items() if name in units and not units[name].exchange}
     placed = _placed(units, robots, starts, Path(folder))
     foreign = scenario.system.parts.items() if target == FMI else ()
@@ -199,14 +200,14 @@ def build_parts(
             target=target,
             step=scenario.step,
             folded=True,
-            **options,  # as far as the robot says: the caller has chosen
+            **options,  # None: folded as the robot says, since the caller has chosen
         )
         fmus |= {name: built[unit_name(unit)] for name, unit in here.items()}
     return {name: fmus[name] for name in scenario.system.parts if name in fmus}
 
 
 def _reasons(scenario: Scenario, target: str) -> dict[str, str]:
-    """Return component to the reason against building it for a target, empty if none or the target is unknown."""
+    """Return component to the reason why it cannot be built for a target; empty for an unknown target."""
     row = targets().get(target)
     return {name: row.load().reason_against(unit) if row else "" for name, unit in scenario.resolved.units.items()}
 
@@ -222,7 +223,7 @@ def _placed(
     values: Mapping[str, Mapping[str, Any]],
     folder: Path,
 ) -> dict[str, Path]:
-    """Return the folder of each component's FMU: a subfolder if another unit, robot, or start values have its name."""
+    """Return each component's folder for its FMU, a subfolder if the name has another unit, robot or start values."""
     placed: dict[str, Path] = {}
     taken: dict[str, tuple[type[Unit], Robot | None, dict[str, Any]]] = {}
     for name, unit in units.items():
@@ -244,7 +245,7 @@ def _fmu(content: bytes) -> bytes:
 def cached_fmus(
     scenario: Scenario, folder: str | os.PathLike[str], backend: str | None = None, fmi_version: str = FMI_2.name
 ) -> dict[str, Path]:
-    """Return the FMUs of a scenario's system in `folder`, from the cache by their content, or built."""
+    """Return the FMUs of a scenario's system in `folder`, from the cache by content, or newly built."""
     backend = choose_backend(backend)
     fmus = {name: part.fmu for name, part in scenario.system.parts.items() if part.fmu is not None}
     missing: dict[str, Path] = {}

@@ -1,1 +1,1 @@
-"""References of a run by scipy, without FMI and master."""
+"""Reference solutions of a run by scipy, without FMI and without a master."""

@@ -2,10 +2,10 @@
 
 The three references (communication points t_k, step h, inputs held over a step):
 
-- ``sampled``: an output with feedthrough is calculated for the step from t_k from all values at t_k, and read in the
-  same step. An ordered master must give this.
-- ``sampled-delayed``: every unit reads other outputs one sample late. Other sampled masters must give this.
-- ``continuous``: only the units' sampled states are sampled. Both tend to this as the step shrinks.
+- ``sampled``: an output with feedthrough is calculated from all values at t_k, for the step from t_k, and read in the
+same step. Ordered masters must reproduce this. - ``sampled-delayed``: every unit reads other outputs one sample late.
+Other sampled masters must reproduce this. - ``continuous``: only the units' sampled states are sampled. Both others
+tend to this as the step shrinks.
 
 They use the wiring and the traced functions of the units, compiled if a compiler is installed. The tests compare these
 with plain numpy. It also runs units that cannot be traced. The solvers are scipy's, or compiled and checked by scipy's.
@@ -44,29 +44,29 @@ from vdfmu.system.reference.wired import Action, Carry, Node, Run, TimeSetter, W
 from vdfmu.system.scenario.scenario import Variables
 
 REPEATED = 100
-"""Least number of intervals of a solution in compiled code that scipy solves too."""
+"""Smallest number of intervals of a compiled solution that scipy also solves."""
 BLOCK = 1024
-"""Rows of a block: the part of a long run in memory."""
+"""Rows of a block, which is the part of a long run in memory."""
 RESOLUTION: float = SHORT["atol"]
-"""Smallest error of a position [rad or m] that a reference shows."""
+"""Smallest error of a position [rad or m] that a reference can resolve."""
 _KEPT = 2**24
-"""Largest solution in the cache [byte]."""
+"""Largest cached solution [byte]."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Solution on the communication points: `t` (m,), and the outputs, ``unit.group``, (m, size) each.
+    """Solution at the communication points: `t` (m,), and the outputs, ``unit.group``, (m, size) each.
 
-    As in a co-simulation, row k has the outputs of the step that ends at t_k, row 0 the outputs at the start.
+    As in a co-simulation, row k has the outputs of the step that ends at t_k, and row 0 those at the start.
     """
 
     name: str
     t: Floats
     signals: dict[str, Floats]
     repeated: Repeated = field(default_factory=Repeated)
-    """Intervals so far that both the compiled solver and scipy's solved."""
+    """Intervals so far that both the compiled solver and scipy solved."""
     repeat: Callable[[int], None] = lambda row: None
-    """Solves the interval that ends at a row again with scipy, if it was solved in compiled code."""
+    """Solves the interval that ends at a row again with scipy if compiled code solved it."""
 
     def __getitem__(self, name: str) -> Floats:
         """Return the values (m, size) of ``unit.group``."""
@@ -139,20 +139,20 @@ def reference_blocks(
 
 
 def _repeat(repeat: Callable[[int], None], overlap: int, rows: int, row: int) -> None:
-    """Solve the interval before a row of a block again, unless it belongs to the block before or to the start."""
+    """Solve the interval before a row of a block again, unless it belongs to the previous block or to the start."""
     if row >= max(overlap, 1):
         repeat(rows - 1 - row)
 
 
 def reference(name: str, description: SystemDescription, *, step: float, stop: float) -> Reference:
     """Compute a whole reference. See :func:`reference_blocks`."""
-    # the last block, with all points before it
+    # a single block with all points
     *_, whole = reference_blocks(name, description, step=step, stop=stop, overlap=round(stop / step))
     return whole
 
 
 def _key(description: SystemDescription) -> str:
-    """Return a text of all that decides a solution: code, wiring, values and versions. Empty for units in Python."""
+    """Return all that determines a solution as text: code, connections, values, versions. Empty with Python units."""
     facts: list[Any] = [scipy.__version__, source_digest("system.reference"), source_key(), native_available()]
     facts.append(description.connections)
     facts += [table.digest for table in read_inputs(description.scenario.inputs, description.scenario.input_hold)]
@@ -184,10 +184,10 @@ def _solved(
 def runs(
     system: WiredUnits, lists: Mapping[str, Sequence[Action]], files: Mapping[str, bytes] | None
 ) -> dict[str, Run]:
-    """Return a function for each list of actions, compiled from its :func:`sources` or in Python."""
+    """Return a function for each list of actions, compiled from :func:`sources` or in Python."""
     if files is not None and native_available():
         with suppress(FmuError):  # such as a full disk
-            # calls take less time than to let another thread run
+            # calls take less time than releasing the interpreter's lock
             library = loaded(files, "system", PyDLL)
             c_void_p.in_dll(library, "m").value = system.memory.ctypes.data
             functions: dict[str, Any] = {name: library[name] for name in lists}
@@ -198,7 +198,7 @@ def runs(
 
 
 def sources(system: WiredUnits, lists: Mapping[str, Sequence[Action]]) -> dict[str, bytes] | None:
-    """Return file name to C text of lists of actions. None if a unit has no C code."""
+    """Return file name to C text of lists of actions; None if a unit has no C code."""
     code = Code(system)
     try:
         functions = [f"SHOWN {code.function(name, actions)}" for name, actions in lists.items()]
@@ -226,7 +226,7 @@ class Code:
         self._taken: dict[str, ca.Function] = {}
 
     def function(self, name: str, actions: Sequence[Action]) -> str:
-        """Return ``void name(double t)`` of the time, for a memory ``double *m``."""
+        """Return the function ``void name(double t)`` of the time, on a memory ``double *m``."""
         lines = [line for action in actions for line in self._lines(action)]
         body = "".join(f"    {line}\n" for line in [self.unused, *lines])
         return f"void {name}({self.head})\n{{\n{body}}}\n"
@@ -258,7 +258,7 @@ class Code:
         yield from ("{", *(f"    {line}" for line in setting_lines(function.name(), arguments, made)), "}")
 
     def kernel(self, name: str) -> str:
-        """Return the C text of a called function, from the cache if present. The text of a long arm takes 1 s."""
+        """Return the C text of a called function, cached because that of a long arm takes 1 s."""
         identity = self._origins[name]
 
         def make() -> bytes:
@@ -276,7 +276,7 @@ class Code:
         return load_or_make(path, make, read)
 
     def take(self, function: ca.Function) -> ca.Function:
-        """Register a called function and return it, renamed if a function of another robot has its name."""
+        """Register a called function and return it, renamed if another robot's function has its name."""
         name, number = function.name(), 1
         while (first := self._taken.setdefault(name, function)) is not function:
             if first.serialize() == function.serialize():

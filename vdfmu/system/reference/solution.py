@@ -1,4 +1,4 @@
-"""Solutions of a system of units by scipy, row by row: the solvers, and events between their steps.
+"""Solves a system of units with scipy, row by row: the solvers, and events between their steps.
 
 scipy's solvers were chosen by measurement on the shipped scenarios, at errors of at most 1e-11 rad against themselves
 with tolerances of 1e-13. Inputs jump at communication points, so sampled intervals are short: the explicit method of
@@ -32,30 +32,30 @@ from vdfmu.system.reference.compiled import (
 from vdfmu.system.reference.wired import Action, Carry, Evaluate, Places, Run, TimeSetter, WiredUnits
 
 SHORT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11}
-"""Tolerances between communication points: 2e-13 rad in the tracking and the two-joint run."""
+"""Tolerances between communication points; errors are 2e-13 rad in the tracking and the two-joint run."""
 _LONG: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-13}
-"""Tolerances for the whole time, because errors add up: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
+"""Tolerances for whole runs, in which errors accumulate: 5e-13 rad in the tracking run, 4e-12 in the two-joint run."""
 _DENSE: dict[str, Any] = {"rtol": 3e-12, "atol": 3e-13}
 """Tolerances of the polynomials of Radau IIA. The errors of their ends are smaller; only these add up."""
 _CLOSE = 1e-9
-"""Part of a period below which two times are equal."""
+"""Fraction of a period below which two times are equal."""
 _STRETCH = 1000
 """Most rows of the continuous reference that scipy solves at a time."""
 _STRETCH_WITH_EVENTS = 50
-"""The same with events: each ends a solution."""
+"""The same with events, each of which ends a solution."""
 _MOST_STEPS = 100_000
-"""Most steps of scipy in a communication step or between rows, far more than a finite solution takes."""
+"""Most steps of scipy in a communication step or between rows, far more than a finite solution needs."""
 _LONGEST = 0.05
-"""Longest step of the continuous reference [s], so that it does not step over a late motion."""
+"""Longest step of the continuous reference [s], so that it does not miss a late motion."""
 
 
 class _RightHandSide:
-    """Right-hand side f(t, x) of a solver: `run` reads `x` and sets `x_dot` (n_x,), `feed` sets inputs of a time."""
+    """Right-hand side f(t, x) of a solver: `run` reads `x` and sets `x_dot` (n_x,), `feed` sets inputs for a time."""
 
     def __init__(self, run: Run, x: Floats, x_dot: Floats, feed: Callable[[float], None] | None = None) -> None:
         self._run, self._x, self._x_dot, self._feed = run, x, x_dot, feed
         self.error: BaseException | None = None
-        """Exception of a call: not every solver of scipy passes it on, and some end normally."""
+        """Exception of a call, kept because some solvers of scipy drop it and end normally."""
         self.slopes = Slopes(self)
 
     def __call__(self, t: float, x: Floats) -> Floats:
@@ -75,10 +75,10 @@ class _Dop853:
 
     def __init__(self, right: _RightHandSide, x: Floats, tolerances: dict[str, Any]) -> None:
         self._right, self._x = right, x
-        self.rate = right.__call__  # takes less time than an object to call
+        self.rate = right.__call__  # faster than a callable object
         ode = scipy_part("scipy.integrate._ode").ode(right)
         ode.set_integrator("dop853", **tolerances, nsteps=_MOST_STEPS)
-        ode.set_solout(lambda t, x: None)  # otherwise the solver goes on after an error
+        ode.set_solout(lambda t, x: None)  # otherwise the solver continues after an error
         self._solver = ode._integrator
         self._solver.reset(x.size, False)
 
@@ -94,7 +94,7 @@ class _Dop853:
         with InterruptGuard():
             try:
                 _, x[...], *_, state = solver.runner(self.rate, t, x, to, *solver.call_args, ())
-            except (SystemError, ValueError) as error:  # it goes on after an exception of the right-hand side
+            except (SystemError, ValueError) as error:  # it continues after an exception in the right-hand side
                 raise self._right.error or error from None
         if self._right.error is not None:
             raise self._right.error
@@ -102,7 +102,7 @@ class _Dop853:
 
 
 class _Mover(Solver):
-    """Moves the states of a unit between communication points, with held inputs."""
+    """Integrates the states of a unit between communication points with held inputs."""
 
     def __init__(self, system: WiredUnits, name: str, run: Run | None, update: Run | None) -> None:
         super().__init__(system.units[name])
@@ -122,7 +122,7 @@ class _Mover(Solver):
             self._update(t)
 
     def solve(self, t: float, to: float) -> None:
-        """Move the states from `t` to `to` [s]; VdfmuError without a solution."""
+        """Integrate the states from `t` to `to` [s]; VdfmuError if that fails."""
         self.steps = self._dop853.solve(t, to, self.steps)
         if self.steps < 0:
             raise no_finite_state(self._name, t)
@@ -151,7 +151,7 @@ class _Solution:
         `run` has a function for each of `lists`. Systems without events are solved in compiled code, if its functions
         are. Then :meth:`repeat` compares intervals of the last block with scipy.
         """
-        compiled = compiles(run) and self._system.x.size > 0  # without states nothing is solved
+        compiled = compiles(run) and self._system.x.size > 0  # without states there is nothing to solve
         if compiled and not any(unit.at_events for unit in self._system.units.values()):
             self._rows = self._compiled(t, run, shown)
         if self._rows is not None:
@@ -201,10 +201,10 @@ class _Solution:
 
 
 class SampledReference(_Solution):
-    """Reference whose outputs are held over a communication step. `delayed`: units read other outputs a sample late.
+    """Reference with outputs held over a communication step. If `delayed`, units read other outputs a sample late.
 
     `moving` are the units with states, in the order of a step. `lists` are the parts of the calculation: ``part_0``,
-    and after the i-th of `moving` ``part_<i+1>``.
+    then ``part_<i+1>`` after the i-th of `moving`.
     """
 
     def __init__(self, system: WiredUnits, delayed: bool) -> None:
@@ -316,7 +316,7 @@ class ContinuousReference(_Solution):
             for name in self._updates:
                 if name in sampled:
                     run[self._updates[name]](begin)
-            time_left = lambda time: self._left(run["inputs"], time, x)  # noqa: B023, E731  # x as it is then
+            time_left = lambda time: self._left(run["inputs"], time, x)  # noqa: B023, E731 # x at the time of the call
             whole = [(begin, end, False)]  # an event may move a switching
             for part, last, crossing in whole if events else switchings(time_left, begin, end):
                 if crossing:
@@ -384,7 +384,7 @@ class ContinuousReference(_Solution):
         points.sort(key=lambda point: point[0])
         begin, units = 0.0, []
         for time, close, sampled in points:
-            if time - begin > close:  # else it is also a sample of another unit
+            if time - begin > close:  # otherwise it is also a sample of another unit
                 yield begin, time, units
                 begin, units = time, []
             units += sampled
@@ -403,7 +403,7 @@ def _with_events(
 
 
 def _solved(rate: _RightHandSide | None, begin: float, end: float, x: Floats, points: Floats) -> Floats:
-    """Return scipy's solution at points between two times [s] and at the end, row by row. Without a rate, x."""
+    """Return scipy's solution at points between two times [s] and at the end, row by row; x without a rate."""
     if rate is None:
         return np.tile(x, (len(points) + 1, 1))
     times = np.concatenate([[begin], np.minimum(points, end), [end]])

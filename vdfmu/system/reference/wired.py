@@ -1,6 +1,6 @@
-"""The units of a system in a common memory, connected by links, for the references.
+"""The connected units of a system in a common memory, for the references.
 
-Calculations are lists of actions. They run in sequence, or as a compiled function.
+Calculations are lists of actions, which run in sequence or as a compiled function.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ Node = tuple[str, int]
 
 
 class Carry(NamedTuple):
-    """Copy numbers between places of the memory, all at once."""
+    """Copies numbers between places of the memory, all at once."""
 
     starts: Places
     ends: Places
 
 
 class TimeSetter(NamedTuple):
-    """Set the time at places."""
+    """Sets the time at places."""
 
     places: Places
 
 
 class Evaluate(NamedTuple):
-    """Run a method of a unit: ``outputs``, ``derivatives`` or ``update``."""
+    """Runs a method of a unit: ``outputs``, ``derivatives`` or ``update``."""
 
     unit: str
     method: str
@@ -113,10 +113,10 @@ class WiredUnits:
             self._links(lambda source, _: self._is_state(*source)),
             *(action for name, carry in moving for action in (Evaluate(name, "outputs"), carry)),
         ]
-        """Calculate all inputs at a time, from the states of the solver."""
+        """Calculates all inputs at a time from the solver's states."""
 
     def _feed_from(self, table: InputTable) -> set[Node]:
-        """Connect the columns of a table to the inputs of their names. Return these inputs."""
+        """Connect the columns of a table to the inputs of the same names, and return these inputs."""
         free = {
             f"{name}.{variable.name}": (name, i)
             for name, unit in self.units.items()
@@ -133,7 +133,7 @@ class WiredUnits:
         return set(fed)
 
     def feed(self, t: float, *, held: bool) -> None:
-        """Set the inputs from external signals at a time. `held`: also the held ones."""
+        """Set the inputs from external signals at a time, with `held` including held ones."""
         for place, course in self.outside:
             if held or not course.held:
                 self.memory[place] = course.at(t)[0]
@@ -148,7 +148,7 @@ class WiredUnits:
         return self._first[name]
 
     def clock(self, name: str) -> Places:
-        """Return the place of the time of a unit."""
+        """Return the place of a unit's time."""
         return self.places([(name, self.units[name].interface.time)])
 
     def places(self, nodes: Iterable[Node]) -> Places:
@@ -167,7 +167,7 @@ class WiredUnits:
     def _passes(
         self, dependencies: Dependencies, wanted: Sequence[Node], when: str = "", *, held: bool = False
     ) -> list[tuple[str, Carry]]:
-        """Return units with links in an order that gives the wanted outputs. `held`: states are known."""
+        """Return units with links in an order that yields the requested outputs. If `held`, states are known."""
         reads = {name: _read(unit) if held else range(unit.interface.size) for name, unit in self.units.items()}
         graph: dict[Node, set[Node]] = {}
         left = list(wanted)
@@ -212,11 +212,11 @@ class WiredUnits:
         return self._links(lambda source, _: delayed or source not in self._feeds)
 
     def links_within_step(self, name: str) -> Carry:
-        """Return the links to a unit from outputs with feedthrough, whose values are of the same step."""
+        """Return the links to a unit from outputs with feedthrough, which have values of the same step."""
         return self._links(lambda source, target: target[0] == name and source in self._feeds)
 
     def order(self) -> list[str]:
-        """Return the units in the order of a step: readers of outputs with feedthrough follow the sources."""
+        """Return the units in the order of a step: readers of outputs with feedthrough follow their sources."""
         graph: dict[str, set[str]] = {name: set() for name in self.units}
         for (end, _), source in self._source.items():
             if source in self._feeds:
@@ -229,7 +229,7 @@ class WiredUnits:
             ) from None
 
     def start(self) -> None:
-        """Set the states and outputs of the start time."""
+        """Set the states and outputs at the start time."""
         self.memory[self.clocks] = 0.0
         self.feed(0.0, held=True)
         for name, (starts, ends) in self.starting:
@@ -262,7 +262,7 @@ class WiredUnits:
 
 
 def _read(unit: Evaluation) -> set[int]:
-    """Return the positions that the outputs of a unit read, by its choices."""
+    """Return the positions that a unit's outputs read, given its choices."""
     table = unit.interface
     if not isinstance(unit, Traced):
         return set(range(table.size))

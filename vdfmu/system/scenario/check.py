@@ -18,7 +18,7 @@ from vdfmu.system.scenario.values import group_of, multiplied, override, robot_w
 
 
 def model_notes(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> list[str]:
-    """Return notes on a scenario with parameters: likely mistakes and unused values."""
+    """Return notes on a scenario with parameters, about likely mistakes and unused values."""
     robot, resolved = scenario.robot, scenario.resolved
     notes = [*scenario.notes, *_not_reached(scenario)]
     notes += [
@@ -31,7 +31,7 @@ def model_notes(scenario: Scenario, parameters: Mapping[str, Any] | None = None)
         for name, members in scenario.system.shared.items()
         for component, group in members.items()
         if all(v.group != group for v in resolved.tables[component])
-        and not issubclass(resolved.units.get(component, Unit), Played)  # it shares its start nevertheless
+        and not issubclass(resolved.units.get(component, Unit), Played)  # it shares its start anyway
     ]
     if robot is not None and not resolved.takers:
         notes.append("robot: no component uses it. Omit it, unless tables and figures need it.")
@@ -56,9 +56,9 @@ def remarks(
     values: Mapping[str, Mapping[str, Any]],
     asked: bool = False,
 ) -> dict[str, Any]:
-    """Return the entries of a summary that are known before the run: ``cut``, ``unfed``, ``implausible``.
+    """Return the summary's entries that are known before the run: ``cut``, ``unfed``, ``implausible``.
 
-    `values` are those of the units with the `parameters`. `asked`: whether the user chose the end of the run.
+    `values` are those of the units including the `parameters`. `asked` is whether the user chose the end of the run.
     """
     facts: dict[str, Any] = {}
     end = max((begin + length for _, begin, length in motions(scenario, values)), default=0.0)
@@ -71,7 +71,7 @@ def remarks(
 
 
 def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
-    """Return inputs without a connection or a value: those that a replacement adds, and position inputs outside plants.
+    """Return inputs without connection and value: those that a replacement adds, and position inputs outside plants.
 
     `names` are parameters that are set.
     """
@@ -83,7 +83,7 @@ def unfed_inputs(scenario: Scenario, names: Iterable[str]) -> list[str]:
 
 
 def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, float, float]]:
-    """Yield the desired motions: name of the unit, start and length [s]; if a motion repeats, of its first cycle."""
+    """Yield the desired motions: the unit's name, start and length [s]; if repeated, those of the first cycle."""
     for name, unit in scenario.resolved.units.items():
         begin = values[name].get("t_start", 0.0)
         if issubclass(unit, Played) and unit.rows is not None:
@@ -93,7 +93,7 @@ def motions(scenario: Scenario, values: Mapping[str, Mapping[str, Any]]) -> Iter
 
 
 def _positions(scenario: Scenario) -> Iterator[str]:
-    """Yield the inputs for positions of components that act on a plant."""
+    """Yield the position inputs of components that act on a plant."""
     for name, unit in scenario.resolved.units.items():
         for key, declared in unit.declared.items() if name not in scenario.resolved.plants else ():
             if isinstance(declared, Input) and declared.unit == "position":
@@ -101,7 +101,7 @@ def _positions(scenario: Scenario) -> Iterator[str]:
 
 
 def _of_robots(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield likely mistakes of units or signs in the robot and in the plants of the run."""
+    """Yield likely mistakes of units or signs in the robot and in the run's plants."""
     if scenario.robot is not None:
         yield from doubts(scenario.robot)
     for name in scenario.resolved.plants:
@@ -134,7 +134,7 @@ def _of_motions(scenario: Scenario, written: Mapping[str, Mapping[str, Any]]) ->
 
 
 def _not_reached(scenario: Scenario) -> Iterator[str]:
-    """Yield keys for plants that no plant uses, or not every plant."""
+    """Yield notes on keys for plants that not every plant, or none, uses."""
     robot = scenario.robot
     unknown = robot is not None and robot.payload and not scenario.payload_known
     keys = " and ".join(["plant_factors"] * bool(scenario.plant_factors) + ["payload.known"] * bool(unknown))

@@ -1,4 +1,4 @@
-"""Changes of a scenario: a payload, other units for some components, and the starts of plants."""
+"""Changes a scenario: its payload, the units of some components, and the starts of plants."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _PAYLOAD = {row.name for row in section("payload")}
 
 
 def with_parameters(scenario: Scenario, names: Iterable[str]) -> Scenario:
-    """Return the scenario whose robot has the parameters that these names set, see :func:`robot_for`."""
+    """Return the scenario with a robot that has the parameters set by these names; see :func:`robot_for`."""
     robot = scenario.robot and robot_for(scenario.robot, names)
     return scenario if robot is scenario.robot else dataclasses.replace(scenario, robot=robot)
 
 
 def unfolded(scenario: Scenario) -> Scenario:
-    """Return the scenario with gravity, centres of mass, payload and tool of all robots as parameters."""
+    """Return the scenario in which gravity, centres of mass, payload and tool of all robots are parameters."""
     robots = {name: part.robot.unfolded() for name, part in scenario.system.parts.items() if part.robot is not None}
     parts = {**scenario.system.parts}
     parts |= {name: parts[name]._replace(robot=robot) for name, robot in robots.items()}
@@ -41,9 +41,9 @@ def unfolded(scenario: Scenario) -> Scenario:
 
 
 def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
-    """Return the robot with named parameters that it does not have: an empty payload, zeros that are folded.
+    """Return the robot with these parameters added if it lacks them: an empty payload, or zeros that are folded.
 
-    Names are ``plant.payload_mass``, ``robot.gravity[1]``, or for a single unit, ``gravity[1]``.
+    Names are ``plant.payload_mass``, ``robot.gravity[1]`` or, for a single unit, ``gravity[1]``.
     """
     named = {name.rpartition(".")[2] for name in names}
     fields = {name.partition("[")[0] for name in named}
@@ -54,18 +54,18 @@ def robot_for(robot: Robot, names: Iterable[str]) -> Robot:
         return robot
     if not robot.payload:
         robot = dataclasses.replace(robot, payload=True)
-    if "payload_inertia" in fields and not robot.payload_inertia.any():  # zeros, a point mass, have no parameters
+    if "payload_inertia" in fields and not robot.payload_inertia.any():  # the zeros of a point mass have no parameters
         robot = dataclasses.replace(robot, payload_inertia=read_only(1e-12 * np.eye(3)))
     return robot
 
 
 def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connections = ()) -> Scenario:
-    """Return the scenario with other units for some components, without connections and values that these cannot have.
+    """Return the scenario with other units for some components, dropping connections and values that no longer fit.
 
-    A new input is connected to the output of the same name, shape and unit of measurement, if exactly one
-    of the components that were connected with the replaced one has it. Last come the `connections`, output to input or
-    inputs; these inputs lose the connections that they had. UsageError or UnitError for an unknown component or signal,
-    or a value that is not a unit.
+    A new input is connected to the output of the same name, shape and unit of measurement if exactly one of the
+    components that were connected to the replaced one has it. Finally the `connections`, output to input or inputs, are
+    added; these inputs lose their earlier connections. UsageError or UnitError for an unknown component or signal, or a
+    value that is not a unit.
     """
     before, parts = scenario.resolved, dict(scenario.system.parts)
     for name, unit in units.items():
@@ -127,9 +127,9 @@ def _split(resolved: ResolvedSystem, link: tuple[str, str], added: Connections) 
 
 
 def _sources(resolved: ResolvedSystem, links: Sequence[tuple[str, str]], end: str) -> list[str]:
-    """Return the outputs that fit an input by name, shape and unit, of components that are connected with its own.
+    """Return outputs that fit an input by name, shape and unit, from components that are connected to its own.
 
-    Those of a terminal of the same name come alone.
+    If there are some in a terminal of the same name, only these are returned.
     """
     component, _, name = end.partition(".")
     pairs = [(source.partition(".")[0], target.partition(".")[0]) for source, target in links]
@@ -148,7 +148,7 @@ def _terminals(resolved: ResolvedSystem, component: str, group: str) -> set[str]
 def _require_connected(
     system: SystemFile, resolved: ResolvedSystem, component: str, links: Sequence[tuple[str, str]]
 ) -> None:
-    """Raise UsageError for a unit of which no signal is connected, with the connections that its system has there."""
+    """Raise UsageError for a unit without connected signals, listing the connections of the replaced one."""
 
     def listed(ends: Iterable[str]) -> str:
         return (
@@ -170,7 +170,7 @@ def _require_connected(
 
 
 def leaders(resolved: ResolvedSystem) -> dict[str, str]:
-    """Return plant to the component whose desired motion ``q_d`` reaches it first, if it is unique.
+    """Return plant to the component whose desired motion ``q_d`` reaches it first, if there is only one.
 
     Here a plant is any component with start positions of the joints, ``q_0``.
     """
@@ -196,7 +196,7 @@ def leaders(resolved: ResolvedSystem) -> dict[str, str]:
 
 
 def with_starts(system: SystemFile) -> SystemFile:
-    """Return the system whose plants share their start positions with their leaders, unless its file shares them."""
+    """Return the system in which plants share start positions with their leaders, unless its file shares them."""
     resolved, shared = resolve(system, None), dict(system.shared)
     units = resolved.units
     for plant, leader in leaders(resolved).items():
@@ -212,7 +212,7 @@ def with_starts(system: SystemFile) -> SystemFile:
 def started(
     system: SystemFile, component: str, unit: type[Unit], sections: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return the sections with the start of a motion for components that share it, unless they set it."""
+    """Return the sections with a motion's start for the components that share it, unless they set it."""
     extended = dict(sections)
     if issubclass(unit, Played) and unit.rows is not None:
         for members in system.shared.values():
@@ -223,12 +223,12 @@ def started(
 
 
 def _is_position(unit: type[Unit], name: str) -> bool:
-    """Whether a unit declares positions of the joints by this name."""
+    """Return whether a unit declares joint positions of this name."""
     declared = unit.declared.get(name)
     return declared is not None and declared.unit == "position" and declared.shape == (JOINTS,)
 
 
 def _joints(system: SystemFile, component: str) -> tuple[str, ...] | None:
-    """Return the types of joints if a component has its own robot, else None."""
+    """Return the joint types if a component has its own robot, else None."""
     robot = system.parts[component].robot
     return None if robot is None else robot.joint_types

@@ -57,7 +57,7 @@ class ForeignInterface:
 
     @property
     def name(self) -> str:
-        """Name in messages."""
+        """Name of the table in messages."""
         return self.path.name
 
     def __iter__(self) -> Any:
@@ -73,7 +73,7 @@ class ForeignInterface:
 
 
 def _variables(v: Any) -> Iterator[Variable]:
-    """Yield the elements of a variable that can be connected or set, so no strings."""
+    """Yield the elements of a variable that can be connected or set, which excludes strings."""
     if type_of(v.type) not in _TYPES or v.causality not in ("input", "output", "parameter"):
         return
     low, high = (None if text is None else float(text) for text in (v.min, v.max))
@@ -101,26 +101,26 @@ ROBOT_WAY_OUT = 'Name one in its file, such as robot = "manipulator_6dof".'
 
 
 class ResolvedSystem:
-    """A system for a default robot, see :func:`resolve`: units and variables of its components, and its connections."""
+    """A system for a default robot, see :func:`resolve`: its components' units and variables, and its connections."""
 
     def __init__(self, system: SystemFile, robot: Robot | None) -> None:
         self.system, self.robot = system, robot
 
     @cached_property
     def units(self) -> dict[str, type[Unit]]:
-        """Component to its unit, without FMUs of other tools."""
+        """Component to unit, without FMUs of other tools."""
         parts = {name: part for name, part in self.system.parts.items() if part.fmu is None}
         units = {unit: find_unit(unit) for unit in {part.unit for part in parts.values()}}  # runs each file once
         return {name: units[part.unit] for name, part in parts.items()}
 
     @cached_property
     def robots(self) -> dict[str, Robot | None]:
-        """Component to its robot, also for units that do not read it."""
+        """Component to robot, even if the unit does not read it."""
         return {name: self.system.parts[name].robot_of(self.robot) for name in self.units}
 
     @cached_property
     def takers(self) -> list[str]:
-        """Components that take the robot of a scenario: they need a robot that their part does not name."""
+        """Components that use the scenario's robot, because they need one and their part names none."""
         return [n for n, unit in self.units.items() if unit.needs_robot() and self.system.parts[n].robot is None]
 
     @cached_property
@@ -160,19 +160,19 @@ class ResolvedSystem:
         return _end(self.tables[component], name, causality)
 
     def fits(self, source: str, target: str) -> bool:
-        """Whether an output and an input have one shape and one unit of measurement."""
+        """Return whether an output and an input have the same shape and unit of measurement."""
         starts, ends = self.elements(source, "output"), self.elements(target, "input")
         return bool(ends) and starts.keys() == ends.keys() and all(_alike(starts[i], ends[i]) for i in ends)
 
     def is_fed(self, end: str, ends: Container[str]) -> bool:
-        """Whether an input, or each of its elements, is among some ends of connections."""
+        """Return whether an input, or each of its elements, is among some ends of connections."""
         component, elements = end.partition(".")[0], self.elements(end, "input").values()
         return end in ends or bool(elements) and all(f"{component}.{v.name}" in ends for v in elements)
 
     def check_connections(self, where: str = "") -> None:
-        """Raise UsageError for unknown signals, signals without common index or unit, and inputs with two outputs.
+        """Raise UsageError for unknown signals, signals without a common index or unit, and inputs with two outputs.
 
-        `where` is the place of the connections in its lines, by default the system's file.
+        `where` is the place of the connections in the error's lines, by default the system's file.
         """
         problems: list[str] = []
         feeds: dict[tuple[str, str], str] = {}
@@ -184,7 +184,7 @@ class ResolvedSystem:
                 link = f"{source} -> {target}"
                 if starts and ends and not shared:
                     got = f"{_shape(starts)} and {_shape(ends)}"
-                    problems.append(f"{link}: expected signals of one shape, got {got}.")
+                    problems.append(f"{link}: expected signals of the same shape, got {got}.")
                 for start, end in shared:
                     if not _alike(start, end):
                         problems.append(f"{link}: expected one unit of measurement, got {start.unit} and {end.unit}.")
@@ -223,7 +223,7 @@ def _pairs(
 
 
 def optional(table: Variables, name: str) -> str:
-    """Return the option of its robot that gives a component a missing variable, as a sentence, else an empty text."""
+    """Return a sentence about the robot's option with which a component has a missing variable, or an empty text."""
     group = name.partition("[")[0]
     if not isinstance(table, Interface) or group in table.groups or group not in table.unit.declared:
         return ""
@@ -233,7 +233,7 @@ def optional(table: Variables, name: str) -> str:
 def _signals(
     tables: Mapping[str, Variables], end: str, causality: str, problems: list[str]
 ) -> dict[tuple[int, ...], Variable]:
-    """Return index to variable at an end of a connection. Note a problem if empty."""
+    """Return index to variable at an end of a connection; note a problem if there is none."""
     component, _, name = end.partition(".")
     if component not in tables:
         problems.append(f"{end}: expected component.signal, got {component!r}. {nearest(component, list(tables))}")
@@ -251,13 +251,13 @@ def _shape(signals: Collection[tuple[int, ...]]) -> str:
 
 
 def _alike(start: Variable, end: Variable) -> bool:
-    """Whether two signals have the same base units, as far as these are defined."""
+    """Return whether two signals have the same base units, as far as these are defined."""
     a, b = _dimension(start), _dimension(end)
     return None in (a, b) or a == b
 
 
 def _dimension(variable: Variable) -> dict[str, int] | None:
-    """Return the exponents of the base units of a signal. None if unknown, as in FMUs of other tools."""
+    """Return the exponents of a signal's base units; None if they are unknown, as in FMUs of other tools."""
     try:
         return measure(variable.unit).exponents if variable.unit else None
     except UsageError:
@@ -265,7 +265,7 @@ def _dimension(variable: Variable) -> dict[str, int] | None:
 
 
 _TINY = 1e-12
-"""Share of the inertia that an unknown payload keeps: zeros would give another structure."""
+"""Fraction of the inertia that an unknown payload keeps, because zeros would change the structure."""
 FACTOR_FIELDS = tuple(row.name for row in PARAMETERS.values() if row.fold != "always")
 """Fields of the robot that a plant factor may scale."""
 
@@ -280,14 +280,14 @@ class Scenario:
     system : SystemFile
         The components and their connections.
     robot : Robot or None
-        The nominal robot of the feedforward, with the friction arrangement of the scenario if given. None if no
-        component takes it.
+        The nominal robot of the feedforward, with the scenario's friction arrangement if given. None if no component
+        uses it.
     stop, step : float [s]
         End of the run, and communication step.
     algorithm : str
         Name of an algorithm of `vdfmu.engine.algorithms`.
     adaptive : float or None
-        Largest relative error of a coupled signal in a step. None for steps of the given length.
+        Largest relative error of a coupled signal in a step; None for steps of the given length.
     tolerance : float
         Relative tolerance of the plant's solver.
     plant_factors : mapping of str to float or (n,) array
@@ -296,17 +296,17 @@ class Scenario:
         Component to the values of the file: group or variable, ``K_p`` or ``K_p[1]``, to value or values.
         :func:`vdfmu.system.scenario.values.system_values` reads them.
     paper : mapping
-        Values of the paper: `source` and lists that start at joint 1. Empty if it reports nothing.
+        Values from the paper: `source`, and lists that start at joint 1. Empty if the paper reports none.
     payload_known : bool
         Whether components other than the plant include the robot's payload.
     inputs, input_hold : path, sequence of paths or mapping, optional, and bool
-        Signals for free inputs, and whether they hold until the next row. See :func:`vdfmu.engine.run.simulate`.
+        Signals for free inputs, and whether they are held until the next row. See :func:`vdfmu.engine.run.simulate`.
     notes, file : tuple of str, str
-        Notes of the author, and its file, empty for a shipped scenario.
+        Notes of the author, and the scenario's file, empty for a shipped one.
     limits : mapping of str to float
         Limits of the verdict on its runs, see `vdfmu.study.limits`.
     options : CouplingOptions
-        Further options of its runs.
+        Other options of its runs.
     """
 
     name: str
@@ -331,7 +331,7 @@ class Scenario:
 
     @property
     def coupling(self) -> SimulatorOptions:
-        """Options of the coupling."""
+        """All options of the coupling."""
         return {**self.options, "algorithm": self.algorithm, "adaptive": self.adaptive}
 
     @property
@@ -353,7 +353,7 @@ class Scenario:
 
     @property
     def known_robot(self) -> Robot:
-        """The robot of the other components: nominal, without an unknown payload."""
+        """The robot of the other components: nominal, and without an unknown payload."""
         robot = self.arm
         if self.payload_known or not robot.payload:
             return robot

@@ -1,4 +1,4 @@
-"""Load scenarios and systems by name or path, and read scenario files."""
+"""Loads scenarios and systems by name or path, and reads scenario files."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     Parameters
     ----------
     path_or_name : str or path
-        See `load_robot`. A relative path of a robot in the file starts at the file's folder.
+        See `load_robot`. The path of a robot in the file is relative to the file's folder.
     robot : Robot, str or None
-        Robot instead of the one that the file names, or of none where a component takes it; a str as for `load_robot`.
-        The paper's numbers are omitted where the scenario has other numbers than the file.
+        Robot that replaces the one named in the file, or is used if the file names none; a str as for `load_robot`. The
+        paper's numbers are omitted if the scenario then has other numbers than the file.
 
     Returns
     -------
@@ -60,10 +60,9 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     Raises
     ------
     UsageError
-        If no shipped scenario, or robot given here, has the name; for a robot that neither file nor components have use
-        for.
+        If there is no shipped scenario, or robot, of the name; for a robot that neither the file nor a component uses.
     ModelError
-        If the scenario or its robot has problems; it lists every one of both files.
+        If the scenario or its robot has problems; it lists all problems of both files.
     """
     path = locate(path_or_name, "scenarios")
     data = read_toml(path)
@@ -92,14 +91,14 @@ def load_scenario(path_or_name: str | os.PathLike[str], robot: Robot | str | Non
     scenario = read_scenario(problems, data, robot or named, system)
     problems.lines += elsewhere.lines
     problems.raise_any()
-    assert scenario is not None  # else there are problems
+    assert scenario is not None  # otherwise there are problems
     if robot is not None and "robot" not in data and not scenario.resolved.takers:
-        raise UsageError(f"robot: no component of {path} takes a robot, got {robot.name}. Leave the robot out.")
+        raise UsageError(f"robot: no component of {path} uses a robot, got {robot.name}. Leave the robot out.")
     return scenario if str(path_or_name) in scenario_names() else replace(scenario, file=str(path))
 
 
 def _numbers(robot: Robot) -> dict[str, Any]:
-    """Return the values of a robot that results depend on."""
+    """Return the values of a robot on which results depend."""
     texts = ("name", "description", "sources")
     return {key: value for key, value in robot.to_dict(looks=False).items() if key not in texts} | robot.files
 
@@ -109,8 +108,8 @@ def load_system(
 ) -> SystemFile:
     """Load a shipped system by its name, or a system from a TOML file.
 
-    A relative path starts at the folder `start`. `extending` are the files that extend it. UsageError for an unknown
-    name, ModelError with all problems of the file.
+    A relative path is relative to the folder `start`. `extending` are the files that extend this one. UsageError for an
+    unknown name, ModelError with all problems of the file.
     """
     path = locate(path_or_name, "systems", start)
     data = read_toml(path)
@@ -148,7 +147,7 @@ KEYS = {
     "limits": "Limits of the verdict, such as margin = 0.3",
     "paper": "",
 }
-"""Keys of a scenario file, with the meaning of those whose name is not enough."""
+"""Keys of a scenario file, with a description if the name is not self-explanatory."""
 ROBOT_KEYS = ("friction", "payload", "joints", "motion", "plant_factors", "paper")
 """Requirements of a scenario on its robot."""
 PAPER_LISTS = ("rms_position_error_deg", "max_position_error_deg", "rms_torque_compensation_error_nm")
@@ -269,7 +268,7 @@ def _moved(
 
 
 def _with_drive(table: Table, robot: Robot) -> Robot:
-    """Return a robot with the drive of a table [joints] and its numbers, each for all joints or a list."""
+    """Return a robot with the drive of a table [joints] and its numbers, each one for all joints or a list."""
     where = table.problems.where
     try:
         drive = DriveFile.read(table.text("drive"), Path(where).parent)
@@ -287,7 +286,7 @@ def _with_drive(table: Table, robot: Robot) -> Robot:
 
 
 def _adaptive(file: Table, algorithm: str) -> float | None:
-    """Read the error control of the communication step, by default off."""
+    """Read the error control of the communication step, which is off by default."""
     if "adaptive" not in file.data:
         return None
     error = file.number("adaptive", "", above=0)
@@ -308,7 +307,7 @@ def _factors(table: Table, n: int | None) -> dict[str, Floats | float]:
         if as_number(value) is not None or not PARAMETERS[key].per_joint:
             factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
         else:
-            length = n or (shape_of(value) or (1,))[0]  # an unknown robot may have any number of joints
+            length = n or (shape_of(value) or (1,))[0]  # with an unknown robot, any number of joints is allowed
             way_out = f"The robot has {n} joints." if n else ""
             factors[key] = read_only(table.numbers(key, (length,), "", scalar=True, way_out=way_out, above=0))
     return factors

@@ -1,4 +1,4 @@
-"""System files: components of a system and their connections."""
+"""Reads system files: components of a system and their connections."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ class Part(NamedTuple):
     unit: Any
     """Name of a shipped unit, ``file.py``, ``file.py:Name``, a class, or ``file.fmu`` of any tool."""
     box: Box | None = None
-    """Corners in a diagram [mm], lower left and upper right. None: automatic."""
+    """Lower left and upper right corners in a diagram [mm]; None for automatic ones."""
     robot: Robot | None = None
     """Robot of the component, if it differs from the robot of the scenario."""
     ends: tuple[str, ...] = ()
-    """Flags of its robot, from :data:`~vdfmu.arm.robot.parameters.ENDS`."""
+    """Flags of the component's robot, from :data:`~vdfmu.arm.robot.parameters.ENDS`."""
 
     def robot_of(self, robot: Robot | None) -> Robot | None:
-        """Return the robot of the component, by default the robot of the scenario."""
+        """Return the robot of the component, by default the scenario's."""
         robot = self.robot or robot
         return _with_ends(robot, self.ends) if robot and self.ends else robot
 
     @property
     def fmu(self) -> Path | None:
-        """The FMU of any tool. None for a unit."""
+        """The FMU, from any tool; None for a unit."""
         named = str(self.unit)
         return Path(named) if not isinstance(self.unit, type) and named.lower().endswith(".fmu") else None
 
@@ -62,26 +62,26 @@ class SystemFile:
     parts: Mapping[str, Part]
     """Components by name."""
     connections: Mapping[str, list[str]]
-    """``component.output`` to inputs. Groups of signals are connected at every index that both have."""
+    """``component.output`` to inputs. Groups of signals are connected at every common index."""
     shared: Mapping[str, Mapping[str, str]]
-    """Shared values: name of the parameter set to component to its group."""
+    """Shared values: name in the parameter set to component to its group."""
     dropped: tuple[str, ...] = ()
-    """Connections, ``output -> input``, whose signals replaced units do not have."""
+    """Connections, ``output -> input``, dropped because a replacement lacks the signal."""
     joined: tuple[str, ...] = ()
-    """Connections, ``output -> input``, that replaced units add."""
+    """Connections, ``output -> input``, added for replacements."""
     unfed: Mapping[str, list[str]] = field(default_factory=dict[str, list[str]])
-    """New unconnected inputs of replaced units, to inputs of this component that lost their connection."""
+    """New unconnected inputs of replacements, to this component's inputs that lost their connection."""
 
     @cached_property
     def fed(self) -> Mapping[str, str]:
-        """Connected inputs, groups or elements, to their output."""
+        """Connected inputs, groups or elements, to their outputs."""
         return {end: start for start, targets in self.connections.items() for end in targets}
 
 
 def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, base: SystemFile | None) -> SystemFile:
     """Read the content of a system file at `path` that extends the tables of `base`.
 
-    An input that the file connects loses its connection in `base`, so that a unit can be put between two others.
+    An input that the file connects loses its connection in `base`, so that a unit can be inserted between two others.
     """
     if "units" in data:
         problems.add("units", "[components]", "[units]", "Rename the table.")
@@ -123,14 +123,14 @@ def read_system_file(problems: Problems, data: Mapping[str, Any], path: Path, ba
         elif unknown := [component for component in members if component not in parts]:
             problems.add(where, "names of [components]", ", ".join(unknown), nearest(unknown[0], list(parts)))
         elif key == "robot":
-            problems.add(where, "another name", key, "The parameter set of the robot has it.")
+            problems.add(where, "another name", key, "It is in the robot's parameter set.")
         else:
             shared[key] = members
     return SystemFile(name, description, path, parts, connections, shared)
 
 
 def rewired(connections: Mapping[str, list[str]], added: Connections) -> dict[str, list[str]]:
-    """Return connections with further ones. They replace the previous connection of an input."""
+    """Return connections with additional ones, which replace the previous connection of an input."""
     pairs = ends_of(added)
     fed = {end for _, end in pairs}
     kept = {
@@ -166,7 +166,7 @@ def _part(problems: Problems, key: str, value: object, folder: Path) -> Part:
 
 
 def _located(unit: str, folder: Path) -> str:
-    """Return a unit with the path of its file from the folder of the system file."""
+    """Return a unit whose file's path is resolved from the folder of the system file."""
     file, colon, name = unit.partition(":") if ".py:" in unit else (unit, "", "")
     if not file.lower().endswith((".py", ".fmu")):
         return unit

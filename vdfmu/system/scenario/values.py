@@ -1,4 +1,4 @@
-"""Values of the components from robot, scenario and parameters, for the parameter sets of the SSP."""
+"""Values of the components from robot, scenario and parameters, for the SSP's parameter sets."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Values = dict[str, Any]
 
 
 def system_values(scenario: Scenario, parameters: Mapping[str, Any] | None = None) -> dict[str, Values]:
-    """Return the values that robot, scenario and parameters decide: component to variable to value.
+    """Return the values set by robot, scenario and parameters: component to variable to value.
 
-    Other variables keep the start values of their declaration. Free inputs, such as the wrench at the end effector,
-    have their start value. UsageError as :func:`override`, and for positions beyond the end stops.
+    Other variables keep their declared start values, as do free inputs such as the wrench at the end effector.
+    UsageError as in :func:`override`, and for positions beyond the end stops.
     """
     resolved = scenario.resolved
-    # other units and FMUs may use the name tolerance for anything
+    # in other units and FMUs tolerance may mean anything
     solvers = [n for n, u in resolved.units.items() if any(isinstance(d, Derivative) for d in u.declared.values())]
     tolerances = _set_all(resolved, {f"{name}.tolerance": scenario.tolerance for name in solvers})
     written = _set_all(resolved, _sections(resolved, scenario.sections))
@@ -48,7 +48,7 @@ def system_values(scenario: Scenario, parameters: Mapping[str, Any] | None = Non
 def section_values(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Values]:
     """Return the values of the sections of a scenario's file: component to variable to value.
 
-    A group sets all groups that share its value by ``[shared]`` of the system. UsageError as :func:`override`, and
+    A group also sets all groups that share its value in the system's ``[shared]``. UsageError as in :func:`override`,
     for positions beyond the robot's end stops, and for wrong connections.
     """
     resolved.check_connections()
@@ -61,9 +61,9 @@ def override(scenario: Scenario, parameters: Mapping[str, Any]) -> dict[str, Val
     """Read parameters such as ``controller.K_p[1]=3000``: component to variable to value.
 
     A name without an index sets all elements: ``controller.K_p=3000``, or each by a list or array. An integer with
-    named values takes the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` sets the parameter in every component.
-    Free inputs can be set too. UsageError has a line for each wrong setting: unknown component or variable, a variable
-    that cannot be set, a wrong value or number of values.
+    named values accepts the name: ``feedforward.mode=vdc``. ``robot.mass[3]=3`` sets the parameter in every component.
+    Free inputs can be set too. UsageError has a line for each wrong setting: an unknown component or variable, a
+    variable that cannot be set, a wrong value or number of values.
     """
     return _set_all(scenario.resolved, parameters)
 
@@ -71,10 +71,10 @@ def override(scenario: Scenario, parameters: Mapping[str, Any]) -> dict[str, Val
 def multiplied(
     resolved: ResolvedSystem, values: Mapping[str, Mapping[str, Any]], parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return parameters with each factor, ``controller.K_v=*0.8``, replaced by the products with values of the system.
+    """Return parameters with each factor, ``controller.K_v=*0.8``, replaced by its product with the system's values.
 
-    `values`: component to variable to value, before the parameters. UsageError for a factor that is not a number, and
-    for one of something that has no number to multiply.
+    `values`: component to variable to value, before the parameters. UsageError for a factor that is not a number, or
+    without a number to multiply.
     """
     products: dict[str, Any] = {}
     for key, value in parameters.items():
@@ -153,20 +153,20 @@ def robot_parameters(component: str, table: Variables, scenario: Scenario) -> Va
 
 
 def robot_with(robot: Robot, values: Mapping[str, Any]) -> Robot:
-    """Return the robot with values of parameters such as ``mass[2]``, or the robot itself if none differs."""
+    """Return the robot with parameters such as ``mass[2]`` set, or the robot itself if none differs."""
     numbers = [float(getattr(robot, each.field)[each.index]) for each in robot.entries()]
     new = [float(values.get(each.name, number)) for each, number in zip(robot.entries(), numbers, strict=True)]
     return robot if new == numbers else robot.with_values(new)
 
 
 def is_free(system: SystemFile, component: str, variable: Variable) -> bool:
-    """Whether a variable is an input without connection."""
+    """Return whether a variable is an unconnected input."""
     names = {f"{component}.{variable.group}", f"{component}.{variable.name}"}
     return variable.causality == "input" and system.fed.keys().isdisjoint(names)
 
 
 def _sections(resolved: ResolvedSystem, sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return ``component.group`` to value of sections, also for groups that share the value."""
+    """Return ``component.group`` to value from sections, including groups that share the value."""
     written = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
     for members in resolved.system.shared.values():
         groups = [
@@ -255,7 +255,7 @@ def _spread(variables: Sequence[Variable], key: str, value: Any) -> Values:
 
 
 def _check(tables: Mapping[str, Variables], values: Mapping[str, Values]) -> None:
-    """Raise UsageError for unmet requirements of units, and for positions of joints beyond their end stops."""
+    """Raise UsageError for violated requirements of units, and for joint positions beyond the end stops."""
     problems: list[str] = []
     for component, table in tables.items():
         if not isinstance(table, Interface):

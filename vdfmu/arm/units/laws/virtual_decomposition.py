@@ -27,7 +27,7 @@ from vdfmu.compiler.unit import JOINTS, Choice, Input, Parameter, Sampled, clip
 
 
 def start_parameters(robot: Any) -> np.ndarray:
-    """Parameters of the bodies as the robot has them, (n, 10)."""
+    """Parameters of the robot's bodies, (n, 10)."""
     return body_parameters(robot).reshape(-1, 10)
 
 
@@ -37,7 +37,7 @@ def start_joints(robot: Any) -> np.ndarray:
 
 
 def parameter_scales(robot: Any) -> np.ndarray:
-    """Size of the parameters, (n, 10): m, m l and m l^2, with l the radius of gyration about the origin of {B}."""
+    """Scale of the parameters, (n, 10): m, m l and m l^2, with l the radius of gyration about the origin of {B}."""
     phi = start_parameters(robot)
     m, moment = phi[:, :1], phi[:, 4:5] + phi[:, 6:7] + phi[:, 9:10]
     length = np.sqrt(0.5 * moment / m)
@@ -47,9 +47,10 @@ def parameter_scales(robot: Any) -> np.ndarray:
 def body_regressor(V_B: np.ndarray, V_B_r: np.ndarray, V_B_r_dot: np.ndarray, g_B: np.ndarray) -> np.ndarray:
     """Return Y_B with ``Y_B @ phi = M_B V_B_r_dot + C V_B_r + G_B``, phi the parameters :data:`BODY`.
 
-    Deviation: C of (61) is not linear in ten parameters; virtual decomposition control takes 13. The C here is, with
-    ``-(I_o omega) x`` in the lower right, ``-m omega x r x`` and its opposite beside it. It is skew-symmetric too, with
-    the same ``C V_B`` as (61). Y_B is (6, 10); `V_B_r` is the required velocity, g_B: see :func:`gravity_force`.
+    Deviation: C of (61) is not linear in ten parameters, so virtual decomposition control uses 13. The C used here is
+    linear in ten: ``-(I_o omega) x`` is in the lower right, and ``-m omega x r x`` and its opposite are off the
+    diagonal. It is also skew-symmetric, with the same ``C V_B`` as (61). Y_B is (6, 10); `V_B_r` is the required
+    velocity, g_B: see :func:`gravity_force`.
     """
     omega_cross, omega_r_cross = skew(V_B[3:]), skew(V_B_r[3:])
     a = V_B_r_dot[:3] + omega_cross @ V_B_r[:3] + g_B
@@ -76,8 +77,9 @@ def adaptive_torques(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return axis components of the required forces (50)-(53) for estimated bodies `phi`, (n, 10), and their drift.
 
-    As the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, without a wrench of the tool
-    and the rotors' part: tau_q (n,) [N m or N], link-side, of the drives, and s (n, 10), ``Y_B.T (V_B_r - V_B)``.
+    Like the feedforward, with ``M V_r_dot + C V_r + G = Y_B phi`` of :func:`body_regressor`, but without the tool's
+    wrench and the rotors' part: tau_q (n,) [N m or N], link-side, of the drives, and s (n, 10), ``Y_B.T (V_B_r -
+    V_B)``.
     """
     U_AB, V_B, *_ = link_velocities(robot, q, q_dot, base)
     _, V_B_r, V_B_r_dot, *_ = link_motion(robot, q, q_dot_r, q_ddot_r, base, q_dot)
@@ -101,7 +103,7 @@ def natural(phi: Any, s: Any, rate: Any) -> Any:
     """Natural law (Lee, Kwon and Park 2018) for one body: ``P_dot = rate P S P``, P the pseudo-inertia (4, 4).
 
     S is the symmetric matrix with ``tr(P S) = phi @ s``. The step ``(1 + rate P S / 2) P (1 + rate S P / 2)`` is of
-    first order and leaves P positive, so the estimate stays a physical body for every step.
+    first order and keeps P positive definite, so the estimate stays a physical body for any step.
     """
     P, S = zeros((4, 4), phi), zeros((4, 4), s)
     for k, (i, j) in enumerate(PAIRS, 4):
@@ -121,9 +123,9 @@ def natural(phi: Any, s: Any, rate: Any) -> Any:
 class VirtualDecompositionControl(Law):
     """Virtual decomposition control with adaptation, Eq. (12)-(27), (48)-(53), sampled.
 
-    The paper's control with estimated parameters: phi of each body, ten in number (mass, first moments, inertia about
-    the origin of its frame), and J, b, f of each joint, link-side: inertia of the rotor, viscous and dry friction. All
-    start as the robot has them::
+    The paper's control with estimated parameters: ten numbers phi per body (mass, first moments, inertia about the
+    origin of its frame), and J, b, f per joint, link-side: inertia of the rotor, viscous and dry friction. All start at
+    the robot's values::
 
         q_dot_r = q_d_dot + Lambda (q_d - q)                                     required velocity, (12)
         F*_B,r  = Y_B phi + K_V (V_B,r - V_B)                                    required net forces, (50)
@@ -135,11 +137,11 @@ class VirtualDecompositionControl(Law):
         phi <- phi + period gamma scale^2 s,  limited to phi_0 +- span scale     adaptation 0: projection (Zhu 2010)
         P   <- P + period gamma P S P                                            adaptation 1: natural (Lee et al. 2018)
 
-    P is the pseudo-inertia of a body: with the natural law the estimate stays a physical body. Joints always have the
+    P is the pseudo-inertia of a body; with the natural law the estimate stays a physical body. Joints always use the
     first law. The virtual power flows (V_B,r - V_B)' (F_B,r - F_B) of two bodies at the cutting point between them
-    cancel, so the arm's Lyapunov function falls by K_V, k_q for stiff joints. On springs k_vkappa must damp the rotors,
-    and Lambda must stay below the first mode. Adaptation pauses while a motor is at its limit. The rotors' reaction
-    (11) and the winding of springs are left to adaptation.
+    cancel, so for stiff joints the arm's Lyapunov function decreases because of K_V and k_q. On springs k_vkappa must
+    damp the rotors, and Lambda must stay below the first mode. Adaptation pauses while a motor is at its limit. The
+    rotors' reaction (11) and the winding of springs are left to adaptation.
     """
 
     q_d_dot = Input(*DESIRED["q_d_dot"])
@@ -164,7 +166,7 @@ class VirtualDecompositionControl(Law):
     tau = Sampled(*TORQUE)
 
     def update(self) -> None:
-        """Torque of the estimates so far, and the next estimates."""
+        """Torque from the present estimates, and the next estimates."""
         robot = self.robot
         q_dot_r = self.q_d_dot + self.Lambda * (self.q_d - self.q)
         q_ddot_r = self.q_d_ddot + self.Lambda * (self.q_d_dot - self.q_dot)

@@ -1,1 +1,1 @@
-"""Python FMUs. They run in a Python that has vdfmu."""
+"""Python FMUs, which run in a Python that has vdfmu."""

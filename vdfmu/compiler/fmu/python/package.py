@@ -1,4 +1,4 @@
-"""Build of a Python FMU with pythonfmu: it runs in a Python that has vdfmu."""
+"""Builds a Python FMU with pythonfmu; it runs in a Python that has vdfmu."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from vdfmu.compiler.fmu.content import CONTENT_PLACES, Content
 from vdfmu.compiler.fmu.documentation import documentation_files
 from vdfmu.compiler.unit.base import is_shipped, snake_case
 
-# pythonfmu puts a copy of itself into every FMU, without the binaries for builds. A process that loads such an FMU
-# first would import the copy instead of the installed package.
+# Imported early, because pythonfmu puts a copy of itself into every FMU, without the binaries for builds, and a process
+# that loads such an FMU first would import the copy instead of the installed package.
 _LEFT_OUT = "resources/pythonfmu/"
 
 

@@ -1,7 +1,7 @@
-"""The pythonfmu slave of all units: phases, values, state, errors, on the evaluation of a unit.
+"""The pythonfmu slave of all units: phases, values, state and errors around the evaluation of a unit.
 
-A Python slave can fail only by an exception, and users see only its text: unit, call, time, expected value, actual
-value and the fix.
+A Python slave can only fail with an exception, and users see only its text, so it contains unit, call, time, expected
+and actual value, and the fix.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _SAVED = ("h", "tolerance", "start")
 
 
 def _call(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Add unit, call and time to every error of a call, once; to an interrupt from the keyboard too."""
+    """Add unit, call and time, once, to every error of a call and to an interrupt from the keyboard."""
 
     def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)
@@ -68,14 +68,14 @@ class UnitSlave(Fmi2Slave):
 
     unit: ClassVar[str] = ""
     standard: ClassVar[partial[Content] | None] = None
-    """Makes the content of an FMU that carries none, as pythonfmu builds it of a file of ``fmu_src``."""
+    """Makes the content of an FMU without a content file, such as pythonfmu builds from a file of ``fmu_src``."""
     log_categories = LOG_CATEGORIES
-    # of an instance that the wrapper has released, should it be called again
+    # for an instance that the wrapper has released, in case it is called again
     instance_name, phase, time = "a unit that is free", "freed", 0.0
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        if "logger" in kwargs:  # the native wrapper calls, not the builder
+        if "logger" in kwargs:  # the native wrapper calls this, not the builder
             loaded_from(kwargs["resources"], self.unit)
         try:
             self._content = content = self._read(Path(kwargs["resources"]), built="logger" in kwargs)
@@ -89,7 +89,7 @@ class UnitSlave(Fmi2Slave):
         self._tolerance: float | None = None
         self._stale = True  # values were set since the last calculation of outputs and state
         self._unchecked = True  # parameters were set since the last check
-        # importers repeat themselves at every step; a reference to the slave would keep it
+        # importers repeat calls at every step; a reference to the slave would keep it alive
         self._variables = lru_cache(16)(partial(_checked, content.interface.variables))
         hold(self)
 
@@ -98,16 +98,16 @@ class UnitSlave(Fmi2Slave):
             return Content.read(resources, self.unit)
         content = self.standard()
         description = resources.parent / "modelDescription.xml"
-        described = built and description.is_file()  # some importers do not unpack it
+        described = built and description.is_file()  # some importers do not unpack the file
         if described and content.guid not in read_text(description):
             raise FmuError(
                 f"{self.unit}.fmu does not match the vdfmu of this Python, {__version__}: it was built with another "
-                "version or other sources, or has lost its content file. Build the FMU again."
+                "version or other sources, or its content file is missing. Build the FMU again."
             )
         return content
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
-        """Model description of the unit, with units, dependencies and InitialUnknowns."""
+        """Return the model description of the unit, with units, dependencies and InitialUnknowns."""
         content = self._content
         return model_description(content.interface, content.guid, content.generation_tool, content.made_by)
 
@@ -115,7 +115,7 @@ class UnitSlave(Fmi2Slave):
     def setup_experiment(
         self, start_time: float, stop_time: float | None = None, tolerance: float | None = None
     ) -> None:
-        """Take start time and tolerance of the experiment."""
+        """Set the start time and tolerance of the experiment."""
         self._require("instantiated")
         if not math.isfinite(start_time):
             raise FmuError(f"expected a finite start time, got {start_time} s.")
@@ -129,7 +129,7 @@ class UnitSlave(Fmi2Slave):
 
     @_call("enterInitializationMode")
     def enter_initialization_mode(self) -> None:
-        """Check the parameters and start."""
+        """Check the parameters and start the simulation."""
         self._require("instantiated")
         self._refresh()
         self.phase = "initialization"
@@ -184,7 +184,7 @@ class UnitSlave(Fmi2Slave):
             raise FmuError(f"it is allowed only {' or '.join(_WHEN[phase] for phase in phases)}.")
 
     def _refresh(self) -> None:
-        """Calculate state and outputs from the values set, until the initialization ends."""
+        """Calculate state and outputs from the values set, as long as the initialization lasts."""
         if not self._stale:
             return
         unit, solver = self._unit, self._solver
@@ -212,10 +212,10 @@ class UnitSlave(Fmi2Slave):
         return self._unit.memory[vrs].tolist()
 
     def take(self, kind: str, vrs: list[int], values: list[Any]) -> None:
-        """Set inputs and parameters of a type: all of a call, or none."""
+        """Set inputs and parameters of a type, either all values of a call or none."""
         variables, free = self._variables(kind, *vrs)
         self._require("instantiated", "initialization", "step")
-        # inputs without limits are checked by their sum: it is not finite if one of them is not
+        # inputs without limits are checked through their sum, which is not finite if one of them is not
         checked = () if free and math.isfinite(sum(values)) else zip(variables, values, strict=True)
         for variable, value in checked:
             if variable.causality == "output":
@@ -303,7 +303,7 @@ for _kind, _cast in {"Real": float, "Integer": int, "Boolean": bool, "String": s
 
 
 def _checked(variables: Sequence[Variable], kind: str, *vrs: int) -> tuple[list[Variable], bool]:
-    """Return the variables of value references, of the type, and whether they are inputs without limits."""
+    """Return the variables of value references, which must have the type, and whether all are inputs without limits."""
     for vr in vrs:
         if not 0 <= vr < len(variables):
             raise FmuError(f"there is no value reference {vr}; they go from 0 to {len(variables) - 1}.")
@@ -315,8 +315,8 @@ def _checked(variables: Sequence[Variable], kind: str, *vrs: int) -> tuple[list[
 
 @cache
 def slave_class(model_name: str, standard: partial[Content] | None = None) -> type[UnitSlave]:
-    """Return the class of the slaves of a model, the same in a process; `standard` see :class:`UnitSlave`.
+    """Return the class of a model's slaves, one per process; for `standard` see :class:`UnitSlave`.
 
-    The wrapper runs the script of the FMU at each instantiation, and releases the class more often than it takes it.
+    The wrapper runs the FMU's script at each instantiation, and releases the class more often than it acquires it.
     """
     return type(f"{model_name}Slave", (UnitSlave,), {"unit": model_name, "standard": standard})

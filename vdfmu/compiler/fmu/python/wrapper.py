@@ -1,17 +1,17 @@
 """Behaviour that the native wrapper of pythonfmu 0.7 requires of a slave, read in its source (PySlaveInstance.cpp).
 
-- Every exception becomes fmi2Fatal. Its ``repr`` is the message, and importers use it as a format of printf.
-- A message that waits in the queue while an exception is reported makes the wrapper lose the exception.
+- Every exception becomes fmi2Fatal. Its ``repr`` is the message, which importers use as a printf format.
+- If a message is waiting in the queue while an exception is reported, the wrapper loses the exception.
 - When a call fails, the wrapper releases the slave, its class and its message queue, and again at the next
   failure, in fmi2Reset and in fmi2FreeInstance.
-- fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue.
-- At each instantiation it runs the script again and then releases the globals of its module, once too often.
-- At each instantiation it puts the FMU's resources folder in front of ``sys.path`` and leaves it there.
-- A library that is still loaded when the process exits frees its data twice, and the process may abort. The
-  first one of a process is always still loaded, others if an importer did not free an instance that failed.
+- fmi2Reset releases the slave before it makes a new one. If that fails, it still uses the old one's queue. - At each
+instantiation it runs the script again and then releases the globals of its module, once too often. - At each
+instantiation it puts the FMU's resources folder in front of ``sys.path`` and leaves it there. - A library that is still
+loaded when the process exits frees its data twice, and the process may abort. The first one of a process always is;
+others are if an importer did not free an instance that failed.
 
-So this module holds further references to all objects that the wrapper releases, and makes the libraries free their
-data before the exit. A slave that seems free is emptied and kept.
+So this module holds additional references to all objects that the wrapper releases, and makes the libraries free their
+data before the exit. A slave that seems unused is emptied and kept.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from vdfmu.base.errors import FmuError
 _logger = logging.getLogger("vdfmu.compiler.fmu")
 
 _SPARE = 8
-"""References held to the objects of an instance: so many failures that Python does not see may occur in its life."""
+"""References held to the objects of an instance: the number of failures unseen by Python that it survives."""
 _held: list[tuple[Any, ...]] = []
 _for_ever: list[Any] = []
 _libraries: set[str] = set()
-"""Native libraries that made slaves, by the names in the loader."""
+"""Native libraries that made slaves, by their names in the loader."""
 
 
 class RefusalError(FmuError):
@@ -47,10 +47,10 @@ class RefusalError(FmuError):
 
 
 def refusal(text: str, slave: Any = None) -> RefusalError:
-    """Return the error of a failed call of a slave; None: an unknown slave, or an instantiation.
+    """Return the error of a slave's failed call; the slave is None if it is unknown or being made.
 
-    Its text goes to the logger ``vdfmu.compiler.fmu`` too: many importers switch the FMI logger off by default, and
-    then show only "fatal".
+    Its text also goes to the logger ``vdfmu.compiler.fmu``, because many importers switch the FMI logger off by default
+    and then show only "fatal".
     """
     if slave is not None:
         slave.log_queue.clear()
@@ -62,7 +62,7 @@ def refusal(text: str, slave: Any = None) -> RefusalError:
 
 
 def plain(text: str) -> str:
-    """Return a text in one line that is safe as a format of printf and in UTF-8."""
+    """Return a text in one line that is safe as a printf format and in UTF-8."""
     text = " ".join(text.split()).replace("%", " percent").replace("\0", " ")
     return text.encode("utf-8", "replace").decode("utf-8")
 
@@ -83,11 +83,11 @@ def hold_globals(script: dict[str, Any]) -> None:
 
 
 def loaded_from(resources: str, model_name: str) -> None:
-    """Note the library that makes a slave, and take its folder out of ``sys.path``."""
+    """Note the library that makes a slave, and remove its folder from ``sys.path``."""
     if resources in sys.path:
         sys.path.remove(resources)
     if sys.platform == "linux":
-        with contextlib.suppress(OSError):  # some other library than pythonfmu's made the slave
+        with contextlib.suppress(OSError):  # a library other than pythonfmu's made the slave
             _libraries.add(_loader_name(Path(resources).parent / "binaries" / "linux64" / f"{model_name}.so"))
 
 
@@ -95,7 +95,7 @@ def _loader_name(path: Path) -> str:
     """Return the name of a library in the loader, by which it is found even if its file no longer exists."""
     library = ctypes.CDLL(str(path), os.RTLD_LAZY | os.RTLD_NOLOAD)
     try:
-        # the handle is glibc's and musl's struct link_map: an address, then the name
+        # in glibc and musl the handle is a struct link_map: an address, then the name
         return os.fsdecode((ctypes.c_char_p * 2).from_address(library._handle)[1])
     finally:
         _ctypes.dlclose(library._handle)
@@ -108,10 +108,10 @@ def _references(slave: Any, count: int) -> tuple[Any, ...]:
 @atexit.register
 def _free_libraries() -> None:
     if sys.platform != "linux" or threading.get_native_id() != os.getpid():
-        return  # Windows needs nothing; in another thread, a library ends the interpreter
+        return  # Windows does not need this; in another thread a library would end the interpreter
     for path in _libraries:
         try:
             library = ctypes.CDLL(path, os.RTLD_LAZY | os.RTLD_NOLOAD)
-        except OSError:  # it is not loaded any more
+        except OSError:  # it is no longer loaded
             continue
         library.finalizePythonInterpreter()

@@ -1,1 +1,1 @@
-"""Single links and joints: a unit in each file."""
+"""Single links and joints, one unit per file."""

@@ -1,8 +1,8 @@
-"""Common parts of links and joints: numbers of the table of robots, and the signals at cutting points.
+"""Common parts of links and joints: numbers from the table of robots, and the signals at cutting points.
 
 At a cutting point the unit nearer to the tip receives velocities and returns forces. A is the cutting point of a joint
-towards the base, B the cutting point between a joint and its link, C and D are cutting points of a link towards the
-tip. A link has one frame: its signals at {C} and {D} are in the frame {B} of its joint.
+towards the base, B the one between a joint and its link, C and D are those of a link towards the tip. A link has only
+one frame, so its signals at {C} and {D} are in the frame {B} of its joint.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ E = TypeVar("E", Input, Output)
 JOINT: tuple[Section, ...] = ("joint", "drive", "friction", *STATELESS)
 """Sections of the table of robots with the parameters of a joint."""
 TOOL = ("tool_offset", "tool_rotation")
-"""Parameters of the end of an arm."""
+"""Parameters of an arm's end."""
 
 
 def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "revolute") -> dict[str, Parameter]:
@@ -45,7 +45,7 @@ def numbers(*sections: Section, names: tuple[str, ...] = (), joint_type: str = "
 
 
 def rates(measure: tuple[tuple[str, ...], int], linear: str, angular: str, order: int) -> tuple[Any, Any, list[str]]:
-    """Units, shape and texts of a 6-vector of a measure, and its derivatives in time up to `order`, a row each."""
+    """Units, shape and texts of a 6-vector of a measure and its time derivatives up to `order`, one row each."""
     rows = [measure[0]]
     for _ in range(order):
         rows.append(tuple(derivative_of(unit) for unit in rows[-1]))
@@ -63,7 +63,8 @@ DESIRED_FORCE = (
         *six("Desired force, rotors moving on their springs", "Desired moment, rotors moving on their springs"),
     ],
 )
-"""The desired force and two derivatives if rotors turn with their links; the force if they move on their springs."""
+"""The desired force with two derivatives if rotors turn with their links; only the force if they move on their
+springs."""
 
 
 def six_vector(kind: type[D], measure: tuple[tuple[str, ...], int], linear: str, angular: str, at: str) -> D:
@@ -72,7 +73,7 @@ def six_vector(kind: type[D], measure: tuple[tuple[str, ...], int], linear: str,
 
 
 def desired_ports(at: str, kind: type[D], back: type[E]) -> dict[str, D | E]:
-    """Return the signals at a cutting point of the feedforward: motions, of a `kind`, and forces, `back`."""
+    """Return the signals at a cutting point of the feedforward: motions, of a `kind`, and the forces `back`."""
     return {
         f"V_{at}_d": kind(*DESIRED_VELOCITY),
         f"g_{at}_d": kind("m/s2", 3, f"Gravity vector of (62) at {{{at}}}, along the desired motion, axis"),
@@ -115,7 +116,7 @@ def apparent(at: str, back: type[E], hanging: Any = 0.0) -> dict[str, E]:
 
 
 def row_pair(V: np.ndarray) -> tuple[Any, Any]:
-    """Return a velocity and its derivative with two derivatives each, from the four rows of `V`: (6,) jets."""
+    """Return a velocity and its derivative, with two derivatives each, from the four rows of `V`: (6,) jets."""
     return jets(*V[:3]), jets(*V[1:])
 
 
@@ -138,17 +139,17 @@ def friction_choice() -> Choice:
 
 
 class Piece(Unit):
-    """A link or a joint, by the equations for a robot of one joint with its numbers.
+    """A link or a joint, calculated by the equations of a robot with only this joint.
 
-    It is for model exchange too, also without states: a master that integrates components together can take its outputs
-    between two of its inputs.
+    It also has model exchange, even without states, because a master that integrates components together can then read
+    outputs between setting inputs.
     """
 
     exchange: ClassVar[bool] = True
     sampled: ClassVar[bool | None] = False
     joint_type: ClassVar[str] = "revolute"
 
-    if TYPE_CHECKING:  # what `numbers` and others declare
+    if TYPE_CHECKING:  # variables that `numbers` and others declare
 
         def __getattr__(self, name: str) -> Any: ...
 

@@ -12,7 +12,7 @@ from vdfmu.extras.decompose.units._piece import Piece, numbers, plant_ports
 class ArmBase(Piece):
     """Base at rest in {I}, for an arm that is connected from links and joints.
 
-    A body on it, or any number of joints, takes its velocity of 0 and its gravity vector.
+    A body on it, or any number of joints, receives its zero velocity and its gravity vector.
     """
 
     ports = Variables({name: signal for name, signal in plant_ports("C", Output, Input).items() if name[0] in "Vg"})

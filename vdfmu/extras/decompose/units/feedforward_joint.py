@@ -37,7 +37,7 @@ from vdfmu.extras.decompose.units._piece import (
 
 
 def feedforward_variables(kind: str) -> dict[str, Any]:
-    """Return the variables of a joint of a type that depend on it, with its gains."""
+    """Return the variables of a joint that depend on its type, and its gains."""
     gains = {
         "Lambda": ("1/s", "gain of the required velocity, Eq. (12)", 1.0),
         "k_vq": ("damping_m", "gain of the link velocity, motor-side, Eq. (26)", 0.0001),
@@ -65,7 +65,7 @@ class FeedforwardJoint(Piece):
         F_A = U_AB F_B                    (46), (52)-(53), desired, with two derivatives; required
         tau_s = z' F_B + xi_l             of the desired motion; kappa and tau_m follow as in Feedforward
 
-    Mode 0, inverse, uses the desired forces alone, mode 1, vdc, the required ones too.
+    Mode 0, inverse, uses only the desired forces; mode 1, vdc, also uses the required ones.
     """
 
     ports = Variables(desired_ports("A", Input, Output) | desired_ports("B", Output, Input))

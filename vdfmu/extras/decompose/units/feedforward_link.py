@@ -16,13 +16,13 @@ from vdfmu.extras.decompose.units._piece import Piece, desired_forces, desired_p
 class FeedforwardLink(Piece):
     """A link in the feedforward of its arm, Eq. (50)-(53); see the unit Feedforward.
 
-    Towards the tip it passes on the velocities of its joint, and towards the base the forces of itself and the bodies
-    beyond::
+    Towards the tip it passes on the velocities of its joint, and towards the base its own forces plus those of the
+    bodies beyond::
 
         F_B = M_B V_B_dot + C_B V_B + G_B + F_C + F_D                      desired, with two derivatives, (44)-(47)
         F_B_r = M_B V_B_r_dot + C_B V_B_r + G_B + K_V (V_B_r - V_B) + F_C_r + F_D_r                        (50)-(53)
 
-    Two joints can hang on it; an unconnected force is 0.
+    Two joints can be attached to it; an unconnected force is 0.
     """
 
     ports = Variables(
@@ -38,7 +38,7 @@ class FeedforwardLink(Piece):
     )
 
     def outputs(self) -> None:
-        """Hand on velocities and forces."""
+        """Pass on velocities and forces."""
         m_B, r_B, I_B = body = self.robot_of_joint().body(0)
         self.V_C_d, self.g_C_d = self.V_B_d, self.g_B_d
         self.V_C, self.V_C_r, self.V_C_r_dot, self.g_C = self.V_B, self.V_B_r, self.V_B_r_dot, self.g_B

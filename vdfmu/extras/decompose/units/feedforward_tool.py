@@ -12,7 +12,7 @@ from vdfmu.extras.decompose.units._piece import TOOL, Piece, desired_forces, num
 
 
 class FeedforwardTool(Piece):
-    """The wrench that the end of an arm is to exert, Eq. (44).
+    """The desired wrench of the end of an arm, Eq. (44).
 
     ::
 
@@ -28,6 +28,6 @@ class FeedforwardTool(Piece):
     )
 
     def outputs(self) -> None:
-        """Bring the wrench to the frame of the last link."""
+        """Transform the wrench to the frame of the last link."""
         self.F_B_r = tool_transform(self.robot_of_joint()) @ self.F_e_d
         self.F_B_d = np.stack([self.F_B_r, np.zeros(6), np.zeros(6), self.F_B_r])

@@ -36,7 +36,7 @@ from vdfmu.extras.decompose.units._piece import (
 
 
 def plant_variables(kind: str) -> dict[str, Any]:
-    """Return the variables of a joint of a type that depend on it."""
+    """Return the variables of a joint that depend on its type."""
     states = {name: of_joint(State, MEASURED[name], kind) for name in ("q", "q_dot", "kappa_dot", "tau_s")}
     starts = {
         f"{name}_0": of_joint(Parameter, (MEASURED[name][0], (), f"start {MEASURED[name][2]}"), kind) for name in states
@@ -54,7 +54,7 @@ class PlantJoint(Piece):
     """A revolute joint with its drive, Eq. (2)-(11), (54)-(56), for an arm that is connected from links and joints.
 
     Towards the tip it passes on velocity and acceleration, and towards the base the apparent mass and the bias force of
-    the bodies on it: they need the force ``M V_dot + p`` at a cutting point. ``c`` is the part of V_B_dot that is
+    the bodies on it, which need the force ``M V_dot + p`` at a cutting point. ``c`` is the part of V_B_dot that is
     quadratic in velocities::
 
         V_B = z q_dot + U_AB' V_A                                           (29)-(31)
@@ -63,8 +63,8 @@ class PlantJoint(Piece):
         q_ddot = [u - z' M_B (U_AB' V_A_dot + c)] / d      V_B_dot = U_AB' V_A_dot + c + z q_ddot
 
     Drive and friction are as in the unit Plant. No output depends on itself through its neighbours: velocities depend
-    on states and velocities, M and p on these, accelerations on M and p. The springs start with the torque that holds
-    the bodies on the joint, rotors that push it included, unless equilibrium is false.
+    on states and velocities, M and p on these, accelerations on M and p. Unless equilibrium is false, the springs start
+    with the torque that holds the bodies on the joint, including the rotors' reaction.
     """
 
     tau = Input("N.m", text="Motor torque, motor-side")

@@ -15,7 +15,7 @@ class PlantLink(Piece):
 
         M_B = M + M_C + M_D        p_B = C_B V_B + G_B + p_C + p_D
 
-    Two joints can hang on it, or a joint and a tool; unconnected M and p are 0.
+    Two joints, or a joint and a tool, can be attached to it; unconnected M and p are 0.
     """
 
     ports = Variables(plant_ports("B", Input, Output) | plant_ports("C", Output, Input) | apparent("D", Input))
@@ -26,7 +26,7 @@ class PlantLink(Piece):
     )
 
     def outputs(self) -> None:
-        """Hand on the motion, and apparent mass and bias force."""
+        """Pass on the motion, the apparent mass and the bias force."""
         m_B, r_B, I_B = self.robot_of_joint().body(0)
         self.V_C, self.V_C_dot, self.g_C = self.V_B, self.V_B_dot, self.g_B
         self.M_B = mass_matrix(m_B, r_B, I_B) + self.M_C + self.M_D

@@ -26,5 +26,5 @@ class PlantTool(Piece):
     )
 
     def outputs(self) -> None:
-        """Bring the wrench to the frame of the last link."""
+        """Transform the wrench to the frame of the last link."""
         self.p_B = tool_transform(self.robot_of_joint()) @ self.F_e

@@ -1,1 +1,1 @@
-"""Control laws, observers and filters, sensors and actuators: a unit in each file."""
+"""Control laws, observers and filters, sensors and actuators, one unit per file."""

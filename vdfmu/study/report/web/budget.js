@@ -28,7 +28,7 @@ export class Budget {
       make(
         "p",
         { class: "note" },
-        "The recorded system runs again with one cause of its error changed at a time: the smaller the error then, the more it is due to this cause.",
+        "The recorded system runs again with one cause of its error changed at a time. The smaller the error becomes, the more it is due to this cause.",
       ),
       this.table,
     );

@@ -20,7 +20,7 @@ import { decades, nearest, padded } from "./scales.js";
 import { vendor } from "./vendor.js";
 
 const { uPlot } = vendor;
-const DASHES = [[], [9, 4], [9, 3, 2, 3], [2, 3]]; // as `DASHES` of vdfmu/base/style.py
+const DASHES = [[], [9, 4], [9, 3, 2, 3], [2, 3]]; // as `DASHES` of vdfmu/extras/pictures/style.py
 const HEIGHT = 240;
 const PALE = 0.4,
   FADED = 0.15;

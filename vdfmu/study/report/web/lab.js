@@ -154,11 +154,11 @@ export function showLab(section, study, bench) {
     make(
       "p",
       { class: "note" },
-      "Drag in a picture, or along an axis, to choose points in all of them; a double click shows all. A click on a point opens it below.",
+      "Drag in a picture, or along an axis, to select points in all pictures; a double click shows all. Click on a point to open it below.",
     ),
     make("div", { class: "grid" }, ...pictures),
     ...(lab.axes.length > 2
-      ? [new Parallel(lab, "Axes side by side, a line a point").element]
+      ? [new Parallel(lab, "Parallel coordinates: one line per point").element]
       : []),
     rangeInputs(lab),
     pointPanel(lab, bench),
@@ -270,9 +270,9 @@ function pointPanel(lab, bench) {
     const changes = lab.changes(row);
     const words =
       changes && bench
-        ? "Simulated by this page, over the scenario as it is: the arm and the figures below."
+        ? "Simulated by this page and shown over the unchanged scenario: the arm and the figures below."
         : study.reason ||
-          "This point differs in more than parameters from what the page simulates; the command runs it.";
+          "This point differs in more than parameters from what the page simulates; use the command to run it.";
     panel.replaceChildren(
       bar(make("h2", {}, lab.nameOf(row)), ...buttons),
       ...failed,

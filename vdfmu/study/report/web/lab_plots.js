@@ -239,7 +239,7 @@ export class Contour extends Scatter {
   }
 }
 
-/** Columns side by side, a line a point. */
+/** Parallel coordinates: one line per point. */
 export class Parallel extends Picture {
   constructor(lab, title) {
     super(lab, title, 340);

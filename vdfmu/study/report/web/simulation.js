@@ -43,7 +43,7 @@ class Simulation {
     this.moment = 0;
     this.back = button("Reset", () => this.reset());
     this.undone = button("Undo", () => this.undo(), {
-      title: "Take back the last change of a slider",
+      title: "Undo the last change of a slider",
     });
     this.legend = make("p", { class: "note" });
     this.board = make("div", { class: "sliders" });
@@ -67,7 +67,7 @@ class Simulation {
       make(
         "p",
         { class: "note" },
-        "This browser runs the equations of the FMUs again when a slider moves. A double click puts a slider back.",
+        "This browser runs the equations of the FMUs again when a slider moves. A double click resets a slider.",
       ),
       this.detail,
       make("div", { class: "checks" }, this.equal),
@@ -169,7 +169,7 @@ class Simulation {
     this.undone.disabled = !this.past.length;
   }
 
-  /** Take back the last change of a slider. */
+  /** Undo the last change of a slider. */
   undo() {
     this.last = this.past.pop();
     this.sliders.forEach((slider, k) => {

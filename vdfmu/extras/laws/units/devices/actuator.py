@@ -20,10 +20,10 @@ class Actuator(Unit):
         |tau[k]| <= min(tau_max, k_t i_lim)              i = tau / k_t
         h[k] = a h[k-1] + (1 - a) i[k]^2                    h <= i_rms^2         a = exp(-period / T_i)
 
-    h is the mean square of the current over the thermal time constant T_i. i_lim = min(i_max, i_h), with i_h of at
-    least i_rms the current that makes h = i_rms^2 after the sample. So a cold motor gives i_max for
-    ``-T_i ln(1 - i_rms^2 / i_max^2)``, then i_rms. If heat limits the current, the torque falls faster than
-    tau_dot_max. All limits are off by default.
+    h is the mean square of the current over the thermal time constant T_i. i_lim = min(i_max, i_h), where i_h, at least
+    i_rms, is the current with which h = i_rms^2 after the sample. So a cold motor delivers i_max for ``-T_i ln(1 -
+    i_rms^2 / i_max^2)``, then i_rms. If heat limits the current, the torque falls faster than tau_dot_max. All limits
+    are off by default.
     """
 
     tau_c = Input("N.m", JOINTS, "requested torque, motor-side")
@@ -45,7 +45,7 @@ class Actuator(Unit):
         self.i = self.tau / self.k_t
 
     def _limit(self, kept: Any) -> Any:
-        """Largest torque (n,) [N.m] if h were `kept` [A^2] without a current."""
+        """Largest torque (n,) [N.m] if h would be `kept` [A^2] without current."""
         warm = (self.i_rms**2 - kept) / -np.expm1(-self.period / self.T_i)
         return minimum(self.tau_max, self.k_t * minimum(self.i_max, np.sqrt(warm)))
 

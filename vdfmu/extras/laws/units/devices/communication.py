@@ -50,7 +50,7 @@ class Communication(Unit):
         self.sent, self.tau = self.tau_c[:, None] * np.ones(PAST), self.tau_c
 
     def update(self) -> None:
-        """Send, then take the newest arrival."""
+        """Send, then use the newest arrival."""
         (late, luck), self.random = uniform(self.random, 2)
         self.sent = shifted(self.sent, self.tau_c)
         self.way = shifted(self.way, where(luck < self.loss, _NEVER, (self.T_d + self.T_j * late) / self.period))

@@ -12,16 +12,16 @@ _STIFF, _DAMPED = 0.05, 0.4
 class EmergencyStop(Unit):
     """Emergency stop of all joints: the motors' torque ends, and brakes on the rotors engage, sampled.
 
-    From the first sample with ``stop`` above 0.5, or at t_stop, the motors give no torque. T_b later the brakes engage
-    and stay engaged. A brake is Coulomb friction: a bristle holds the rotor in place up to the torque tau_b and slips
-    beyond it, and kappa_b follows::
+    From the first sample with ``stop`` above 0.5, or from t_stop, the motors have no torque. T_b later the brakes
+    engage and stay engaged. A brake is Coulomb friction: a bristle holds the rotor in place up to the torque tau_b and
+    slips beyond it, and kappa_b follows::
 
         tau = clip(K (kappa_b - kappa) - D kappa_dot, -tau_b, tau_b)
         K = 0.05 I_m / period^2,  D = 0.4 I_m / period
 
-    So tau_b slows down a slipping rotor. A standing rotor does not creep: a load tau_l turns it by tau_l / K. K and D
-    are the stiffest brake without oscillation, also with one more sample of delay. tau_b must be above the motor
-    torques under the arm's weight, or the arm falls.
+    So tau_b slows down a slipping rotor. A resting rotor does not creep: a load tau_l turns it by tau_l / K. K and D
+    are those of the stiffest brake that does not oscillate even with an additional sample of delay. tau_b must exceed
+    the motor torques that hold the arm's weight, or the arm falls.
     """
 
     tau_c = Input("N.m", JOINTS, "requested torque, motor-side")

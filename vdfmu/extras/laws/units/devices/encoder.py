@@ -18,10 +18,10 @@ class Encoder(Unit):
         q_m[k]     = r floor(q(t_k - T_d) / r + 1/2)                     r = span / 2^bits
         q_dot_m[k] = a q_dot_m[k-1] + (1 - a) (q_m[k] - q_m[k-1]) / period       a = exp(-period / T_v)
 
-    q is the position of the link, or of the rotor divided by ell for an encoder of the motor. Then the divided span is
-    2 pi / ell for one turn of the motor. T_d is up to 15 periods; q is assumed to be linear between samples, and
-    constant before the start. The error of the position is up to r / 2. Without a filter, T_v = 0, the error of the
-    velocity is up to r / period.
+    q is the position of the link or, for a motor encoder, that of the rotor divided by ell; then the span is 2 pi / ell
+    for one turn of the motor. T_d is up to 15 periods; q is assumed to be linear between samples, and constant before
+    the start. The error of the position is up to r / 2. Without a filter, T_v = 0, the error of the velocity is up to r
+    / period.
     """
 
     q = Input("position", JOINTS, "position")

@@ -19,10 +19,10 @@ class ComputedTorque(Law):
         tau = [ID(q, q_dot, a) + K_v (q_d_dot - kappa_dot)] / ell + I_m a_k     limited to -tau_max .. tau_max
 
     ID is the inverse dynamics, with rotors that move by kappa_dot and a_k, (11). On an arm with stiff joints and
-    without friction the error has the poles of p^2 + k_v p + k_p, if K_v = 0. On springs, the damping of rotors must
-    use their own velocity: so a_k has kappa_dot, and K_v adds to it. k_p acts across the springs: keep sqrt(k_p) well
-    below the first mode of the arm with its motors free. Friction stays: the error is about its torque, divided by k_p
-    and the inertia of joint and rotor.
+    without friction the error has the poles of p^2 + k_v p + k_p, if K_v = 0. On springs, damping of the rotors must
+    use their own velocity, so a_k contains kappa_dot, and K_v adds to it. k_p acts across the springs, so keep
+    sqrt(k_p) well below the first mode of the arm with free motors. Friction is not compensated: the error is about its
+    torque divided by k_p and the inertia of joint and rotor.
 
     Source: B. Siciliano, L. Sciavicco, L. Villani, G. Oriolo, "Robotics: Modelling, Planning and Control", 2009,
     section 8.5.2; the rotors' own velocity is added here.

@@ -11,7 +11,7 @@ from vdfmu.compiler.unit import JOINTS, Parameter, RobotParameters, Sampled, cli
 class DisturbanceObserverPD(SampledPD):
     """PD controller, Eq. (58), with a disturbance observer on the rotors, sampled.
 
-    The rotor's equation (10), (56) less the same along the desired motion, with the feedforward tau_m::
+    The rotor's equation (10), (56) minus the same along the desired motion, with the feedforward tau_m::
 
         I_m (kappa_ddot - kappa_ddot_d) = tau - tau_m - d                    d: torque unknown to the feedforward
         tau = tau_m + [K_p (q_d - q) + K_v (kappa_dot_d - kappa_dot)] / ell + d_hat       limited to -tau_max .. tau_max
@@ -21,9 +21,10 @@ class DisturbanceObserverPD(SampledPD):
 
         d_hat <- a d_hat + (1 - a) [tau - tau_m + I_m (e - e_before) / period]         a = exp(-period / T_Q)
 
-    So a constant d is known to exp(-t / T_Q). Since the estimate sees the torque after the limit, it does not wind up
-    while the motor is at its limit, and it is limited to -tau_max .. tau_max itself. The load of the spring is a part
-    of d: a small T_Q makes the rotor stiff against the link, whose vibration the motor then no longer damps.
+    So the error of the estimate of a constant d falls as exp(-t / T_Q). Because the estimate uses the torque after the
+    limit, it does not wind up while the motor is at its limit; the estimate itself is limited to -tau_max .. tau_max.
+    The load of the spring is a part of d: a small T_Q makes the rotor stiff against the link, whose vibration the motor
+    then no longer damps.
     """
 
     T_Q = Parameter("s", JOINTS, "time constant of the estimate", start=0.05, minimum=1e-6, tunable=True)

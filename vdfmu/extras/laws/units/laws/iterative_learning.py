@@ -22,8 +22,8 @@ class IterativeLearningPD(SampledPD):
         tau      = tau_m + u + [K_p (q_d - q) + K_v (kappa_dot_d - kappa_dot)] / ell     limited to -tau_max .. tau_max
         u_(k+1)  = Q [u_k + L (tau_k - tau_m - u_k)]                 from the cycle of duration T to the next
 
-    tau - tau_m - u is the torque of the feedback: the error, led by atan(w K_v / K_p) at w. The zero-phase filter Q
-    keeps the mean and the harmonics of 1 / T, up to `harmonics`, at most 20, from the whole cycle. So u is a Fourier
+    tau - tau_m - u is the torque of the feedback, which leads the error by atan(w K_v / K_p) at w. From the whole
+    cycle, the zero-phase filter Q keeps the mean and the first `harmonics`, at most 20, of 1 / T. So u is a Fourier
     series, c_0 + sum of c_h cos(2 pi h t / T) + s_h sin(2 pi h t / T).
 
     The unlearned part of a periodic torque falls in each cycle by |1 - L T_C| in the harmonic h, with T_C(j 2 pi h / T)
@@ -32,7 +32,7 @@ class IterativeLearningPD(SampledPD):
     mean of motor torques in earlier cycles, so it does not wind up while they are at their limit.
 
     Cycles start at t_start, and end after `cycles`; before and after u is constant. The motion must be closed in each
-    cycle. With the default T = 0 this is feedforward and feedback alone.
+    cycle. With the default T = 0 there is only feedforward and feedback.
 
     Source: D. Bristow, M. Tharayil, A. Alleyne, "A survey of iterative learning control", IEEE Control Systems Magazine
     26(3), 2006. Learning from the feedback's torque: M. Kawato, K. Furukawa, R. Suzuki, "A hierarchical neural-network

@@ -1,4 +1,4 @@
-"""The unit JointTorque: feedback of the rotors, and of the drives' torques, for rotors that seem lighter."""
+"""The unit JointTorque: feedback of the rotors, and of the drives' torques to make rotors seem lighter."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class JointTorque(PDGravity):
         s I_m kappa_ddot + s xi_m + tau_s / ell = u / ell
 
     At a constant q_d they are passive from -(tau_s - g) to kappa_dot, whatever the links do: with a passive arm and
-    surroundings the loop is stable. tau_s is the torque of the whole drive. Sampling bounds s from below: the rotor's
-    gain is K_v / (s ell I_m) times the step, and a held torque is late for the mode of a light link on a stiff spring:
-    a wrist needs an s near 1, and with a sample of delay every joint does.
+    surroundings the loop is stable. tau_s is the torque of the whole drive. Sampling bounds s from below, because the
+    rotor's gain is K_v / (s ell I_m) times the step, and a held torque is late for the mode of a light link on a stiff
+    spring: a wrist needs an s near 1, and with a sample of delay every joint does.
 
     Source: A. Albu-Schaeffer, C. Ott, G. Hirzinger, "A unified passivity-based control framework for position, torque
     and impedance control of flexible joint robots", International Journal of Robotics Research 26(1), 2007; without the

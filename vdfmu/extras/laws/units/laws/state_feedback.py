@@ -12,7 +12,7 @@ from vdfmu.compiler.unit import JOINTS, Input, Parameter
 
 
 def _matrix(unit: str, text: str, diagonal: float) -> Parameter:
-    """Tunable matrix of gains; at first a multiple of the unit matrix."""
+    """Tunable matrix of gains, by default a multiple of the unit matrix."""
     return Parameter(unit, (JOINTS, JOINTS), text, start=lambda robot: diagonal * np.eye(robot.n), tunable=True)
 
 
@@ -26,9 +26,9 @@ class StateFeedback(GravityLaw):
         tau     = [g + K_q (q_d - q) + K_q_dot (q_d_dot - q_dot)
                      + K_kappa (kappa_d - kappa) + K_kappa_dot (q_d_dot - kappa_dot)] / ell   within -tau_max .. tau_max
 
-    The gains are matrices, link-side: joint i's torque takes the errors of all joints. The start values are PD control
-    of the rotors. ``vdfmu.extras.laws.gains.state_gains`` calculates optimal gains at a pose (LQR). A column of a
-    prismatic joint is per m instead of per rad.
+    The gains are matrices, link-side: the torque of joint i depends on the errors of all joints. The start values are
+    PD control of the rotors. ``vdfmu.extras.laws.gains.state_gains`` calculates optimal gains at a pose (LQR). A column
+    of a prismatic joint is per m instead of per rad.
 
     Source: A. De Luca, W. Book, "Robots with Flexible Elements", Springer Handbook of Robotics, 2008, section 13.1.
     """

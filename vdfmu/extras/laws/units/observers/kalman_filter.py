@@ -50,13 +50,14 @@ def _designed(name: str) -> Callable[[Any], Any]:
 class KalmanFilter(Unit):
     """Kalman filter for positions and velocities of links, from encoders and torques of motors, sampled.
 
-    Each joint by itself about a pose q_0, held by kappa_0 and tau_0, x = [q - q_0, q_dot, kappa - kappa_0, kappa_dot]::
+    Each joint is filtered separately, about a pose q_0 held by kappa_0 and tau_0, with x = [q - q_0, q_dot, kappa -
+    kappa_0, kappa_dot]::
 
         M q_ddot     = K (kappa - q) - K_g q - b_q q_dot + w_q             M, K_g: of the arm at the pose, its diagonal
         J kappa_ddot = ell (tau + w_tau) - K (kappa - q) - b kappa_dot     K: of the spring under the weight
         x_hat <- A x_hat + B (tau - tau_0) + L (kappa - kappa_hat)         over a period, tau held
 
-    `design` returns the parameters for a pose, a period and the sizes of noise. After a step the estimate belongs to
+    `design` returns the parameters for a pose, a period and the sizes of noise. After a step the estimate is that for
     the end of the step, in time for its readers. Coupling of the joints, dry friction and another pose act on the
     filter as unknown torques.
     """

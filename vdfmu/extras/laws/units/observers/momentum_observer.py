@@ -40,9 +40,9 @@ class MomentumObserver(Unit):
 
         r <- a r + (1 - a) [mean of (tau_s - xi_l + C' q_dot - G) - (p - p_before) / period]       a = exp(-K_o period)
 
-    F_e_hat is the least wrench, in SI numbers, that gives r, by damped least squares: it is F_e for an arm of six
-    joints or more, away from singular positions. Friction of the links is from the model; states of drive options, such
-    as hysteresis, add to r.
+    F_e_hat is the smallest wrench, in SI numbers, that results in r, by damped least squares: it is F_e for an arm of
+    six or more joints away from singular positions. Friction of the links is from the model; states of drive options,
+    such as hysteresis, add to r.
     """
 
     q = Input(*MEASURED["q"])
@@ -61,7 +61,7 @@ class MomentumObserver(Unit):
     terminals = (Terminal("joints", "left", ("q", "q_dot", "kappa_dot", "tau_s"), "Motion and torques of the joints"),)
 
     def update(self) -> None:
-        """Rate of the momentum over the last sample, against its known part."""
+        """Compare the momentum's rate over the last sample with its known part."""
         robot, zero = self.robot, np.zeros(self.n)
         p, change = momentum(robot, self.q, self.q_dot, self.kappa_dot)
         xi_l, _ = joint_friction(robot, self.q_dot, self.kappa_dot, self.tau_s)

@@ -1,6 +1,6 @@
-"""Style of all pictures: size, colours, panels, and reproducible files.
+"""Style of all figures: size, colours, panels, and reproducible files.
 
-Figures are drawn with matplotlib's objects on an Agg canvas: no pyplot, no display, no settings of the user.
+Figures are drawn with matplotlib's objects on an Agg canvas, without pyplot, a display or the user's settings.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ COLORS = LIGHT
 DASHES = ("-", "--", "-.", ":")
 BACK: dict[str, Any] = {"color": COLORS[5], "linewidth": 3.2}
 ON_TOP: dict[str, Any] = {"color": "#000000", "linewidth": 1.1, "linestyle": (0, (5, 3))}
-"""Looks of two curves that may coincide: broad, and dashed on top."""
+"""Line styles of two curves that may coincide: a wide one, and a dashed one on top."""
 _GREY = "#555555"
 _MARGIN = 0.1
-_CAPTION_CHARACTERS = 15.6  # that fit into an inch
+_CAPTION_CHARACTERS = 15.6  # characters per inch
 _RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 10.0, "axes.titlesize": 10.0, "axes.labelsize": 10.0, "legend.fontsize": 10.0,
     "axes.titlelocation": "left", "axes.titleweight": "bold",
-    "axes.titley": 1.0,  # otherwise matplotlib measures everything below a title
+    "axes.titley": 1.0,  # otherwise matplotlib measures everything below the title
     "axes.edgecolor": _GREY, "axes.linewidth": 0.8, "axes.grid": True, "axes.axisbelow": True,
     "axes.xmargin": 0.0, "axes.ymargin": 0.08, "axes.spines.top": False, "axes.spines.right": False,
     "grid.color": "#DDDDDD", "grid.linewidth": 0.7, "lines.linewidth": 1.6, "lines.solid_capstyle": "round",
@@ -80,11 +80,11 @@ _PAPER: dict[str, Any] = _RC | {
 
 
 _SERIF: dict[str, Any] = _PAPER | {"font.family": "STIXGeneral", "mathtext.fontset": "stix"}
-"""With the serifs of most papers; matplotlib brings the font."""
+"""Serif font as in most papers; it comes with matplotlib."""
 
 
 def styled(draw: Callable[P, Figure], look: dict[str, Any] = _RC) -> Callable[P, Figure]:
-    """Let a function draw its figure in the style of this module."""
+    """Make a function draw its figure in the style of this module."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -95,7 +95,7 @@ def styled(draw: Callable[P, Figure], look: dict[str, Any] = _RC) -> Callable[P,
 
 
 def paper(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Let a function draw its figure with text of 8 pt and thin lines; its argument `serif` chooses the font."""
+    """Make a function draw its figure with 8 pt text and thin lines; its argument `serif` chooses the font."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -108,7 +108,7 @@ def paper(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def blank(width: float, height: float) -> Figure:
-    """Return a figure of `width` by `height` [in] without title and caption, see `paper`."""
+    """Return a figure of `width` by `height` [in] without title and caption; see `paper`."""
     figure = _Picture(figsize=(width, height), dpi=2 * DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -117,7 +117,7 @@ def blank(width: float, height: float) -> Figure:
 def new_figure(
     title: str, caption: str, *, height: float, width: float = WIDTH, legend: Sequence[Artist] = ()
 ) -> Figure:
-    """Return a figure of `width` by `height` [in] with space for panels between title and legend, and the caption."""
+    """Return a figure of `width` by `height` [in] with space for panels between title and legend, and a caption."""
     figure = _Picture(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
     left = _MARGIN / width
@@ -137,10 +137,10 @@ def new_figure(
 
 
 def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None = None) -> None:
-    """Give a panel with its curves a title, a y label with unit and, over time, the limits of its x axis.
+    """Set a panel's title, its y label with unit and, for curves over time, the limits of the x axis.
 
-    Very small or large values get a fitting unit, or a power of ten in the label. Constant values are drawn from 0. A
-    logarithmic axis shows three to nine whole decades.
+    Very small or large values get a prefixed unit, or a power of ten in the label. If values are constant, the axis
+    starts at 0. A logarithmic axis covers three to nine whole decades.
     """
     axes.set_title(title)
     low, high = axes.dataLim.intervaly
@@ -159,7 +159,7 @@ def dress(axes: Axes, title: str, quantity: str, unit: str, time: Floats | None 
 
 
 def fit_axis(axis: Axis, unit: str, largest: float) -> str:
-    """Scale a linear axis to a fitting unit for values up to `largest`, and return the unit."""
+    """Scale a linear axis to a suitable unit for values up to `largest`, and return the unit."""
     fit, exponent = fitted(unit, largest)
     formatter = ScalarFormatter(useOffset=False)
     formatter.set_scientific(exponent != 0)
@@ -171,7 +171,7 @@ def fit_axis(axis: Axis, unit: str, largest: float) -> str:
 
 
 def label_time(panels: Sequence[Axes], columns: int) -> None:
-    """Write times and "Time [s]" below the lowest panel of each column only. Panels come row by row."""
+    """Label times and "Time [s]" only below the lowest panel of each column. `panels` are in order of rows."""
     for axes in panels[:-columns]:
         axes.tick_params(labelbottom=False)
     for axes in panels[-columns:]:
@@ -179,7 +179,7 @@ def label_time(panels: Sequence[Axes], columns: int) -> None:
 
 
 def legend_beside(axes: Axes, handles: Sequence[Artist]) -> None:
-    """Put a legend right of a panel, in columns of 14."""
+    """Put a legend to the right of a panel, in columns of 14 entries."""
     axes.legend(
         handles=list(handles), loc="upper left", bbox_to_anchor=(1.01, 1.0), ncols=math.ceil(len(handles) / 14),
         borderaxespad=0.0, handlelength=1.8,
@@ -208,7 +208,7 @@ def thin(time: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 class _Picture(Figure):
-    """A figure that a notebook shows, also without pyplot, in its `look`: ticks are only made when it is drawn."""
+    """A figure that notebooks show without pyplot. Drawing makes the ticks, so it sets the `look` again."""
 
     look: dict[str, Any] = _RC
 
@@ -220,9 +220,9 @@ class _Picture(Figure):
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, SVG or PDF, by the suffix, and make its folder. The same figure gives the same bytes.
+    """Write a figure as PNG, SVG or PDF by its suffix, and make its folder. The bytes are reproducible.
 
-    UsageError for another suffix, UsageError or VdfmuError if the file cannot be written.
+    UsageError for other suffixes; UsageError or VdfmuError if the file cannot be written.
     """
     write = _WRITERS.get(path.suffix.lower())
     if write is None:
@@ -230,7 +230,7 @@ def save(figure: Figure, path: Path) -> Path:
     stream = io.BytesIO()
     with matplotlib.style.context(["default", getattr(figure, "look", _RC)]):
         write(figure, stream)
-    with contextlib.suppress(OSError):  # the writing reports it
+    with contextlib.suppress(OSError):  # the write reports it
         path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, [stream.getvalue()])
     return path

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vdfmu.base import style
 from vdfmu.engine.results.figure import signal_figures
-from vdfmu.engine.results.picture import PANELS, chosen, draw, plot, write_signals
 from vdfmu.engine.results.results import Results, Signal
+from vdfmu.extras.pictures import style
+from vdfmu.extras.pictures.picture import PANELS, chosen, draw, plot, write_signals
 
 FACTS = {"system": "s", "package": "folder/s.ssp", "algorithm": "jacobi", "step": 1e-3}
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from vdfmu.base.files import MARK, write_whole
 from vdfmu.study.report.sheets import COMPARED, Sheet
 
-LATEX = ".tex"
 _SPECIAL = {**{each: f"\\{each}" for each in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
 _SPECIAL |= {"^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "µ": r"\textmu{}"}
 _POWER = re.compile(r"(-?\d[\d.]*)e([+-]?\d+)")

@@ -10,7 +10,7 @@ import vdfmu
 from vdfmu.arm.drive.limits import motor_torque
 from vdfmu.arm.equations.trajectory import desired_motion
 from vdfmu.arm.robot import load_robot
-from vdfmu.study.analysis import reach
+from vdfmu.extras.robots import reach
 
 
 def shares(robot, start, end, T):

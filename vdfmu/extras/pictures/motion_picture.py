@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure as Picture
@@ -12,11 +13,12 @@ from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import shown_as
 from vdfmu.engine.results.figure import Curve, Figure
-from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Recorded, Signal
+from vdfmu.extras.pictures.picture import draw
+from vdfmu.extras.pictures.style import save
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2, "snap": 4}
-"""Quantity of a motion to the number of its derivative."""
+"""Quantity of a motion to the order of its derivative."""
 
 
 def recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
@@ -26,8 +28,13 @@ def recorded(t: Floats, groups: Mapping[str, Floats]) -> Recorded:
     return Recorded(t, signals, {"real": np.hstack([*groups.values()])})
 
 
+def write_motion(robot: Robot, t: Floats, q: Floats, path: Path) -> None:
+    """Write the picture of `draw_motion`: PNG, SVG or PDF by its suffix."""
+    save(draw_motion(robot, t, q), path)
+
+
 def draw_motion(robot: Robot, t: Floats, q: Floats) -> Picture:
-    """Draw `q`, (5, m, n) [rad or m, s], and four derivatives over `t`, (m,) [s], a column for each type of joint."""
+    """Draw `q`, (5, m, n) [rad or m, s], with four derivatives, over `t`, (m,) [s], with a column per type of joint."""
     results = recorded(t, {order: q[k] for order, k in _ORDERS.items()})
     kinds = sorted(set(robot.joint_types), reverse=True)
     figures: list[Figure] = []

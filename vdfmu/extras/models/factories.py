@@ -1,4 +1,4 @@
-"""Unit classes of a linear system, a CasADi function or a table of data."""
+"""Make unit classes from a linear system, a CasADi function or a table of data."""
 
 from __future__ import annotations
 
@@ -37,14 +37,15 @@ def linear_unit(
 ) -> type[Unit]:
     """Make the unit of a linear system: ``x_dot = A x + B u``, or ``x[k+1] = A x[k] + B u[k]``; ``y = C x + D u``.
 
-    Its variables are ``u`` (m,), ``y`` (p,), ``x`` (n,) and the start ``x_0`` (n,), without units of measurement.
+    Its variables are ``u`` (m,), ``y`` (p,), ``x`` (n,) and the initial state ``x_0`` (n,), without units of
+    measurement.
 
     Parameters
     ----------
     A, B, C, D : (n, n), (n, m), (p, n), (p, m) array_like
         A system without states, n = 0, is a matrix of gains: ``y = D u``.
     dt : float, optional [s]
-        Time between samples of a discrete system; None or 0: continuous time.
+        Sample period of a discrete system; None or 0 for continuous time.
     inputs, outputs, states : sequences of str, optional
         Descriptions of the elements.
     name : str, optional
@@ -53,7 +54,7 @@ def linear_unit(
     Raises
     ------
     UsageError
-        For matrices that do not fit together or are not finite real numbers, or a time that is not positive.
+        For matrices of inconsistent shapes or without finite real numbers, or for a negative period.
     UnitError
         For a name that a unit cannot have.
     """
@@ -94,7 +95,7 @@ def linear_unit(
 
 
 def casadi_unit(function: ca.Function, *, name: str = "CasadiUnit") -> type[Unit]:
-    """Make the unit of a CasADi function, with the variables of its names and shapes, without units of measurement.
+    """Make the unit class of a CasADi function: variables have its names and shapes, but no units of measurement.
 
     As in CasADi's integrators, ``x`` and ``ode`` are a state and its derivative, ``p`` a parameter, ``t`` the time.
     Other arguments are inputs, other results outputs.
@@ -142,7 +143,7 @@ def casadi_unit(function: ca.Function, *, name: str = "CasadiUnit") -> type[Unit
 
 
 def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "TableUnit") -> type[Unit]:
-    """Make the unit of a table: linear between the rows, with the first and last values beyond them.
+    """Make the unit class of a table: linear between the rows, constant beyond the first and the last.
 
     The first column is the input, or the time if it is called ``t`` or ``time``. The other columns are the outputs.
 
@@ -186,12 +187,12 @@ def table_unit(table: Mapping[str, npt.ArrayLike] | str | Path, *, name: str = "
 
     variables: dict[str, Declared] = {} if timed else {first: Input(units[0], text=first)}
     variables |= {key: Output(unit, text=key) for key, unit in zip(names, units[1:], strict=True)}
-    between = "linear between its rows, with the first and last values beyond them"
+    between = "linear between its rows, constant beyond the first and the last"
     return _made(Interpolated, name, variables, f"Table over {'t' if timed else first}: {between}.")
 
 
 def _made(base: type[Unit], name: str, variables: Mapping[str, Declared], doc: str) -> type[Unit]:
-    """Return a class of the module that calls a factory."""
+    """Return a class that belongs to the module that calls a factory."""
     module = sys._getframe(2).f_globals.get("__name__", __name__)  # pyright: ignore[reportPrivateUsage]
     unit: Any = type(name, (base,), {**variables, "__module__": module, "__doc__": doc})
     try:
@@ -226,7 +227,7 @@ def _scalar(function: ca.Function) -> ca.Function:
             kind = "sparse" if sparsity.numel() else "empty"
             raise UsageError(f"{name}: {key} must be dense, got a matrix that is {kind}.")
     if "alg" in results:
-        raise UsageError(f"{name} must not have the algebraic equations alg. Solve for z, or give ode alone.")
+        raise UsageError(f"{name} must not have the algebraic equations alg. Solve for z, or use only ode.")
     if "x" in arguments and "ode" in results and (x := arguments["x"].shape) != (ode := results["ode"].shape):
         raise UsageError(f"{name}: ode must have the shape of x, {x}, got {ode}.")
     try:
@@ -239,7 +240,7 @@ def _scalar(function: ca.Function) -> ca.Function:
 
 
 def _columns(path: Path) -> list[tuple[str, Floats]]:
-    """Return names, with units in brackets, and numbers of the columns of a CSV file."""
+    """Return the names, with units in brackets, and the numbers of the columns of a CSV file."""
     columns = read_columns(path)
     file, heads = columns.file, columns.file.headings
     if columns.faults:

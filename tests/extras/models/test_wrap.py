@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from vdfmu.arm.units import find_unit
 from vdfmu.base.errors import UnitError, UsageError
-from vdfmu.unit import casadi_unit, linear_unit, table_unit
+from vdfmu.compiler.unit.interface import Interface
+from vdfmu.extras.models import casadi_unit, linear_unit, table_unit
 
 A, B = np.array([[-0.2, -4.0], [1.0, 0.0]]), np.array([[1.0, 0.5], [0.0, 1.0]])
 C, D = np.array([[0.0, 1.0], [1.0, 1.0], [0.5, 0.0]]), np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 2.0]])
@@ -116,7 +117,7 @@ def test_a_bad_table_is_refused(tmp_path, content, match):
 def test_two_units_of_one_name_are_refused(tmp_path):
     linear, table = "linear_unit([], [], [], [k])", "table_unit({'t': [0, 1], 'y': [1, k]})"
     for name, expression in (("LinearUnit", linear), ("TableUnit", table)):
-        (tmp_path / "two.py").write_text(f"from vdfmu.unit import *\na, b = ({expression} for k in (2, 3))\n")
+        (tmp_path / "two.py").write_text(f"from vdfmu.extras.models import *\na, b = ({expression} for k in (2, 3))\n")
         with pytest.raises(UnitError, match=rf"two\.py: {name} must be the name of one unit, got two"):
             find_unit(str(tmp_path / "two.py"))
 
@@ -125,3 +126,11 @@ def test_a_table_may_have_decimal_commas_and_empty_lines(tmp_path):
     (tmp_path / "table.csv").write_text('Time [s];b\n0;1,5\n\n1;"2,5"\n')
     results = table_unit(tmp_path / "table.csv")().simulate(stop=1.0, step=0.5)
     assert results["b"].tolist() == [1.5, 2.0, 2.5]
+
+
+def test_linear_systems_keep_a_jacobian_of_numbers():
+    """A large matrix of states is no call, because each step would calculate its Jacobian again."""
+    unit = linear_unit(-np.eye(48), np.ones((48, 1)), np.ones((1, 48)), [[0.0]])
+    functions = Interface(unit, None).functions
+    assert not functions.casadi_function(f"{functions.name}_derivatives").find_functions(0)
+    assert functions.casadi_function(f"{functions.name}_jacobian").n_instructions() < 48 * 48 * 3

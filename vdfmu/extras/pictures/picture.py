@@ -1,4 +1,4 @@
-"""Figures in files, by matplotlib: panels over time without titles or captions, with text of 8 pt, for papers."""
+"""Writes figures for papers with matplotlib: panels over time without title or caption, with 8 pt text."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from matplotlib.lines import Line2D
 
-from vdfmu.base import style
 from vdfmu.base.errors import UsageError
 from vdfmu.engine.results.figure import Figure, signal_figures
 from vdfmu.engine.results.formats import figure_file
 from vdfmu.engine.results.recorded import Recorded
+from vdfmu.extras.pictures import style
 
 PANELS = 12
 """Most panels of a picture."""
 _CURVES, _CURVES_ALONE = 8, 28
-"""Most curves of a panel beside others, and of a panel alone: they differ in colour or dashes."""
+"""Most curves in a panel beside others, and in a single panel, so that they differ in colour or dashes."""
 _WORDS = 38
-"""Characters of a title, of a label, of a unit."""
+"""Largest number of characters of a title, a label and a unit."""
 _SYMBOL = re.compile(r"(?<![\w.])(ℓ?[qτκ])(?:_([a-z]))?(?![\w.\[])")
-"""A symbol of the paper in a label, but not in the name of a signal, ``plant.q``."""
+"""A symbol of the paper in a label, but not in a signal's name such as ``plant.q``."""
 _LETTERS = {"ℓ": r"\ell ", "τ": r"\tau", "κ": r"\kappa"}
 _LEAST, _LARGEST = 1e-290, 1e290
 """Values that matplotlib can draw."""
 _DASHED: dict[str, Any] = {"linestyle": (0, (5, 3)), "linewidth": 0.7}
 _ON_TOP = _DASHED | {"color": "black"}
-"""Looks of dashed curves; the second of a curve that may lie on another of its joint."""
+"""Styles of dashed curves; the second is for a curve that may coincide with another of its joint."""
 
 
 def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], path: str | Path | None) -> Picture:
@@ -53,7 +53,7 @@ def plot(results: Recorded, names: Sequence[str], over: Mapping[str, Recorded], 
 def write_figures(
     figures: Iterable[Figure], results: Recorded, folder: Path, suffixes: Sequence[str], width: float, serif: bool
 ) -> None:
-    """Write a file for each figure and kind of file; `width` in inches."""
+    """Write a file for each figure and file format; `width` in inches."""
     for figure in figures:
         picture = draw([figure], {"": results}, width, serif=serif)
         for suffix in suffixes:
@@ -126,9 +126,9 @@ def _curves(axes: Axes, figure: Figure, runs: Mapping[str, Recorded], alone: boo
 
 
 def _handles(figure: Figure, lines: Sequence[Line2D]) -> list[Line2D]:
-    """Return the legend of several curves.
+    """Return the legend entries of several curves.
 
-    If some are dashed and all have labels ``JOINT, SIGNAL``, it has the colours of joints and the dashes of signals.
+    If some are dashed and all have labels ``JOINT, SIGNAL``, it shows the colours of joints and the dashes of signals.
     """
     parts = [curve.label.partition(", ") for curve in figure.curves]
     if len(lines) < 2 or not any(curve.dashed for curve in figure.curves) or not all(part[2] for part in parts):
@@ -142,7 +142,7 @@ def _handles(figure: Figure, lines: Sequence[Line2D]) -> list[Line2D]:
 
 
 def _runs(names: Iterable[str]) -> list[Line2D]:
-    """Return the legend of several runs."""
+    """Return the legend entries of several runs."""
     handles = [Line2D([], [], label=_plain(name), color="black", **_run_look(k)) for k, name in enumerate(names)]
     return handles if len(handles) > 1 else []
 
@@ -162,12 +162,12 @@ def _legend(axes: Axes, handles: Sequence[Line2D], room: tuple[float, float]) ->
 
 
 def _run_look(k: int) -> dict[str, Any]:
-    """Dashes and width of run `k`, from 0: runs drawn over another are dashed and thinner."""
+    """Return the dashes and width of run `k`, from 0: runs drawn over another are dashed and thinner."""
     return {"linestyle": style.DASHES[k % len(style.DASHES)], "linewidth": 1.0 if k == 0 else 0.8}
 
 
 def _plain(text: str, length: int = _WORDS) -> str:
-    """Return a text that matplotlib does not take for a formula, shortened in its middle."""
+    """Return a text, shortened in its middle, so that matplotlib does not read it as a formula."""
     if len(text) > length:
         text = f"{text[: length // 2 - 1]}…{text[-(length - length // 2) :]}"
     return _SYMBOL.sub(_formula, text.replace("$", r"\$"))

@@ -10,8 +10,8 @@ from vdfmu.arm.robot import load_robot, robot_names
 from vdfmu.base.errors import UsageError
 from vdfmu.base.toml_file import locate
 from vdfmu.engine.linear.loops import Margins
+from vdfmu.extras.robots.reach import Gains, write_scenario
 from vdfmu.study.analysis.loops import margins_along
-from vdfmu.study.analysis.reach import Gains, write_scenario
 from vdfmu.study.verdict import loop_sentences
 
 
@@ -21,7 +21,7 @@ class Reach(NamedTuple):
     path: Path
     gains: Gains
     margins: Margins | None
-    """Smallest margins of each loop; None if they are not known: the last note says why."""
+    """Smallest margins of each loop; None if they are unknown, for the reason in the last note."""
     notes: list[str]
 
 

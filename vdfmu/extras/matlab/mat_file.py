@@ -1,7 +1,7 @@
-"""Results as a MATLAB file of version 5: an array for each signal or group, under a name that is legal in MATLAB.
+"""Results as a MATLAB file of version 5: an array for each signal or group, with a valid MATLAB name.
 
 ``time`` (m, 1) in s, ``plant_q`` (m, n) of the signals ``plant.q[1]`` to ``[n]``; ``units`` has a field for each.
-The text ``vdfmu``, for ``jsondecode``, has the names, kinds and units of the signals, and the summary.
+The text ``vdfmu``, to be read with ``jsondecode``, contains the names, kinds and units of the signals, and the summary.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from vdfmu.engine.results.formats import Format
 from vdfmu.engine.results.results import Recorded, Signal
 
 _HEAD = b"MATLAB 5.0 MAT-file, written by vdfmu"
-"""Replaces a head that contains the time of day, so that the same run gives the same bytes."""
+"""Replaces a header that contains the time of day, so that files are reproducible."""
 _MOST = 2**31 - 2**10
-"""Bytes of an array: the format has 32 bits for its size."""
+"""Largest array [byte], because the format has 32 bits for its size."""
 _LONGEST = 63
-"""Letters of a name in MATLAB."""
+"""Characters that MATLAB does not allow in a name."""
 _TAKEN = (
     "time",
     "units",
@@ -82,7 +82,7 @@ def write_mat(results: Recorded, path: Path) -> None:
 
 
 def read_mat(path: Path) -> Recorded:
-    """Read what `write_mat` wrote."""
+    """Read a file of `write_mat`."""
     return mat_results(read_foreign(path))
 
 
@@ -109,7 +109,7 @@ def mat_results(content: Foreign) -> Recorded:
 
 
 def _legal_names(groups: Iterable[tuple[str, str]]) -> list[str]:
-    """Return a unique name that is legal in MATLAB for each group."""
+    """Return a unique valid MATLAB name for each group."""
     used, names = {name.lower() for name in _TAKEN}, list[str]()
     for name, _ in groups:
         legal = re.sub(r"[^A-Za-z0-9_]", "_", name)

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 import vdfmu
 from tests.conftest import heavy
-from vdfmu.base import style
 from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.base.measure import _QUANTITIES, coherent, inches, shown_as, spaced, unit_of
-from vdfmu.engine.results.picture import draw
 from vdfmu.engine.results.results import Results, Signal
+from vdfmu.extras.pictures import style
+from vdfmu.extras.pictures.picture import draw
 from vdfmu.study.report.content import TOOL, run_figures, tool_error, write_pictures
 from vdfmu.study.run.scene import arm_of
 
@@ -151,7 +151,7 @@ def test_units_are_as_papers_print_them(unit, shown):
 
 @pytest.mark.parametrize("text", ["85", "85 km", "-85mm", "1mm", "3m", "", "nanmm"])
 def test_a_width_is_a_length(text):
-    with pytest.raises(UsageError, match=r"width must be a length from 20mm to 2000mm, got .*Give 85mm"):
+    with pytest.raises(UsageError, match=r"width must be a length from 20mm to 2000mm, got .*Try 85mm"):
         inches("width", text)
 
 

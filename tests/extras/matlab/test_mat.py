@@ -12,11 +12,10 @@ from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.engine.run import Results
 
 
-@pytest.mark.parametrize("form", ["csv", "mat", "parquet"])
-def test_results_without_rows_or_signals_read_back(tmp_path, form):
+def test_results_without_rows_or_signals_read_back(tmp_path):
     for some in hollow_results():
-        some.write(tmp_path / f"r.{form}")
-        assert_same_bits(Results.read(tmp_path / f"r.{form}"), some)
+        some.write(tmp_path / "r.mat")
+        assert_same_bits(Results.read(tmp_path / "r.mat"), some)
 
 
 def test_names_are_legal_in_matlab_and_units_are_kept(results, tmp_path):
@@ -51,7 +50,7 @@ def test_a_matlab_file_of_another_tool_and_an_array_beyond_two_gigabytes_are_ref
     scipy.io.savemat(tmp_path / "r.mat", {"x": np.arange(3.0)})
     with pytest.raises(UsageError, match="expected results that vdfmu wrote, with the variable vdfmu; there are x"):
         Results.read(tmp_path / "r.mat")
-    monkeypatch.setattr("vdfmu.engine.results.mat_file._MOST", 1000)
+    monkeypatch.setattr("vdfmu.extras.matlab.mat_file._MOST", 1000)
     with pytest.raises(VdfmuError, match="a_q: must be at most 2 GB.*--format parquet"):
         results.write(tmp_path / "large.mat")
     assert list(tmp_path.iterdir()) == [tmp_path / "r.mat"]

@@ -1,4 +1,4 @@
-"""A first motion for any arm: a scenario within the limits of joints and motors, and its gains by one rule."""
+"""A first motion for any arm: a scenario within the limits of joints and motors, with gains from a rule."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from vdfmu.system.scenario import Scenario, load_scenario
 _DAMPING = 0.5
 _DAMPED, _LIGHT = 2.0, np.geomspace(0.003, 2.0, 12).tolist()
 """Decay rates [1/s] of a joint with the friction of its drive, and of the modes of joints with little friction. Without
-friction, a delayed loop excites the spring's mode with any gains. With little friction, a mode has its smallest delay
-margin if the peak of its gain is just above 1. The decay rate for which this is so differs between modes."""
+friction, a delayed loop excites the spring's mode with any gains. With little friction, the delay margin of a mode is
+smallest if the peak of its gain is just above 1, and the decay rate at which this happens differs between modes."""
 _SAMPLES = 1.1
-"""Least delay margin of a single joint, in samples, so that all joints together have at least one sample."""
+"""Smallest delay margin of a single joint, in samples, with which all joints together have at least one sample."""
 _STABLE = 1e-3
-"""Least modulus margin of a loop that only needs to be stable."""
+"""Smallest modulus margin of a loop that only needs to be stable."""
 _FIRST, _FALL, _LAST = 0.4, 0.9, 1e-4
-"""First and last value of N = K_v step / J that is tried, and the factor between tries: first, factor, last."""
+"""Values of N = K_v step / J to try: the first, the factor between them, and the last."""
 _INERTIAS = 5
-"""Number of link inertias with which a joint's loop is tried, from the smallest to the largest."""
+"""Number of link inertias, from the smallest to the largest, with which a joint's loop is tested."""
 
 
 class Gains(NamedTuple):
-    """Gains (n,), link-side, and the modulus margin of each joint alone."""
+    """Gains (n,), link-side, and the modulus margin of each single joint."""
 
     K_p: Floats
     K_v: Floats
@@ -53,13 +53,13 @@ def joint_gains(
 ) -> tuple[float, float, float]:
     """Return the gains K_p and K_v of one joint, and its modulus margin, which is at least `margin`.
 
-    The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and moves
-    the `inertias` (m,) of links; messages have its `name`. Its friction falls with the rotor's speed by at most `fall`
-    [N m s/rad or N s/m], a negative damping that reduces K_v. UsageError if no gains of the search have the margin.
+    The joint has the rotor inertia `J` [kg m2 or kg] and the stiffness `K` [N m/rad or N/m], link-side, and moves the
+    `inertias` (m,) of links; messages have its `name`. Its friction falls with the rotor's speed by at most `fall` [N m
+    s/rad or N s/m], a negative damping that reduces K_v. UsageError if no gains in the search have the margin.
 
-    The loop has the margin, and a delay margin of a sample, both without friction and where friction falls. Without
-    friction it also has the margin with one more sample of delay. If no gains fulfil all of this, the loop with one
-    more sample only needs half the margin, and if this fails too, it only needs to be stable.
+    The loop has the margin, and a delay margin of one sample, both without friction and with falling friction. Without
+    friction it also has the margin with an additional sample of delay. If no gains fulfil all of this, the loop with
+    the additional sample needs only half the margin, and if that fails too, it only needs to be stable.
     """
     tries = np.geomspace(inertias.min(), inertias.max(), _INERTIAS)[:, None, None]
     falls = [fall, 0.0] if fall else [0.0]
@@ -68,7 +68,7 @@ def joint_gains(
         [_plant(rotor, M, spring, f, decay, step) for f in falls for M in tries for decay in decays]
         for decays in ((_DAMPED,), _LIGHT)
     )
-    hardest = light[:1]  # one that other gains failed with, for a quick answer
+    hardest = light[:1]  # first the one with which other gains failed, for a quick answer
     for late in (margin, margin / 2.0, _STABLE):
         N = _FIRST
         while N >= _LAST and (K_v := N * J / step) > fall:
@@ -89,17 +89,17 @@ def joint_gains(
         if not fall:
             break
     raise UsageError(
-        f"{name}: expected gains with a modulus margin of {margin:g} and a delay margin of a sample, got none for a "
-        f"step of {step:g} s. Give a smaller step or margin, or check the joint's drive, inertia and friction."
+        f"{name}: no gains have a modulus margin of {margin:g} and a delay margin of a sample at a step of {step:g} s. "
+        "Use a smaller step or margin, or check the joint's drive, inertia and friction."
     )
 
 
 def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) -> Gains:
-    """Return gains of an arm for a controller that uses the rotors' velocity.
+    """Return an arm's gains for a controller that uses the rotors' velocity.
 
-    `q`, (m, n) [rad or m], are positions of the arm, along its motion or all over the workspace. The inertia that a
-    joint moves is calculated with all other joints held, and with all free. Each joint alone has at least `margin`;
-    else UsageError.
+    `q`, (m, n) [rad or m], are positions of the arm, along its motion or throughout the workspace. The inertia that a
+    joint moves is calculated with all other joints held, and with all of them free. UsageError if a single joint cannot
+    have the `margin`.
     """
     M = mass_matrix(robot, np.atleast_2d(np.asarray(q, dtype=float)))
     held = np.diagonal(M, axis1=1, axis2=2)
@@ -115,12 +115,12 @@ def arm_gains(robot: Robot, q: npt.ArrayLike, step: float, margin: float = 0.5) 
 
 
 def steepest_fall(robot: Robot) -> Floats:
-    """Largest fall of Eq. (54) with speed, at v_s / sqrt(2), less f_v: (n,) [N m s/rad or N s/m], 0 where it rises."""
+    """Steepest fall of Eq. (54) with speed, at v_s / sqrt(2), minus f_v: (n,) [N m s/rad or N s/m], 0 if it rises."""
     return np.maximum((robot.f_s - robot.f_c) / robot.v_s * np.sqrt(2.0 / np.e) - robot.f_v, 0.0)
 
 
 def _plant(J: Floats, M: Floats, K: Floats, fall: float, decay: float, step: float) -> Linear:
-    """Links with the mass matrix M on springs on n rotors, sampled: states q, kappa, q_dot, kappa_dot, (n,) each.
+    """Model links with mass matrix M on springs on n rotors, sampled: states q, kappa, q_dot, kappa_dot, (n,) each.
 
     Inputs are the rotors' torques, link-side.
     """
@@ -138,9 +138,9 @@ def _plant(J: Floats, M: Floats, K: Floats, fall: float, decay: float, step: flo
 
 
 def whole_arm(robot: Robot, q: Floats, gains: Gains, step: float) -> tuple[float, float]:
-    """Return the least modulus margin of an arm at rest at `q`, (m, n) [rad or m], and its delay margin in samples.
+    """Return the smallest modulus margin of an arm at rest at `q`, (m, n) [rad or m], and the delay margin in samples.
 
-    The loop of each joint is opened with all others closed. There is no friction, only a light damping of all modes.
+    The loop of each joint is opened with all others closed. There is no friction, only light damping of all modes.
     """
     J, K = _rotors(robot)
     feedback = -np.hstack([np.diag(gains.K_p), np.zeros((robot.n, 2 * robot.n)), np.diag(gains.K_v)])
@@ -156,15 +156,15 @@ def _rotors(robot: Robot) -> tuple[Floats, Floats]:
 
 
 _STEPS = (1e-3, 5e-4, 2.5e-4)
-"""Communication steps [s] that are tried."""
+"""Communication steps [s] to try."""
 _MANY = 8
-"""Number of joints from which on strokes are reduced, so that long arms bend but do not coil."""
+"""Number of joints from which strokes are reduced, so that long arms bend but do not coil up."""
 _ROOM = 0.4
-"""Largest stroke of a joint as a share of its distance from the end stop."""
+"""Largest stroke of a joint as a fraction of its distance from the end stop."""
 _AWAY = 0.1
-"""Distance from the end stops at which the motion starts, as a share of the distance between them."""
+"""Distance from the end stops at which the motion starts, as a fraction of the distance between them."""
 _TIMES = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Durations [s] that are tried."""
+"""Durations [s] to try."""
 _RESERVE = 0.7
 """Largest share of a motor's capacity that the motion may use."""
 _POINTS = 21
@@ -196,7 +196,7 @@ K_v = {K_v}  # N.m.s/rad or N.s/m, link-side, on the rotors' velocity
 
 
 def reach_scenario(robot: Robot | str | os.PathLike[str] | None = None) -> Scenario:
-    """Return the scenario that ``vdfmu robot reach`` writes for a robot or its file, by default for the paper's arm."""
+    """Return the scenario that ``vdfmu robot reach`` writes for a robot or its file, the paper's arm by default."""
     if isinstance(robot, Robot):
         name = robot.name
     else:
@@ -234,7 +234,7 @@ def write_scenario(arm: Robot, name: str, written: str, path: Path) -> tuple[Gai
 
 
 def _gains(arm: Robot, q: Floats) -> tuple[float, Gains]:
-    """Return the largest step [s] whose gains have the margins with all joints together, or the last; and the gains."""
+    """Return the largest step [s] whose gains have the margins with all joints together, or the last, and the gains."""
     for step in _STEPS[:-1]:
         with suppress(UsageError):
             gains = arm_gains(arm, q, step)
@@ -260,7 +260,7 @@ def _motion(robot: Robot) -> tuple[Floats, Floats, float, list[str]]:
 
 
 def _within(robot: Robot, start: Floats, end: Floats, T: float) -> bool:
-    """Whether the motors can deliver the torques of the motion, with some reserve."""
+    """Return whether the motors can deliver the torques of the motion with some reserve."""
     if not robot.limits:
         return T > _TIMES[0]  # no fast motion if the speeds are unknown
     motions = [desired_motion(t, start, end, T) for t in np.linspace(0.0, T, _POINTS)]

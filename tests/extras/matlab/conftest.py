@@ -1,0 +1,3 @@
+"""Results that are hard to write."""
+
+from tests.engine.conftest import results as results
