@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from numbers import Integral, Number
-from typing import Any
+from typing import Any, NamedTuple
 
 from vdfmu.base.measure import POSITIVE
 
@@ -16,8 +15,7 @@ NO_LIMIT = 1e12
 _WORDS = {"Boolean": "true or false", "String": "a text", "Binary": "bytes, or a text of hexadecimal digits"}
 
 
-@dataclass(frozen=True)
-class Domain:
+class Domain(NamedTuple):
     """Type and limits of a variable."""
 
     type: str = "Real"

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 from vdfmu.base.errors import UsageError
 
 
-@dataclass(frozen=True)
-class UnitOfMeasurement:
+class UnitOfMeasurement(NamedTuple):
     """A unit of FMI and SSP. All are coherent SI units: factor 1, offset 0."""
 
     name: str

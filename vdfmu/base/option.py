@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial, wraps
 from numbers import Integral, Real
-from typing import Any, ForwardRef, ParamSpec, TypeVar, Unpack, cast, get_args, get_origin
+from typing import Any, ForwardRef, NamedTuple, ParamSpec, TypeVar, Unpack, cast, get_args, get_origin
 
 from vdfmu.base.errors import UsageError
 from vdfmu.base.text import close_to
@@ -58,8 +58,7 @@ class Option:
     """Heading in ``--help``. Default by :mod:`vdfmu.cli.options`."""
 
 
-@dataclass(frozen=True)
-class DeclaredOption:
+class DeclaredOption(NamedTuple):
     """A field of a TypedDict of options."""
 
     name: str

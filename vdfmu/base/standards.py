@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class FmiVersion:
+class FmiVersion(NamedTuple):
     """A version of FMI for which FMUs are built. A new one needs a row in `FMI_VERSIONS`."""
 
     name: str
@@ -46,8 +45,7 @@ WITHOUT_NATIVE = "FMUs are in Python: a run takes about 20 times as long, and th
 """Consequence of a missing C compiler, the extra ``native``."""
 
 
-@dataclass(frozen=True)
-class SspFormat:
+class SspFormat(NamedTuple):
     """A version of SSP for packages. A new one needs a row in `SSP_FORMATS`."""
 
     name: str

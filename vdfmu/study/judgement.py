@@ -173,7 +173,7 @@ def judge_connected(
     checked: Checked, wanted: float, sampled: bool | None, rows: RowOptions, how: SimulatorOptions
 ) -> Judgement:
     """Return the judgement of a system of :func:`check_connected`; for arguments and errors see :func:`judge`."""
-    flat = replace(checked.system, experiment=replace(checked.system.experiment, adaptive=None))
+    flat = replace(checked.system, experiment=checked.system.experiment._replace(adaptive=None))
     grid = Simulator(flat, **how).grid(rows["start"], rows["stop"], rows["step"])
     try:
         return _judged(_Case(checked, wanted, grid, how), flat, sampled)

@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 from tests.conftest import heavy
 from vdfmu.base.errors import UsageError
 from vdfmu.base.state_space import Linear, held
-from vdfmu.engine.linear.loops import SLOW, Loop
+from vdfmu.engine.linear.loops import SLOW, Loop, margins_of
 from vdfmu.unit import Output, Unit
 
 STEP = 1e-3
@@ -57,17 +57,23 @@ def test_margins_of_an_integrator_have_their_closed_form(share):
     assert then.rate == pytest.approx(np.log(np.abs(np.roots([1, -1, share])).max()) / STEP, rel=1e-6)
 
 
-@pytest.mark.parametrize("seed", [0, *heavy(1, 2, 3)])
-@pytest.mark.parametrize("form", ["sampled", "late", "continuous"])
-def test_the_modulus_is_the_least_distance_on_the_circle_or_the_axis(seed, form):
-    """Masses on springs with two motors, or one whose torque waits in a row of places, which share an eigenvector."""
+def masses_on_springs(seed, scale=1.0):
+    """Return A, B, and gains times a scale, of four modes and two motors."""
     random = np.random.default_rng(seed)
     n = 4
     Q, stiffness = np.linalg.qr(random.normal(size=(n, n)))[0], random.uniform(1e3, 3e4, n)
     damping = random.uniform(5.0, 20.0, n)  # of the modes [1/s]: none is slow
     B = np.vstack([np.zeros((n, 2)), random.uniform(1.0, 3.0, (n, 2))])
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-Q @ np.diag(stiffness) @ Q.T, -Q @ np.diag(2 * damping) @ Q.T]])
-    K = -np.hstack([random.uniform(0.0, 20.0, (2, n)), random.uniform(0.0, 0.8, (2, n))])
+    K = -scale * np.hstack([random.uniform(0.0, 20.0, (2, n)), random.uniform(0.0, 0.8, (2, n))])
+    return A, B, K
+
+
+@pytest.mark.parametrize("seed", [0, *heavy(1, 2, 3)])
+@pytest.mark.parametrize("form", ["sampled", "late", "continuous"])
+def test_the_modulus_is_the_least_distance_on_the_circle_or_the_axis(seed, form):
+    """Masses on springs with two motors, or one whose torque waits in a row of places, which share an eigenvector."""
+    A, B, K = masses_on_springs(seed)
     loop = Loop(held(Linear(A, B), STEP), K, STEP)
     if form == "continuous":
         loop = Loop(Linear(A, B), K, STEP, sampled=False)
@@ -81,6 +87,18 @@ def test_the_modulus_is_the_least_distance_on_the_circle_or_the_axis(seed, form)
         # frequencies 2e-4 apart, of peaks that are 1e-2 wide: 1e-4 of them; and of those of the loop, ten times closer
         # together around the least than 20 %: a parabola is exact to 1e-3
         assert modulus == pytest.approx(least, rel=2e-3)
+
+
+def test_the_least_delay_margin_of_many_loops_is_that_of_the_one_that_has_it():
+    loops = [
+        Loop(held(Linear(A, B), STEP), K, STEP)
+        for A, B, K in (masses_on_springs(seed, scale) for seed in range(30) for scale in (0.2, 1.0, 4.0))
+    ]
+    for some in (loops, *([loop] for loop in loops)):
+        every, least = margins_of(some)[2], margins_of(some, least=True)[2]
+        assert least.min() == every.min()
+        assert ((least == every) | np.isinf(least)).all()
+    assert np.isinf(margins_of(loops, least=True)[2]).sum() > len(loops)
 
 
 def oscillator(rate, moved, frequency=600.0):

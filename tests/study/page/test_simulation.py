@@ -5,6 +5,7 @@ import gzip
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,11 @@ from vdfmu.study.report import simulation
 from vdfmu.study.report.page import write_report
 from vdfmu.study.report.shown_run import read_run
 from vdfmu.study.report.simulation import ROWS, simulation_of, sliders
+from vdfmu.study.run.measure import POWER
+from vdfmu.system import program
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.scenario import load_scenario
+from vdfmu.system.scenario.values import system_values
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +67,22 @@ def test_the_page_has_the_program_of_the_run(planar):
     assert [*binaries] == [described["module"], described["base"]]
     for module in binaries.values():
         assert gzip.decompress(base64.b64decode(module)).startswith(b"\0asm\1\0\0\0")
+
+
+def test_a_run_with_other_gains_has_the_same_program_with_its_own_values(planar, tmp_path, monkeypatch):
+    parameters = {"controller.K_p": 1500, "controller.K_v[1]": 41.0}
+    with monkeypatch.context() as patch:
+        patch.setattr(program, "page_program", None)  # it is not made again
+        vdfmu.run("planar_tracking", stop=0.2, out=tmp_path, reference=False, parameters=parameters)
+    described = found_in(tmp_path)[0]
+    scenario = replace(load_scenario("planar_tracking"), stop=0.2)
+    system = SystemDescription(scenario, system_values(scenario, parameters))
+    new = json.loads(json.dumps(program.page_program(program.SystemProgram(system), POWER)))
+    assert found_in(planar)[0]["memory"] != new["memory"]
+    digest = sha256(new["module"].encode()).hexdigest()[:16]
+    assert {key: described[key] for key in new} == new | {"module": digest}
+    vdfmu.run("planar_tracking", stop=0.2, out=tmp_path, reference=False, parameters={"feedforward.mode": 1})
+    assert found_in(tmp_path)[0]["module"] != described["module"]  # another choice
 
 
 def test_recorded_rows_are_those_of_the_run_and_separate_solutions_are_judged_by_how_far(planar):

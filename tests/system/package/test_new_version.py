@@ -1,6 +1,5 @@
 """A version of FMI and one of SSP that are made up are a row each, and go all the way into FMU and package."""
 
-import dataclasses
 import json
 import zipfile
 from xml.etree import ElementTree
@@ -25,8 +24,8 @@ SCENARIO = 'name = "mine"\nsystem = "mine.sys.toml"\nstop = 0.1\nstep = 0.01\n'
 
 
 def test_a_version_is_a_row(tmp_path, monkeypatch):
-    fmi = dataclasses.replace(FMI_2, name="2.7", picture=False, build_description=True)
-    ssp = dataclasses.replace(SSP_1, name="1.7", fmi=fmi, schemas=("none", ""), always_validated=False)
+    fmi = FMI_2._replace(name="2.7", picture=False, build_description=True)
+    ssp = SSP_1._replace(name="1.7", fmi=fmi, schemas=("none", ""), always_validated=False)
     monkeypatch.setitem(FMI_VERSIONS, fmi.name, fmi)
     monkeypatch.setitem(SSP_FORMATS, ssp.name, ssp)
     (tmp_path / "doubled.py").write_text(UNIT)

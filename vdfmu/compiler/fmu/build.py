@@ -8,10 +8,9 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vdfmu.base.cache import keep_built
 from vdfmu.base.errors import UsageError
@@ -30,8 +29,7 @@ _SLOW_JOINTS = 9
 """Fewest joints for which the time of a first build is announced."""
 
 
-@dataclass(frozen=True)
-class BuildTarget:
+class BuildTarget(NamedTuple):
     """A target of builds, imported only when it is used."""
 
     module: str

@@ -8,7 +8,6 @@ the calls.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -28,8 +27,7 @@ class Place(NamedTuple):
     begin: int
 
 
-@dataclass(frozen=True)
-class PartTrace:
+class PartTrace(NamedTuple):
     """The trace of a part. Groups of elements are adjacent in an argument or a result of the chain."""
 
     inputs: Mapping[str, ca.SX]
@@ -39,8 +37,7 @@ class PartTrace:
     passes: Sequence[HandedOn]
 
 
-@dataclass(frozen=True)
-class ChainPart:
+class ChainPart(NamedTuple):
     """A part whose passes are numbered by turn, outward passes even, inward passes odd."""
 
     inputs: Mapping[str, ca.SX]
@@ -49,8 +46,7 @@ class ChainPart:
     after: Mapping[int, ca.SX]
 
 
-@dataclass(frozen=True)
-class PartChain:
+class PartChain(NamedTuple):
     """A function of a chain before its calls are written; see :func:`.chain_calls.chain_function`."""
 
     name: str

@@ -9,7 +9,6 @@ increments of the states.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -160,8 +159,8 @@ def chain_rates(balance: PartChain, names: set[str]) -> PartChain:
         turn: ca.vertcat(balance.first[turn], along(balance.first[turn], common, balance.last, ends)) for turn in turns
     }
     last = dict(balance.last) | {turn: ca.vertcat(balance.last[turn], ends[turn]) for turn in turns}
-    return replace(
-        balance, parts=parts, places=places, first=first, last=last, common={**balance.common, **rates_of(common)}
+    return balance._replace(
+        parts=parts, places=places, first=first, last=last, common={**balance.common, **rates_of(common)}
     )
 
 

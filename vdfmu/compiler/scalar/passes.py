@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -42,8 +41,7 @@ def total(values: Any, first: Any = None) -> Any:
     return outward(lambda carry, i: (carry + values[i], None), 0.0 if first is None else first, len(values))[0]
 
 
-@dataclass(frozen=True)
-class HandedOn:
+class HandedOn(NamedTuple):
     """The values that the parts of a chain pass on, as columns of SX."""
 
     inward: bool

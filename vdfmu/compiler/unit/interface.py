@@ -9,10 +9,9 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,8 +28,7 @@ from vdfmu.compiler.unit.variable import Variable, derivative_variables, scalar_
 _TIME = Variable("time", (), "Real", "independent", "continuous", "s", None, "Time of the simulation")
 
 
-@dataclass(frozen=True)
-class Array:
+class Array(NamedTuple):
     """One variable of FMI 3."""
 
     name: str

@@ -8,10 +8,9 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import casadi as ca
 import numpy as np
@@ -45,8 +44,7 @@ def argument_name(name: str) -> str:
     return f"own_{name}_" if name in _TAKEN or _FORMS.fullmatch(name) else name
 
 
-@dataclass(frozen=True)
-class Call:
+class Call(NamedTuple):
     """A traced function, a unit's method for some choices, with groups of variables as arguments and results."""
 
     function: str

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from fmpy.model_description import ModelDescription
@@ -47,8 +47,7 @@ def feeds(source: str, sink: str) -> bool:
     return start == end or end in _WIDER.get(start, ())
 
 
-@dataclass(frozen=True)
-class Clock:
+class Clock(NamedTuple):
     """A clock of FMI 3.0: variability of its interval, its interval (NaN if not declared) and its first tick [s]."""
 
     variability: str

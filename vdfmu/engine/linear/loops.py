@@ -47,6 +47,8 @@ _INSIDE, _ZOOMS = np.linspace(0.0, 1.0, 6)[1:-1], 3
 down to 1/125 of the interval, where linear interpolation is accurate to 1e-5 of it."""
 _CLOSE = 0.5
 """Logarithm of the gain of peaks and dips that may cross 1 between two frequencies."""
+_SWING = 4.0
+"""Largest factor between the lags of a loop at a crossing and at the frequencies next to it."""
 _SLOWEST = 1e-4
 """Lowest frequency, relative to half the sampling frequency."""
 _FAST = 0.05
@@ -60,7 +62,7 @@ _NUDGE = 1e-11
 speed of a free mass share one. Margins have the same relative accuracy, rates 1e-8 1/s over 1 ms."""
 _APART = 1e7
 """Largest condition number of the eigenvectors for an inverse accurate to 1e-9."""
-_TOGETHER = 50_000
+_TOGETHER = 20_000
 """Number of terms of a sum that are calculated together: more take twice as long, because they exceed the processor's
 cache."""
 _NONE = 1e-300
@@ -138,9 +140,13 @@ class Loop:
 
 
 class _Stack:
-    """Modes and margins of m systems of n loops and k states with the same structure."""
+    """Modes and margins of m systems of n loops and k states with the same structure.
 
-    def __init__(self, loops: Sequence[Loop]) -> None:
+    `least`: phase and delay margins that cannot be the least of all are infinite.
+    """
+
+    def __init__(self, loops: Sequence[Loop], least: bool = False) -> None:
+        self._least = least
         first, K, B = loops[0], np.array([loop.K for loop in loops]), np.array([loop.plant.B for loop in loops])
         self._step, self._sampled, self._all = first.step, first.sampled, np.indices(K.shape[:2])
         closed = (np.array([loop.plant.A for loop in loops]) + B @ K) * _nudges(K.shape[2])
@@ -227,6 +233,11 @@ class _Stack:
         row, k, loop = np.nonzero(_crosses(log, lag) | (False if lag else _may_cross(log)))
         at = row[:, None], np.stack([k, k + 1], axis=1), loop[:, None]
         w, log = w[at[:2]], log[at] if lag else _log_of(L[at])
+        if self._least and not lag:
+            delay, turned = np.mod(log.imag, 2.0 * np.pi) / w, np.abs(np.diff(log.imag, axis=1)[:, 0]) > np.pi
+            limit = delay.max(axis=1)[_crosses(log, lag)[:, 0]].min(initial=np.inf)
+            may = turned | (delay.min(axis=1) < _SWING * limit)
+            row, loop, w, log = (each[may] for each in (row, loop, w, log))
         for _ in range(_ZOOMS):
             inside = w[:, :1] + (w[:, 1:] - w[:, :1]) * _INSIDE
             log = np.hstack(
@@ -277,12 +288,15 @@ def rates_of(loops: Sequence[Loop]) -> list[float]:
     return rates.tolist()
 
 
-def margins_of(loops: Sequence[Loop]) -> tuple[Floats, Floats, Floats]:
-    """Return rates [1/s], (m,), and modulus and delay margins [s], (m, n) each, all at once, which is faster."""
+def margins_of(loops: Sequence[Loop], least: bool = False) -> tuple[Floats, Floats, Floats]:
+    """Return rates [1/s], (m,), and modulus and delay margins [s], (m, n) each, all at once, which is faster.
+
+    `least`: delay margins that cannot be the least of loops with as many states are infinite.
+    """
     rates, modulus, delay = np.empty(len(loops)), *np.empty((2, len(loops), len(loops[0].K)))
     for shape in {loop.K.shape for loop in loops}:
         alike = [k for k, loop in enumerate(loops) if loop.K.shape == shape]
-        stack = _Stack([loops[k] for k in alike])
+        stack = _Stack([loops[k] for k in alike], least)
         rates[alike], modulus[alike], delay[alike] = stack.rates, stack.modulus, stack.lags[1]
     return rates, modulus, delay
 

@@ -8,7 +8,7 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ Shape = tuple[int | None, ...]
 """Sizes of an array, empty for a scalar; None for an open size."""
 
 
-@dataclass(frozen=True)
-class UnitFactor:
+class UnitFactor(NamedTuple):
     """A unit: ``value in base units = factor * value + offset``."""
 
     name: str
@@ -128,8 +127,7 @@ Index = tuple[int, ...]
 """Indices of an element or a part of an array, from 1; empty for the whole array."""
 
 
-@dataclass(frozen=True)
-class Connection:
+class Connection(NamedTuple):
     """A connection between connectors of components; `indices` choose parts of arrays at both ends (SSP 2.0)."""
 
     start: tuple[str, str]
@@ -186,8 +184,7 @@ class Component:
     place: Place = field(default=("", 0), compare=False)
 
 
-@dataclass(frozen=True)
-class Experiment:
+class Experiment(NamedTuple):
     """Default settings of a run; None if the SSD does not state them."""
 
     start: float | None = None

@@ -129,7 +129,7 @@ def check_system(
     algorithm, schedule, loops, notes = choose_schedule(sources, links, algorithm)
     if feed is not None:
         blocks = tuple(block for block in schedule.blocks if SOURCE not in block)
-        schedule = replace(schedule, units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
+        schedule = schedule._replace(units=tuple(u for u in schedule.units if u != SOURCE), blocks=blocks)
     notes += [f"algebraic loop during initialization, solved: {loop}" for loop in dict.fromkeys(schedule.initial.loops)]
     checker.findings += [finding("SSP039", loop) for loop in loops] + [finding("SSP059", note) for note in notes]
     problems, notes = _check_abilities(descriptions, links, schedule, algorithm, repeats)

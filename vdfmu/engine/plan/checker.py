@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -370,7 +369,7 @@ class Checker:
         try:
             if parameter.type == "String" != variable.type:
                 raise domain.misfit(value)
-            value = replace(domain, low=None, high=None, names=names).read(value)
+            value = domain._replace(low=None, high=None, names=names).read(value)
         except ValueError as error:
             raise MisfitError("type", str(error)) from None
         unit = self.port_unit((parameter.component, parameter.name), variable)

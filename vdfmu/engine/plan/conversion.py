@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from vdfmu.engine.fmu.variables import FmuVariable
 from vdfmu.engine.package.system import Hop, Transformation, UnitFactor
@@ -17,8 +17,7 @@ class MisfitError(ValueError):
         self.kind = kind
 
 
-@dataclass(frozen=True)
-class Conversion:
+class Conversion(NamedTuple):
     """``target = factor * source + offset``, or a table for booleans and integers; other values pass unchanged.
 
     The source is first converted to the type of the target.
@@ -126,8 +125,7 @@ SOURCE = "(inputs)"
 """Component of the external signals."""
 
 
-@dataclass(frozen=True)
-class Link:
+class Link(NamedTuple):
     """A checked connection between two variables. `stepped` is False for links from parameters."""
 
     start: Port

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 from vdfmu.engine.algorithms import ALGORITHMS, DEFAULT, DELAYED, choice
 from vdfmu.engine.fmu.description import Description
@@ -15,8 +16,7 @@ _BETWEEN = "\0"
 """First character of a port between inputs and outputs, see `variable_graph`; no variable's name contains it."""
 
 
-@dataclass(frozen=True)
-class Initial:
+class Initial(NamedTuple):
     """The order of connections in initialization mode."""
 
     links: tuple[Link, ...]
@@ -26,8 +26,7 @@ class Initial:
     """The cycle of each of them, for messages."""
 
 
-@dataclass(frozen=True)
-class Schedule:
+class Schedule(NamedTuple):
     """The order of a run."""
 
     initial: Initial

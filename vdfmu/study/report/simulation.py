@@ -3,7 +3,8 @@
 With this table ``web/verdict.js`` makes the checks of :mod:`vdfmu.study.verdict` that need neither references nor
 linearisations.
 
-A run caches the program under the digest of its package, so a page contains only programs of this user.
+A run caches the program under the digest of its package, so a page contains only programs of this user. The part that
+does not depend on the values of parameters is cached too: runs with other gains have the same module.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from __future__ import annotations
 import json
 import math
 import shlex
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,11 +23,12 @@ import numpy as np
 
 from vdfmu.arm.robot.parameters import PARAMETERS, section
 from vdfmu.base.arrays import distinct
-from vdfmu.base.cache import cache_folder, load, store
+from vdfmu.base.cache import cache_folder, load, load_or_make, store
 from vdfmu.base.errors import VdfmuError
 from vdfmu.base.files import digest_of
 from vdfmu.base.page import compressed
 from vdfmu.base.sources import source_digest
+from vdfmu.compiler.unit.interface import Interface
 from vdfmu.engine.algorithms import ALGORITHMS
 from vdfmu.engine.results.verdict import CUT, LONGEST
 from vdfmu.study.limits import LIMITS, Limit, read_limits
@@ -109,14 +113,44 @@ def keep_program(system: SystemDescription, package: Path) -> dict[str, Any]:
     kept = load(place, _read)
     if not system.scenario.inputs and kept is not None and "module" in kept:  # inputs are not in the package
         return kept
-    from vdfmu.system.program import SystemProgram, page_program  # takes long to import
-
     try:
-        content = page_program(SystemProgram(system), POWER) | {"sliders": list(sliders(system))} | facts_of(system)
+        content = _program_of(system, package) | {"sliders": list(sliders(system))} | facts_of(system)
     except VdfmuError as error:
         content = {"reason": _reason(error)}
     store(place, json.dumps(content).encode())
     return content
+
+
+def _program_of(system: SystemDescription, package: Path) -> dict[str, Any]:
+    """Return the program of a system with its values: that of an equal system with other values, if it is kept."""
+
+    def made() -> bytes:
+        from vdfmu.system.program import SystemProgram, page_program  # takes long to import
+
+        return json.dumps(page_program(SystemProgram(system), POWER)).encode()
+
+    program = load_or_make(cache_folder() / "programs" / _structure(system, package), made, json.loads)
+    tables = [(table, system.values[name]) for name, table in system.tables.items() if isinstance(table, Interface)]
+    starts = [*chain(*(table.memory_of(values).tolist() for table, values in tables))]
+    program["memory"][: len(starts)] = starts
+    for unit in program["units"]:
+        for row in unit["parameters"].values():
+            row[1] = program["memory"][row[0]]
+    return program
+
+
+def _structure(system: SystemDescription, package: Path) -> str:
+    """Return a digest of all that decides a program except real parameters."""
+    with zipfile.ZipFile(package) as archive:
+        names = [name for name in archive.namelist() if name.endswith((".ssd", ".ssm", ".fmu"))]
+        facts = [(name, sha256(archive.read(name)).hexdigest()) for name in names]
+    choices = [
+        (name, v.name, system.values[name].get(v.name, v.start))
+        for name, table in system.tables.items()
+        for v in table
+        if v.type != "Real"
+    ]
+    return sha256(repr((_code(), facts, choices, bool(system.scenario.inputs))).encode()).hexdigest()
 
 
 def _read(content: bytes) -> dict[str, Any]:
@@ -128,9 +162,12 @@ def _read(content: bytes) -> dict[str, Any]:
     raise ValueError("no program")
 
 
+def _code() -> str:
+    return source_digest("system.program", "study.report.simulation") + sha256(base_module()).hexdigest()
+
+
 def _kept(package: Path) -> Path:
-    code = source_digest("system.program", "study.report.simulation").encode() + base_module()
-    return cache_folder() / "programs" / sha256(code + digest_of(package).encode()).hexdigest()
+    return cache_folder() / "programs" / sha256((_code() + digest_of(package)).encode()).hexdigest()
 
 
 def _reason(error: VdfmuError) -> str:

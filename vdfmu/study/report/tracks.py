@@ -126,7 +126,8 @@ class _MovedLoops:
         at = [(pose.loop, pose.time) for pose in along.poses if pose.loop and pose.loop.K.shape in self.alike]
         self.loops, self.times = [loop for loop, _ in at], [time for _, time in at]
         self.every = range(len(self.loops))
-        self.recorded, self.worst = self.judged({}, self.every)
+        of_run = [(loop.rate, loop.modulus, loop.delay) for loop in self.loops]  # most are known from the run
+        self.recorded, self.worst = self._figures({}, self.every, *map(np.array, zip(*of_run, strict=True)))
 
     def slopes(self, slider: Mapping[str, Any]) -> Slopes:
         """Return the change of the feedback if a slider adds 1 to its factor.
@@ -164,9 +165,14 @@ class _MovedLoops:
 
     def judged(self, more: Slopes, rows: Sequence[int]) -> tuple[Figures, set[int]]:
         """Return the figures of the loops at rows with more feedback, and the rows that determine them."""
-        rates, modulus, delay = margins_of(loops := self.moved(more, rows))
+        return self._figures(more, rows, *margins_of(self.moved(more, rows), least=True))
+
+    def _figures(
+        self, more: Slopes, rows: Sequence[int], rates: Floats, modulus: Floats, delay: Floats
+    ) -> tuple[Figures, set[int]]:
+        first = self.loops[0]
         figures = self._growth(more) if rates.max() > 0.0 else {}
-        margins = {"margin": modulus} | ({"delay": delay / loops[0].step} if loops[0].sampled else {})
+        margins = {"margin": modulus} | ({"delay": delay / first.step} if first.sampled else {})
         margins = {key: values for key, values in margins.items() if np.isfinite(values).any()}
         worst = {rows[int(values.min(axis=1).argmin())] for values in margins.values()}
         if "unstable" in figures:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +17,7 @@ from vdfmu.system.scenario.system_file import Box, SystemFile
 from vdfmu.system.scenario.values import system_values
 
 
-@dataclass(frozen=True)
-class PackageSignal:
+class PackageSignal(NamedTuple):
     """A variable as tools see it: a scalar, or an array of FMI 3."""
 
     name: str
@@ -53,8 +51,7 @@ class PackageSignal:
         return general_description(text) if self.shape else text
 
 
-@dataclass(frozen=True)
-class ElementConnection:
+class ElementConnection(NamedTuple):
     """A connection. An element of an array has an index, counted from 1."""
 
     start: tuple[str, PackageSignal]
@@ -67,16 +64,14 @@ Entry = tuple[PackageSignal, tuple[Any, ...]]
 """A parameter and the values of its elements."""
 
 
-@dataclass(frozen=True)
-class ParameterSet:
+class ParameterSet(NamedTuple):
     """Parameters of a file."""
 
     name: str
     entries: tuple[Entry, ...]
 
 
-@dataclass(frozen=True)
-class Binding:
+class Binding(NamedTuple):
     """Binding of a parameter set to a component."""
 
     file: str

@@ -32,7 +32,7 @@ def unfolded(scenario: Scenario) -> Scenario:
     """Return the scenario in which gravity, centres of mass, payload and tool of all robots are parameters."""
     robots = {name: part.robot.unfolded() for name, part in scenario.system.parts.items() if part.robot is not None}
     parts = {**scenario.system.parts}
-    parts |= {name: dataclasses.replace(parts[name], robot=robot) for name, robot in robots.items()}
+    parts |= {name: parts[name]._replace(robot=robot) for name, robot in robots.items()}
     return dataclasses.replace(
         scenario,
         robot=scenario.robot and scenario.robot.unfolded(),
@@ -75,7 +75,7 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
         if not (issubclass(unit, Unit) if isinstance(unit, type) else isinstance(unit, (str, os.PathLike))):
             raise UsageError(f"units: {name}: expected a unit, its name or its file, got {unit!r}.")
         value = unit if isinstance(unit, type) else os.fspath(unit)
-        parts[name] = dataclasses.replace(parts[name], unit=value)
+        parts[name] = parts[name]._replace(unit=value)
     system = dataclasses.replace(scenario.system, parts=parts)
     resolved = resolve(system, scenario.robot)
     links = ends_of(system.connections)

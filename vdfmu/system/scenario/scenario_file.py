@@ -262,7 +262,7 @@ def _moved(
     except UsageError as error:
         problems.take(error)
         return system, sections
-    part = dataclasses.replace(system.parts["trajectory"], unit=unit)
+    part = system.parts["trajectory"]._replace(unit=unit)
     system = dataclasses.replace(system, parts={**system.parts, "trajectory": part})
     return system, started(system, "trajectory", unit, sections)
 

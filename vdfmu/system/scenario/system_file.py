@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from vdfmu.arm.robot import Robot, load_robot
 from vdfmu.arm.robot.parameters import ENDS
@@ -23,8 +23,7 @@ _KEYS = ("extends", "name", "description", "components", "shared", "connections"
 Box = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """A component of a system."""
 
     unit: Any
