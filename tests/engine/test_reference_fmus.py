@@ -110,5 +110,5 @@ def test_clocks_of_scheduled_execution_are_refused_by_check_and_run_alike(built)
 def test_sizes_of_arrays_are_the_same_in_all_runs_of_a_simulator(built):
     system = vdfmu.load(built("StateSpace", "3.0"))
     with system.instance(parameters={"StateSpace_3.n": 2}) as simulator:
-        with pytest.raises(UsageError, match=r"StateSpace_3\.n: sizes of arrays must be constant"):
+        with pytest.raises(UsageError, match=r"StateSpace_3\.n: array sizes cannot change between runs"):
             simulator.run(parameters={"StateSpace_3.n": 3}, stop=0.2, step=0.1)

@@ -112,7 +112,7 @@ def test_csv_has_lines_of_names_and_units_and_groups_stack_by_their_indices(resu
     for (j, k), column in {(0, 0): 5, (1, 0): 4, (0, 1): 1, (1, 1): 0, (0, 2): 3, (1, 2): 2}.items():
         np.testing.assert_array_equal(R[:, j, k], values[:, column])
     triangle = Results(np.arange(4.0), signals[:5], {"real": values})
-    with pytest.raises(UsageError, match=r"a\.R\[2,2\], .* are not all elements of an array; read them one"):
+    with pytest.raises(UsageError, match=r"a\.R\[2,2\], .* do not fill an array; read them one"):
         triangle["a.R"]
     empty = Results(np.empty(0), signals, {"real": np.empty((0, 6))})
     assert empty["a.R"].shape == (0, 2, 3)

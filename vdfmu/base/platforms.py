@@ -102,7 +102,7 @@ def this_platform() -> str:
     processor = machine.machine()
     name = f"{_MACHINES.get(processor.lower(), processor)}-{_SYSTEMS.get(sys.platform, sys.platform)}"
     if name not in PLATFORMS:
-        raise FmuError(f"there are no native FMUs for this machine, {name}. There are: {', '.join(PLATFORMS)}.")
+        raise FmuError(f"there are no native FMUs for this machine, {name}, only for {', '.join(PLATFORMS)}.")
     return name
 
 

@@ -221,7 +221,7 @@ def reading_fmus(unpack_limit: int | None, anyway: bool) -> Generator[None]:
 
 
 def package_of(parts: Sequence[str], options: Mapping[str, Any]) -> tuple[Path, str | None, Any]:
-    """Return the package of FMUs and, if made for the run, its name in results and the system that keeps it."""
+    """Return the package of FMUs; if made for the run, also its name for results and the object to keep alive."""
     connections, first, unnamed = options["connections"], parts[0], [part for part in parts if "=" not in part]
     if parts == unnamed and len(parts) == 1 and first.lower().endswith(".ssp"):
         refuse({"--connect": connections}, f"is for a scenario or FMUs; {first} has its own connections")

@@ -168,7 +168,7 @@ class Assembler:
     def traced(self, function: ca.Function) -> int:
         """Return the index of a traced function, which has an address per argument and result; the first call adds it.
 
-        KernelError for an operation without code.
+        KernelError for an operation that is not supported.
         """
         key = function.__hash__()
         if key not in self._traced:
@@ -240,7 +240,7 @@ class Assembler:
                 value = b"".join(operands[p] if isinstance(p, int) else p for p in pieces)
                 code += loop(target.size, element(target) + value + STORE + b"\0")
             else:
-                raise KernelError(f"{function.name()}: operation {operation.code} has no code in WebAssembly.")
+                raise KernelError(f"{function.name()}: operation {operation.code} is not supported in WebAssembly.")
         return self.function(INTEGER * index, b"", [(1, INTEGER)], bytes(code))
 
     def _straight(self, function: ca.Function) -> int:
@@ -270,7 +270,9 @@ class Assembler:
             elif operation == ca.OP_CALL:
                 table = function.instructions_sx()[k].which_function()
                 if MATRIX in table.name():
-                    raise KernelError(f"{function.name()}: a product with a large matrix has no code in WebAssembly.")
+                    raise KernelError(
+                        f"{function.name()}: a product with a large matrix is not supported in WebAssembly."
+                    )
                 looks = table.name().startswith(LOOKUP)  # any other call is the derivative of a lookup, which is 0
                 if looks:
                     code += self._row(table, get(source[0])) + SET + unsigned(row)
@@ -281,7 +283,7 @@ class Assembler:
                 pieces = self._codes[operation]
                 keep(target[0], b"".join(get(source[p]) if isinstance(p, int) else p for p in pieces))
             else:
-                raise KernelError(f"{function.name()}: CasADi's operation {operation} has no code in WebAssembly.")
+                raise KernelError(f"{function.name()}: CasADi's operation {operation} is not supported in WebAssembly.")
         return self.function(INTEGER * row, b"", [(1, INTEGER), (places, NUMBER)], bytes(code))
 
     def _row(self, table: ca.Function, value: bytes) -> bytes:

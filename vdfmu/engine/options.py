@@ -104,10 +104,10 @@ class RecordOptions(SpanOptions, ObserverOptions, total=False):
         "Row k is at ``start + k * step``. The defaults of start, stop and step are those of the package's default "
         "experiment; else the start is 0.")]
     record: Annotated[Sequence[str] | None, Option("Signals to record: 'plant.q[*]'. Repeatable.",
-        "sequence of str", "``'*'`` records all. By default the outputs and the unconnected inputs are recorded, or "
-        "the local variables of an FMU without outputs. A run of a scenario always records the default signals. "
-        "Connected inputs have the values that the components used. Strings are not recorded.", metavar="SIGNAL",
-        typed=TEXTS)]
+        "sequence of str", "``'*'`` records all. By default the outputs and the inputs from files or arrays are "
+        "recorded, or the local variables of an FMU without outputs. A run of a scenario always records the default "
+        "signals. Connected inputs have the values that the components used. Strings are not recorded.",
+        metavar="SIGNAL", typed=TEXTS)]
 
 
 class ProgressOptions(TypedDict, total=False):

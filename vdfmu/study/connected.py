@@ -355,7 +355,7 @@ def load(source: Scenario | str | os.PathLike[str], connections: Connections = (
         return load_fmu(source, connections)  # pyright: ignore[reportArgumentType]
     if ending == ".ssp":
         if connections:
-            raise UsageError(f"connections: are for a scenario; the package {source} has its own. Omit them.")
+            raise UsageError(f"connections are only for scenarios; the package {source} has its own. Omit them.")
         return System(Path(source))  # pyright: ignore[reportArgumentType]
     from vdfmu.study.analysis.arm_space import packaged  # takes long to import
     from vdfmu.study.run.prepare import scenario_of

@@ -211,8 +211,8 @@ KINDS: Mapping[str, Kind] = {
         "{signal} bends at an event", "An event is only passed on at the next communication point. Use a shorter step"
     ),
     "delay": Kind(
-        "{signal} is shifted in time by whole steps",
-        "Halving the step does not halve the shift. Choose a step that divides the delay",
+        "{signal} is delayed by a whole number of steps",
+        "Halving the step does not halve the error of this delay. Choose a step that divides the delay",
     ),
     "fast": Kind(
         "{signal} changes as fast as the steps",

@@ -203,7 +203,7 @@ def write_module(program: SystemProgram) -> tuple[bytes, int, tuple[int, int]]:
     """Return a module of WebAssembly, the address of the system's memory, and :attr:`Assembler.growth`.
 
     It exports ``begin()`` and ``step(t, size)``. They return 0, or the number (from 1) of a violated condition, or of a
-    unit in `SystemProgram.moving` whose solver fails. KernelError for an operation without code.
+    unit in `SystemProgram.moving` whose solver fails. KernelError for an operation that is not supported.
     """
     writer = _ModuleWriter(program)
     exported = {"begin": writer.begin(), "step": writer.step()}

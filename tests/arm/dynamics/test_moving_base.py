@@ -30,7 +30,7 @@ EPS = np.finfo(float).eps
 
 
 class Ride(NamedTuple):
-    """Motion of a base: rotation in {I}, velocity in {S}, acceleration as of a point and angular, in {S}."""
+    """Motion of a base: rotation in {I}, velocity in {S}, classical and angular acceleration, in {S}."""
 
     R_S: np.ndarray
     V_S: np.ndarray

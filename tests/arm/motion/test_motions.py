@@ -89,7 +89,7 @@ def test_waypoints_report_every_problem_and_samples_that_do_not_rest():
     t = np.linspace(0.0, 1.0, 101)
     assert not motions.samples(t, (t**5 * (1.0 - t) ** 5)[:, None]).notes
     (note,) = motions.samples(t, np.column_stack([t, np.zeros_like(t)])).notes
-    assert "joint 1 start or end with a speed" in note
+    assert "joint 1: the samples start or end with a speed" in note
 
 
 def test_motions_that_meet_can_be_joined_without_the_jumps_of_a_cubic_spline():

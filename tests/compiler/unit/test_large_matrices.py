@@ -116,7 +116,7 @@ def test_states_that_move_by_a_net(tmp_path):
 
 def test_what_has_no_such_products_says_so():
     function = Interface(Net, None).functions.casadi_function("net_outputs")
-    with pytest.raises(KernelError, match="net_outputs: a product with a large matrix has no code in WebAssembly"):
+    with pytest.raises(KernelError, match="net_outputs: a product with a large matrix is not supported in WebAssembly"):
         wasm.Assembler().traced(function)
     with pytest.raises(UnitError, match="may switch by time: it multiplies by a large matrix, and the time"):
         _ = Interface(Timed, None).program

@@ -91,7 +91,7 @@ def test_the_answer_says_which_run_is_better_in_what_and_by_how_much():
         "b is better in tool error (2 µm instead of 6 µm, × 0.333); "
         "a is better in modulus margin (0.8 instead of 0.2, × 4)."
     )
-    assert answered(["a", "b"], [first, first]) == "The runs do the same: no key figure differs by 5 %."
+    assert answered(["a", "b"], [first, first]) == "The runs are equivalent: no key figure differs by 5 % or more."
     assert answered(["a", "b"], [run_of("failed", margin=(0.9, "")), second]) == "b is better: a failed."
     third = run_of(tool_error=(1.2e-6, ""), torque=(9.0, "N.m"))
     assert answered(["a", "b", "c"], [first, second, third]).startswith(

@@ -220,7 +220,7 @@ def test_the_command_writes_a_robot_that_says_where_it_is_from(clean, robot, gue
 @pytest.mark.heavy
 def test_a_score_needs_the_encoders_of_the_fit_and_torques_that_do_not_fit_are_said(clean, exact, robot):
     bare = clean._replace(q=None, where="bare")
-    words = r"expected a log with(out)? encoders behind the gears, as .*, got one with"
+    words = r"expected a log with(out)? encoders behind the gears, as in .*, got one with"
     for fit, scored, other in ((exact, clean, bare), (identify(bare, robot), bare, clean)):
         with pytest.raises(UsageError, match=words):
             score(fit, robot, scored, other)

@@ -117,7 +117,7 @@ def test_joint_states_of_ros(robot, data, bag):
     named = robot.__class__(**{**robot.__dict__, "joint_names": NAMES})
     log = read_log(bag, named, {"q": "/links.position[{}]"})
     same(log, data)
-    assert log.notes[0].startswith("kappa is /joint_states.position[lift] and so on: as ROS has it, behind the gears")
+    assert log.notes[0].startswith("kappa is /joint_states.position[lift] and so on, which in ROS ")
     assert log.notes[1].startswith("tau_link is /joint_states.effort[lift]") and len(log.notes) == 2
     with pytest.raises(UsageError, match=r"there are .*/joint_states.position\[lift\]"):
         read_log(bag, robot)

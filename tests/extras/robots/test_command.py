@@ -61,5 +61,5 @@ def test_a_first_motion_is_written_with_its_margins_and_runs_by_its_name_too(tmp
         done = vdfmu(tmp_path, "run", *words, "--no-reference", "--overwrite")
         assert done.returncode == 0, done.stderr
         summary = json.loads((tmp_path / "results" / "planar_2dof_reach" / "summary.json").read_text())
-        assert max(summary["max_position_error_deg"]) < 0.01  # as in tests/study/analysis/test_gains.py
+        assert max(summary["max_position_error_deg"]) < 0.01  # as in tests/extras/robots/test_gains.py
     assert vdfmu(tmp_path, "run", "reach", "--robot", "nonsense").returncode == 2

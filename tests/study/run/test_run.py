@@ -109,7 +109,7 @@ def test_files_of_an_earlier_run_are_replaced_and_nothing_else(tmp_path):
     (tmp_path / "figure_10.png").write_bytes(b"mine")
     with pytest.raises(UsageError, match="only parameters and free inputs can be set"):
         vdfmu.run("planar_tracking", out=tmp_path, parameters={"plant.q": 1})
-    with pytest.raises(UsageError, match=r"got figure_10\.png that no run wrote\. .*--overwrite"):
+    with pytest.raises(UsageError, match=r"got figure_10\.png, not written by vdfmu\. .*--overwrite"):
         vdfmu.run("planar_tracking", **options)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.name in old} == old
     (tmp_path / "figure_10.png").rename(tmp_path / "holiday.png")

@@ -109,7 +109,10 @@ def required_net_force(
     V_B_r: np.ndarray,
     V_B_r_dot: np.ndarray,
 ) -> np.ndarray:
-    """Return the required net force of a body, Eq. (50), (15), (17): (6,) [N, N m] in {B}, as below."""
+    """Return the required net force of a body, Eq. (50), (15), (17): (6,) [N, N m] in {B}.
+
+    Deviation: see :func:`required_net_forces`.
+    """
     return (
         mass_matrix(*body) @ V_B_r_dot
         + coriolis_matrix(*body, V_B[3:]) @ V_B_r

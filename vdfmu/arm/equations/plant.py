@@ -61,7 +61,7 @@ def plant_derivative(
     ----------
     x : (4 n,) state, longer with options
     tau : (n,) [N m] motor torques, motor-side; with `winding` their commands
-    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}, and on a load at `A_O = 0`
+    F_e : (6,) [N, N m] wrench of the arm on its surroundings, in {O}; with a load, its wrench at `A_O = 0`
     load : vdfmu.arm.world.attachment.Load, optional
         A load with a mass at the end effector.
     """
@@ -83,7 +83,7 @@ def balance(
     base: Base = AT_REST,
     load: Any = None,
 ) -> np.ndarray:
-    """Residual of the plant's implicit equations, 0 at the right x_dot. Its derivatives are short.
+    """Residual of the plant's implicit equations, 0 at the right x_dot. Its symbolic derivatives are short expressions.
 
     For links it is ``tau_s - xi_l - ID(q, q_dot, q_ddot)`` [N m or N] plus the torques of options, for the other states
     the difference of rates. Parameters: see :func:`plant_derivative`.

@@ -15,10 +15,10 @@ from vdfmu.base.option import checks_types
 _ROUNDS = 20
 """Iterations that redistribute the time among the intervals; the shortest motion is kept."""
 _TOWARDS = 0.5
-"""Exponent of an interval's use of its limits, relative to the largest use, by which its time is scaled per
-iteration."""
+"""In each iteration the time of an interval is multiplied by this power of its use of the limits, relative to the
+largest use of all intervals."""
 _AT_REST = 0.2
-"""Fraction of the samples' largest slope below which their ends are at rest."""
+"""Fraction of the samples' largest slope below which their ends count as at rest."""
 
 
 @checks_types
@@ -87,7 +87,7 @@ def samples(times: npt.ArrayLike, points: npt.ArrayLike) -> Motion:
     ends = np.maximum(slopes[0], slopes[-1])
     if np.any(fast := ends > _AT_REST * np.maximum(slopes.max(axis=0), 1e-300)):
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(fast))
-        note = f"the samples of joint {joints} start or end with a speed, but the motion rests there: it oscillates."
+        note = f"joint {joints}: the samples start or end with a speed, but the motion at rest, so it oscillates there."
         return Motion(motion.knots, motion.coefficients, (note,))
     return motion
 

@@ -42,8 +42,8 @@ class Load(NamedTuple):
 def moving_base(R_S: np.ndarray, omega_S: Any, A_S: np.ndarray) -> Base:
     """Return the motion of a base for equations of forces: relative to its comoving frame, without linear velocity.
 
-    `R_S` (3, 3) rotates {S} in {I}. `omega_S` (3,) [rad/s] and `A_S` (6,) [m/s2, rad/s2], the acceleration of the
-    origin as a point and the angular acceleration, are in {S}.
+    `R_S` (3, 3) rotates {S} in {I}. `omega_S` (3,) [rad/s] and `A_S` (6,) [m/s2, rad/s2], the classical
+    acceleration of the origin and the angular acceleration, are in {S}.
     """
     return Base(R_S, np.concatenate([np.zeros(3), omega_S]), A_S)
 
@@ -65,7 +65,7 @@ def seen_from_base(robot: Any, base: Base) -> tuple[Any, Base]:
 
 
 def point_acceleration(V: np.ndarray, V_dot: np.ndarray) -> np.ndarray:
-    """Acceleration of a frame's origin as a point, and angular acceleration: (6,) [m/s2, rad/s2] in the frame.
+    """Classical acceleration of a frame's origin, and angular acceleration: (6,) [m/s2, rad/s2] in the frame.
 
     The derivative of the coordinates does not contain ``omega x v``, the rotation of the frame itself.
     """

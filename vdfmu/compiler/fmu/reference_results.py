@@ -26,8 +26,8 @@ FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 INTERVALS = 10
 """Number of intervals of the experiment, with constant inputs and a row of results at the end of each."""
 _MOST_SOLVED = 480
-"""Limit of the intervals times the continuous states, or joints, for a few seconds. Beyond it the results end
-earlier."""
+"""Limit of the number of intervals times the number of continuous states, or joints, so that it takes a few seconds.
+Beyond it the results end earlier."""
 _NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _DIGITS = "%.12g"
 """Digits of the results; later ones differ between machines because of rounding."""

@@ -151,7 +151,7 @@ def time_left(function: ca.Function, inputs: dict[str, ca.SX], changing: dict[st
     if ca.OP_CALL in operations:
         tables = any(callee.name().startswith(LOOKUP) for callee in function.find_functions(0))
         call = "reads a table by lookup" if tables else "multiplies by a large matrix"
-        raise ValueError(f"it {call}, and the time, so it is not known when it switches")
+        raise ValueError(f"it depends on the time and {call}, so its switching times are unknown")
     levels: list[tuple[ca.SX, bool]] = []
 
     def choice(operation: int, read: list[ca.SX]) -> None:
@@ -169,7 +169,7 @@ def time_left(function: ca.Function, inputs: dict[str, ca.SX], changing: dict[st
         if curve.nnz() == 0:
             levels.append((level, operation in _WHOLE))
         elif operation not in (*_BENDS, ca.OP_FABS):
-            raise ValueError("a condition is not linear in time, so it is not known when it switches")
+            raise ValueError("a condition is not linear in time, so its switching times are unknown")
 
     rebuilt(function, list(inputs.values()), choice)
     if not levels:

@@ -23,8 +23,8 @@ from vdfmu.compiler.scalar.generic import clip, where
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 refusals: ContextVar[list[Exception] | None] = ContextVar("refusals", default=None)
-"""Refusals since a list was set here. A method that catches a refusal would take a different branch than on floats, so
-the caller of the trace raises the first refusal at the end."""
+"""Errors that symbols raised since a list was set here. A method that catches one would take a different branch than on
+floats, so the caller of the trace raises the first of them at the end."""
 
 
 def refusal(error: Exception) -> Exception:
@@ -335,7 +335,7 @@ def _is_large(a: Any, b: Any) -> bool:
 
 
 def matrix_function(matrix: np.ndarray) -> ca.Function:
-    """Return the product of a matrix (m, n) with a column, which a trace calls because its sums are m n operations."""
+    """Return the product of a matrix (m, n) with a column. A trace calls it, because inline it is m n operations."""
     x = ca.MX.sym("x", matrix.shape[1])
     name = MATRIX + sha256(repr(matrix.shape).encode() + matrix.tobytes()).hexdigest()[:12]
     return ca.Function(name, [x], [ca.DM(matrix) @ x], {"never_inline": True})

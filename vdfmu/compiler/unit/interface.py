@@ -254,5 +254,5 @@ def _functions(unit: type[BaseUnit], robot: Machine | None) -> UnitFunctions:
 
 def general_description(description: str) -> str:
     """Return a description without the index of the variable in its group."""
-    text = re.sub(r"^Joint \d+: |,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
+    text = re.sub(r"^Joint \d+: |, axis$|,? axis [\d,]+$|, row \d+, column \d+$| [\d,]+$", "", description)
     return text[:1].upper() + text[1:]

@@ -73,7 +73,7 @@ class Bank:
         self._transfers: dict[tuple[str, str], list[Transfer]] = {}
 
     def is_free(self, place: int) -> bool:
-        """Return whether the value at a place is an output, or an input without any connection."""
+        """Return whether the value at a place is an output, or an input from a file or an array."""
         return place < self.outputs.size or self.links[place - self.outputs.size].is_given
 
     def inputs_of(self, name: str = "", fresh: bool = False) -> slice:

@@ -49,7 +49,7 @@ def joined(
 
 
 def _move(path: Path, kept: Mapping[str, list[NDArray[Any]]], files: dict[str, IO[bytes]]) -> None:
-    """Move blocks to the files of their kinds, leaving an empty block of each for its columns."""
+    """Move blocks to the files of their kinds; an empty block of each remains, for the number of its columns."""
     try:
         for kind, arrays in kept.items():
             if arrays[0].shape[1]:
@@ -72,7 +72,7 @@ def grouped(signals: Sequence[Signal]) -> dict[tuple[str, str], list[Signal]]:
 def placed_arrays(
     signals: Sequence[Signal], arrays: Sequence[NDArray[Any]]
 ) -> tuple[list[Signal], dict[str, NDArray[Any]]]:
-    """Return signals with their columns, and the data, from an array (m, n) for each of `grouped`."""
+    """Return signals with their columns, and the data by kind, from one array (m, n) per group of `grouped`."""
     columns = {
         signal.name: array[:, i]
         for members, array in zip(grouped(signals).values(), arrays, strict=True)

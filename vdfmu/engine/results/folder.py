@@ -159,8 +159,8 @@ def _prepare(partial: Path, folder: Path, outputs: Sequence[str], overwrite: boo
         foreign = sorted(set(names) - _ours(folder))
         if foreign and not overwrite:
             raise UsageError(
-                f"{folder}: expected a new folder, or results of an earlier run, got {', '.join(foreign)} that no run "
-                "wrote. Choose another folder with --out, or replace them with --overwrite."
+                f"{folder}: expected a new folder, or results of an earlier run, got {', '.join(foreign)}, not "
+                "written by vdfmu. Choose another folder with --out, or replace them with --overwrite."
             )
         make_folder(folder)
         with _one_process(folder):  # retry until the new folder is locked

@@ -133,7 +133,7 @@ class Recorded:
         names = self.members(name)
         shape = self.shape_of(name)
         if shape is None:
-            raise UsageError(f"the signals {', '.join(names)} are not all elements of an array; read them one by one")
+            raise UsageError(f"the signals {', '.join(names)} do not fill an array; read them one by one")
         group = self.groups[name]
         listed = [self._signals[group[index]] for index in sorted(group)]
         kinds = {signal.kind for signal in listed}
@@ -144,7 +144,7 @@ class Recorded:
         return columns.reshape(-1, *shape)
 
     def members(self, name: str) -> list[str]:
-        """Return the signals of a name, of a signal or an array; UsageError for an unknown name."""
+        """Return the signal of this name, or the elements of the array; UsageError for an unknown name."""
         if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise UsageError(
                 f"expected the name of a signal, got {name!r:.60}. Give several names as separate arguments."

@@ -114,7 +114,7 @@ class ByHand:
         indices = [group_of(v.name)[1] for v in variables]
         shape = tuple(map(max, zip(*indices, strict=True)))
         if indices != [tuple(i + 1 for i in index) for index in np.ndindex(shape)]:
-            raise UsageError(f"{owner}: {variables[0].name} and the others of its name do not fill an array.")
+            raise UsageError(f"{owner}: {variables[0].name} and the other elements of this name do not fill an array.")
         places = [place for v in variables if (place := self._place(owner, v)) is not None]
         if len(places) == len(variables):
             memory, columns = places[0][0], np.array([place for _, place in places], np.intp)

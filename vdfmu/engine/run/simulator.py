@@ -283,7 +283,7 @@ class Simulator:
         checked = with_steps(with_parameters(self._checked, parameters or {}), step)
         if parameters and self.sizes and (changed := checked.sizes.items() - self._checked.sizes.items()):
             names = ", ".join(sorted(name for name, _ in changed))
-            raise UsageError(f"parameters: {names}: sizes of arrays must be constant; give them to the Simulator.")
+            raise UsageError(f"{names}: array sizes cannot change between runs. Pass them to the Simulator.")
         self._asked = None if asked is None else (asked, checked)
         return checked
 

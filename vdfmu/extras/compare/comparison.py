@@ -70,7 +70,7 @@ def answer(names: Sequence[str], runs: Sequence[ShownRun], settings: Sheet) -> s
     said = said or [f"{name} failed" for name in failed]
     said += [f"{name} is {than} in {_listed(texts)}" for name, texts in wins.items()]
     if not said:
-        said = ["The runs do the same: no key figure differs by 5 %"]
+        said = ["The runs are equivalent: no key figure differs by 5 % or more"]
     differing = [row[0].partition(" [")[0] for row in settings.rows]
     more = f", and {len(differing) - _LISTED} more" if len(differing) > _LISTED else ""
     differ = f" They differ in {', '.join(differing[:_LISTED])}{more}." if differing else ""

@@ -102,7 +102,7 @@ def identify(
         refuse({"--band": band, "--score": other, "--residuals": residuals, "--duration": duration, "--bits": bits,
                 "--noise": noise, "--no-links": no_links}, "does not go with --for stiffness")  # fmt: skip
     if log is not None and robot is None:
-        raise UsageError("identify: expected --robot ROBOT, the start of the identification.")
+        raise UsageError("identify: expected --robot ROBOT, the robot to start from.")
     if purpose is not None:
         from vdfmu.extras.identify.stiffness_commands import design_stiffness, show_stiffness
 

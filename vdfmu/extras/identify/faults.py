@@ -18,6 +18,7 @@ from vdfmu.arm.equations.rigid_body import body_parameters
 from vdfmu.arm.robot import Robot
 from vdfmu.base.arrays import Floats
 from vdfmu.base.measure import JOINT_TYPES, LARGEST_NUMBER, number, unit_of
+from vdfmu.base.text import amount
 from vdfmu.engine.results.verdict import FAILED, GOOD, Check
 from vdfmu.extras.identify.problem import regressor
 from vdfmu.study.limits import LIMITS
@@ -101,7 +102,7 @@ def even_times(
             i = int(back[0])
             problems.append(
                 f"{name}, row {i + 2}: time: expected a finite number, more than the {column.t[i]:.9g} s of the row "
-                f"before, got {column.t[i + 1]:.9g} s, and {back.size - 1} more. Sort the log, or cut it there"
+                f"before, got {column.t[i + 1]:.9g} s ({amount(back.size, 'such row')}). Sort the log, or cut it there"
             )
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     if len(t) > 1 and step < 0.5 * (t[-1] - t[0]) / (len(t) - 1):  # rows that came in bursts

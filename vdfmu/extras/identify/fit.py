@@ -293,8 +293,8 @@ def score(fit: Identified, robot: Robot, fitted: Log, log: Log) -> LogScore:
     if (log.q is None) != (fitted.q is None):
         sides = ["without" if each.q is None else "with" for each in (fitted, log)]
         raise UsageError(
-            f"{log.where}: expected a log {sides[0]} encoders behind the gears, as {fitted.where}, got one {sides[1]} "
-            "them."
+            f"{log.where}: expected a log {sides[0]} encoders behind the gears, as in {fitted.where}, got one "
+            f"{sides[1]} them."
         )
     rows = rows_of(log, robot, fit.band, fit.lag, _FEWEST)
     errors, held = rows.problem.errors(fit.x), rows.problem.errors(fit.x_held)[0]

@@ -169,16 +169,16 @@ def read_log(
     Parameters
     ----------
     path : path
-        Results of a run in any format, or a CSV, Parquet or MATLAB file of any tool, or one that a plugin reads, with
-        units in brackets, ``q[1] [deg]``, without which angles must span less than 4 pi.
+        Results of a run in any format, or a CSV, Parquet or MATLAB file of any tool, or one that a plugin reads. Units
+        are in brackets, ``q[1] [deg]``; angles without a unit must span less than 4 pi.
     robot : Robot
         Its joints, ratios and limits are used, and its inertias for the comparison of torques with the motion.
     columns : mapping, optional
-        ``kappa``, rotors divided by ell, or ``theta``, motors; ``tau``, motor-side, or ``tau_link``, times ell; and
-        ``q``, links: to the name of a column with ``{}`` for the joint, from 1 or 0 or by its name in the robot file,
-        such as ``axis{}_pos``, or ``{}`` alone for columns headed by the names; a unit may follow, with a factor:
-        ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the column of one joint. Joints without a column of ``q``
-        lack an encoder behind their gears.
+        Quantity to the name of its columns. Quantities are ``kappa`` (rotor positions divided by ell) or ``theta``
+        (motor positions), ``tau`` (motor-side torques) or ``tau_link`` (the same times ell), and ``q`` (link
+        positions). In a name, such as ``axis{}_pos``, ``{}`` is the number of the joint, from 1 or 0, or its name in
+        the robot file. A unit may follow, with a factor: ``current_{} [-1.81 N.m]``. ``q[2]`` and so on name the
+        column of one joint. Joints without a column of ``q`` lack an encoder behind their gears.
     time : str, optional
         Column of the times with its unit, ``stamp [us]``; by default one called ``time``, ``t`` or similar.
 
@@ -244,7 +244,10 @@ def _chosen(
         if best[0][0] == chosen[0][0].replace("{}", "0"):
             notes.append(f"{key}: joint 1 is {best[0][0]}: counted from 0")
         if "/joint_states" in best[0][0]:
-            notes.append(f"{key} is {best[0][0]} and so on: as ROS has it, behind the gears; else say --column")
+            notes.append(
+                f"{key} is {best[0][0]} and so on, which in ROS are positions and torques behind the gears; if these "
+                "are not, name the columns by --column"
+            )
         there = [name for name, _ in best if name in table and not (key == "q" and np.isnan(table[name].values).all())]
         if lacks := [name for name, _ in best if name not in there]:
             notes.append(
@@ -280,8 +283,8 @@ def _converted(
     joint = JOINT_TYPES[robot.joint_types[i]]
     if not stated and not unit and not joint.slides and key in ("kappa", "q") and span > joint.far:
         problems.append(
-            f"{name}: expected a unit in its heading, {name} [deg] or [rad], for values that go over "
-            f"{span:.4g}, as degrees do, or a motor's angle that is to be named theta; got none"
+            f"{name}: expected a unit in its heading, {name} [deg] or [rad], got none, and the values span {span:.4g}. "
+            "If they are angles of a motor, name them by --column theta=NAME{}"
         )
     values = column.values * (float(factor) * _FACTORS[kind].get(unit, 1.0))
     if kind == "angle":

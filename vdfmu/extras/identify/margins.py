@@ -22,8 +22,8 @@ from vdfmu.system.scenario import Scenario
 from vdfmu.system.scenario.values import system_values
 
 UNKNOWN = 0.3
-"""Standard deviation of the logarithm of a stiffness that the log does not show: files are wrong by factors of 0.7 to
-1.4."""
+"""Standard deviation of the logarithm of a stiffness that the log does not excite: values in robot files are wrong by
+factors of 0.7 to 1.4."""
 _ONE_SIDED_95 = 1.645
 """5 % quantile of the standard normal distribution, with the sign reversed."""
 
@@ -46,11 +46,11 @@ class MarginInterval(NamedTuple):
     factors: Floats
     """Stiffness at that corner relative to the identified one, (n,)."""
     assumed: tuple[int, ...]
-    """Joints, from 1, whose spring the log does not show."""
+    """Joints, from 1, whose spring the log does not excite."""
 
     @property
     def check(self) -> Check:
-        """The check in the verdict: the lower end against the limit for runs."""
+        """The check in the verdict: the margin of 95 % of the arms, compared with the limit of runs."""
         row, likely = LIMITS["margin"], min(self.likely, self.linear)
         text = f"modulus margin {self.middle:.2f}, at least {likely:.2f} for 95 % of the arms that fit the log"
         signs = ", ".join(f"{x:.2f}" for x in self.factors)

@@ -50,7 +50,7 @@ def design_stiffness(
     _print_design(arm, plan)
     if target is not None:
         write_whole(target, [excitation_text(plan.excitation).encode()])
-        say_written(target, more=f": torques to add to the motors', {plan.excitation.t[-1]:.4g} s")
+        say_written(target, more=f": excitation torques of the motors, {plan.excitation.t[-1]:.4g} s")
 
 
 def _print_design(arm: Robot, plan: StiffnessExperiment) -> None:
@@ -58,7 +58,7 @@ def _print_design(arm: Robot, plan: StiffnessExperiment) -> None:
     shown = table(*DESIGN_HEADS)
     pose = " ".join(f"{x:.4g}" for x in plan.pose)
     shown.title = (
-        f"{len(lines)} lines from {lines[0]:.3g} to {lines[-1]:.4g} Hz, {plan.excitation.t[-1]:.3g} s, at {pose}"
+        f"{len(lines)} lines from {lines[0]:.3g} to {lines[-1]:.4g} Hz, {plan.excitation.t[-1]:.3g} s, at pose {pose}"
     )
     for row in design_rows(plan):
         shown.add_row(*row)
@@ -68,9 +68,9 @@ def _print_design(arm: Robot, plan: StiffnessExperiment) -> None:
         *(f"joint {i + 1} lacks {lacks}" for i, lacks in enumerate(plan.lacks) if lacks),
         f"torques are motor-side, at {LEVELS[0]:g} and {LEVELS[1]:g} times the breakaway friction or as large as the "
         f"limits allow; speed and travel [{units}] are predicted without friction, at the higher level",
-        "play them at this pose in addition to a soft position controller, some 1 Hz, and log positions of motors and "
-        "their torques",
-        "collisions are not checked: look at the travel before they are played",
+        "apply them at this pose, together with a soft position controller of about 1 Hz, and log motor positions and "
+        "motor torques",
+        "collisions are not checked: check the travel before you apply the torques",
     ])  # fmt: skip
     if not arm.limits:
         say_notes(["the robot file has no limits, so torque, speed and travel are not limited: add [joints.limits]"])

@@ -90,7 +90,7 @@ def unexcited_verdict(log: Log, robot: Robot, plan: StiffnessExperiment) -> dict
         else:
             text = f"the antiresonance of joint {i + 1} at {f:.3g} Hz is above the band of the log"
             more = "its stiffness is not identifiable"
-        checks.append(Check("stiffness", "Stiffness", FAILED, text, f"{more}: log {lacks[i]}"))
+        checks.append(Check("stiffness", "Stiffness", FAILED, text, f"{more}; the log needs {lacks[i]}"))
     return verdict_of(checks)
 
 

@@ -1,4 +1,4 @@
-"""Robots from URDF and MJCF, robots as such files, and pages of robots."""
+"""Import of robots from URDF and MJCF, export to these formats, and pages of robots."""
 
 from typing import TYPE_CHECKING
 

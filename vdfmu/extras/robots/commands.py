@@ -14,7 +14,7 @@ from vdfmu.cli.terminal import console, say_json, say_notes, say_written, table
 
 
 def _read_tool(text: str) -> list[float]:
-    """Return the numbers of --tool; UsageError for a wrong count, as a shell without quotes passes only the first."""
+    """Return the numbers of --tool; UsageError for a wrong count: without quotes, only the first arrives."""
     from vdfmu.cli.options import read_numbers
     from vdfmu.extras.robots.tool import read_placement
 
@@ -75,7 +75,7 @@ def export_file(
         str | None, Option("Format (default by the suffix of -o, else mjcf).", choices=("mjcf", "urdf"))
     ] = None,
     out: Annotated[Path | None, Option("File to write (default ROBOT.xml or ROBOT.urdf).")] = None,
-    rigid: Annotated[bool, Option("MJCF without springs; rotors are armature.")] = False,
+    rigid: Annotated[bool, Option("MJCF without springs; rotor inertia as armature.")] = False,
     overwrite: OverwriteOption = False,
     trust: TrustOption = False,
 ) -> None:

@@ -165,7 +165,7 @@ class Plan:
 
     @property
     def key(self) -> str:
-        """Digest of `facts` without places of files and the course of a search; equal if the runs are equal."""
+        """Digest of `facts` without the paths of files and the history of a search; equal if the runs are equal."""
         apart = ("source", "options", "engine", "search")
         facts = {name: fact for name, fact in self.facts.items() if name not in apart}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
@@ -386,5 +386,5 @@ def _binding(scenario: Any, axis: Axis, values: Mapping[str, Mapping[str, Any]])
     if len(nominal) < len(reached):
         raise UsageError(f"{axis}: expected numbers to multiply, got {', '.join(map(str, reached.values()))}.")
     if not any(nominal):
-        raise UsageError(f"{axis}: expected numbers to multiply that are not all 0; leave the star out.")
+        raise UsageError(f"{axis}: expected numbers to multiply that are not all 0. Vary values instead, without '*'.")
     return AxisBinding(tuple(reached), nominal=tuple(nominal))

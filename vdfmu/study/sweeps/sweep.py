@@ -68,9 +68,9 @@ class Sweep(StudyTable):
     def report(self, out: str | os.PathLike[str] | None = None, *, simulate: bool = True, trust: bool = False) -> Path:
         """Write the page, by default ``report.html`` in the folder, and return its path.
 
-        With `simulate` the page can run any point. For this the scenario is run, with the code that it names, if you
-        made the study; with `trust` even if others made it. A page of `sweep` in the folder is kept if it would be the
-        same, see `unchanged`.
+        With `simulate` the page can run any point. For this the scenario is run with the code that it names, but only
+        if you made the study, or with `trust`. A page of `sweep` in the folder is kept if it would be the same, see
+        `unchanged`.
         """
         kept = self._kept if out is None and simulate else None
         self.unchanged = kept is not None and kept.has_page()
@@ -81,7 +81,7 @@ class Sweep(StudyTable):
         notes = len(self.notes)
         page = write_page(self, self.answer, None if out is None else Path(out), simulate=simulate, trust=trust)
         if kept is not None and (len(self.notes) == notes or self.facts["source"].endswith(".ssp")):
-            # a page without its scenario's run may get it the next time
+            # not if the scenario could not be run for the page: the next call may succeed
             kept.keep(self.answer)
         return page
 
