@@ -120,7 +120,7 @@ def test_a_scenario_is_shown_as_its_file(tmp_path):
     (["check", "missing.fmu"], "there is no such file"),
     (["robot", "show", "robot.toml"], "robot.toml"),
 ])  # fmt: skip
-def test_wrong_usage_ends_with_code_2_and_the_way_out(tmp_path, arguments, words):
+def test_wrong_usage_ends_with_code_2_and_the_fix(tmp_path, arguments, words):
     done = vdfmu(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert words in " ".join(done.stderr.split())

@@ -340,7 +340,7 @@ def test_json_names_rule_file_and_line(tmp_path):
     findings = json.loads(done.stdout)["findings"]
     assert findings[0] == {
         "rule": "SSP040", "severity": "problem", "file": "x.ssp: SystemStructure.ssd", "line": 2,
-        "message": "c.w: m.fmu has no such variable", "way_out": "correct the name",
+        "message": "c.w: m.fmu has no such variable", "fix": "correct the name",
     }  # fmt: skip
     assert ("FMI005", "x.ssp: m.fmu: modelDescription.xml") in {(f["rule"], f["file"]) for f in findings}
 

@@ -73,8 +73,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         byte = f"byte 0x{error.object[error.start]:02x} at offset {error.start}"
         problem = f"expected UTF-8 text, got {byte}. Save the file as UTF-8."
     except tomllib.TOMLDecodeError as error:
-        way_out = "Correct that place. Strings need quotes, numbers a digit before the point."
-        problem = f"expected TOML, got a syntax error: {error}. {way_out}"
+        fix = "Correct that place. Strings need quotes, numbers a digit before the point."
+        problem = f"expected TOML, got a syntax error: {error}. {fix}"
     except ValueError as error:  # a number with more digits than Python reads
         problem = f"expected TOML, got unreadable content: {error}. Correct it."
     raise ModelError(f"{path}: {problem}")
@@ -167,5 +167,5 @@ def format_problem(number: object) -> str:
         return ""
     readable = "1" if FORMAT == 1 else f"1 to {FORMAT}"
     later = isinstance(number, int) and number > FORMAT
-    way_out = f"A version later than {__version__} wrote it: update vdfmu." if later else "Leave the key out."
-    return f"format: expected {readable}, got {number!r}. {way_out}"
+    fix = f"A version later than {__version__} wrote it: update vdfmu." if later else "Leave the key out."
+    return f"format: expected {readable}, got {number!r}. {fix}"

@@ -32,10 +32,10 @@ class Problems:
         self.where = where
         self.lines: list[str] = []
 
-    def add(self, key: str, expected: str, got: str, way_out: str) -> None:
+    def add(self, key: str, expected: str, got: str, fix: str) -> None:
         """Note an unexpected value of `key`."""
         key = printable(key)
-        self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {way_out}".rstrip())
+        self.lines.append(f"{self.where}: {key}: expected {expected}, got {got}. {fix}".rstrip())
 
     def take(self, error: VdfmuError, key: str = "") -> None:
         """Note an error, with a key if given. Problems of another file already have their place."""
@@ -186,12 +186,12 @@ class Table:
         above: float | None = None,
         at_least: float | None = None,
         at_most: float = LARGEST_NUMBER,
-        way_out: str = "",
+        fix: str = "",
     ) -> float:
         """Return a number, NaN if it is wrong. `at_most` limits its absolute value."""
         bounds = _Bounds(unit, above, at_least, at_most)
         value = self.value(key, bounds.expected("a finite number"), default)
-        return math.nan if value is None else self._checked(value, self.key(key), bounds, way_out)
+        return math.nan if value is None else self._checked(value, self.key(key), bounds, fix)
 
     def numbers(
         self,
@@ -205,7 +205,7 @@ class Table:
         at_least: float | None = None,
         at_most: float = LARGEST_NUMBER,
         infinite: bool = False,
-        way_out: str = "",
+        fix: str = "",
     ) -> Floats:
         """Return an array of numbers. Wrong entries are NaN.
 
@@ -218,28 +218,28 @@ class Table:
         if value is None:
             return np.full(shape, math.nan)
         if scalar and as_number(value) is not None:
-            return np.full(shape, self._checked(value, self.key(key), bounds, way_out))
+            return np.full(shape, self._checked(value, self.key(key), bounds, fix))
         actual = shape_of(value)
         if actual != shape:
             got = value_text(value) if actual is None else f"{' x '.join(str(k) for k in actual) or 'one number'}"
             rows = "" if len(shape) < 2 else " as a list of rows"
-            self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {way_out}".strip())
+            self.problems.add(self.key(key), expected, got, f"Write {size} numbers{rows}. {fix}".strip())
             return np.full(shape, math.nan)
         result = np.empty(shape)
         for index in np.ndindex(shape):
             place = self.key(key) + "".join(f"[{k + 1}]" for k in index)
-            result[index] = self._checked(reduce(getitem, index, value), place, bounds, way_out)
+            result[index] = self._checked(reduce(getitem, index, value), place, bounds, fix)
         return result
 
-    def _checked(self, value: object, place: str, bounds: _Bounds, way_out: str) -> float:
+    def _checked(self, value: object, place: str, bounds: _Bounds, fix: str) -> float:
         number = as_number(value)
         if number is None:
             expected = bounds.expected("a finite number")
-            self.problems.add(place, expected, value_text(value), f"Write a number. {way_out}".strip())
+            self.problems.add(place, expected, value_text(value), f"Write a number. {fix}".strip())
             return math.nan
         expected = bounds.broken(number)
         if expected is not None:
-            self.problems.add(place, expected, value_text(value), way_out or "Correct the number.")
+            self.problems.add(place, expected, value_text(value), fix or "Correct the number.")
             return math.nan
         return number
 

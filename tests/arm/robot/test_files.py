@@ -143,8 +143,8 @@ def test_a_file_says_its_format_and_one_of_a_later_version_is_refused(name, tmp_
         file.write_text(f"{format}{text}", encoding="utf-8")
         loaded = load_scenario(scenario)
         assert (loaded.robot.n, loaded.system.path) == (2, tmp_path / "system.toml")
-    for wrong, way_out in (("2", "A version later than .* wrote it: update vdfmu"), ('"1"', "Leave the key out")):
+    for wrong, fix in (("2", "A version later than .* wrote it: update vdfmu"), ('"1"', "Leave the key out")):
         file.write_text(f"format = {wrong}\nsecrets = 1\n{text}", encoding="utf-8")
-        with pytest.raises(ModelError, match=f"{name}: format: expected 1, got .*{way_out}") as refused:
+        with pytest.raises(ModelError, match=f"{name}: format: expected 1, got .*{fix}") as refused:
             load_scenario(scenario)
         assert "secrets" not in str(refused.value)  # other keys are not for this version

@@ -109,7 +109,7 @@ def line_here(function):
 
 
 @pytest.mark.parametrize("method", UNTRACEABLE)
-def test_what_cannot_be_traced_says_where_why_and_the_way_out(method):
+def test_what_cannot_be_traced_says_where_why_and_the_fix(method):
     reason, expected = UNTRACEABLE[method]
     words = (
         rf"^{HERE}, line {line_here(method)}: outputs\(\) of Wrong cannot be traced: .*{reason}.*"

@@ -183,7 +183,7 @@ def test_without_link_positions_of_all_joints_or_one_the_springs_are_kept_and_sa
 
 
 @pytest.mark.heavy
-def test_what_a_motion_cannot_tell_is_near_the_robot_file_with_the_way_out(clean, robot, guess):
+def test_what_a_motion_cannot_tell_is_near_the_robot_file_with_the_fix(clean, robot, guess):
     fit = identify(noisy(clean, robot, 1), guess)
     assert {"c_f[2]"} <= set(fit.weak) and not fit.held
     place = fit.names.index("c_f[2]")

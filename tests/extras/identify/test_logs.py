@@ -180,7 +180,7 @@ def test_a_clock_that_jitters_is_told_from_samples_that_do(robot, data, tmp_path
         resampled(robot, data, tmp_path / "log.csv", bursts, table(data))
 
 
-def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path):
+def test_faults_of_columns_are_refused_with_their_fix(robot, data, tmp_path):
     kappa, q, tau = data
     path = tmp_path / "log.csv"
     back = np.where(np.arange(M) == 700, T[698], T)
@@ -202,7 +202,7 @@ def test_faults_of_columns_are_refused_with_their_way_out(robot, data, tmp_path)
     assert "gear ratio of joint 1 is 111, not 100: the link moves 0.901 times as far" in check.sentence
 
 
-def test_the_way_out_is_one(robot, data, tmp_path):
+def test_the_fix_is_one(robot, data, tmp_path):
     """Columns of single joints by name, with a sign; and what is named goes before what has a known name."""
     kappa, q, tau = data
     columns = table((kappa, q[:, ::-1] * [1, -1], tau * [1, -1])) | {"x_1": tau[:, 0], "x_2": tau[:, 1]}

@@ -41,7 +41,7 @@ def test_a_study_of_joined_fmus_keeps_their_package(tmp_path):
     assert high == pytest.approx(3.0 * low, rel=1e-12)
     package = tmp_path / "study" / "system.ssp"
     assert vdfmu.load(package).run(stop=1.0, step=0.1, parameters={"a.u": 3.0})["b.x"][-1] == high
-    assert f"'vdfmu run {package}' runs it, with a.u=3." in refused("run", "--from", tmp_path / "study", "--row", "1")
+    assert f"Use 'vdfmu run {package}' and set a.u=3." in refused("run", "--from", tmp_path / "study", "--row", "1")
     assert f"must be NAME=FILE if there are several. Write {lag.stem}={lag}." in refused("sweep", lag, lag, *axis)
 
 

@@ -43,7 +43,7 @@ class Condition(NamedTuple):
     """The condition with the names of its parameters, such as ``L_cb > 2*r_cb``."""
     margin: Law
     """Function of the robot that returns (n,), above 0 if the condition holds."""
-    way_out: str
+    fix: str
     strict: bool = True
     """Whether the margin must be above 0 rather than at least 0."""
 

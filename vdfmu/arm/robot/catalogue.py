@@ -51,8 +51,8 @@ def tables_of(problems: Problems, path: str, named: dict[str, Any], kind: str, e
         if isinstance(name, str) and name in listed:
             entries[part] = listed[name]
         elif part in named:
-            way_out = nearest(name, list(listed)) if isinstance(name, str) else "Give it as a string."
-            problems.add(f"{path}.{part}", f"a {part} of the catalogue", value_text(name), way_out)
+            fix = nearest(name, list(listed)) if isinstance(name, str) else "Give it as a string."
+            problems.add(f"{path}.{part}", f"a {part} of the catalogue", value_text(name), fix)
     gear, motor = (entries.get(part, {}) for part in NAMED)
     if gear and JOINT_TYPES[kind].slides:
         problems.add(

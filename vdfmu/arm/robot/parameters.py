@@ -104,7 +104,7 @@ class Row:
         return self.text.replace("{}", self.equation)
 
     @property
-    def way_out(self) -> str:
+    def fix(self) -> str:
         """Last sentence of a problem with it."""
         return self.hint or f"It is the {self.description[0].lower()}{self.description[1:]}."
 

@@ -54,8 +54,8 @@ def check_inertia(problems: Problems, key: str, inertia: Floats) -> None:
         problems.add(key, "positive definite, in kg.m2", got, "Every principal moment of a body is > 0.")
     elif moments[0] + moments[1] < moments[2] * (1 - INERTIA_TOLERANCE):
         expected = "no principal moment above the sum of the other two (triangle inequality)"
-        way_out = "Give the inertia about the centre of mass; check products of inertia and units."
-        problems.add(key, expected, got, way_out)
+        fix = "Give the inertia about the centre of mass; check products of inertia and units."
+        problems.add(key, expected, got, fix)
 
 
 CONTRACTION = Condition(
@@ -86,7 +86,7 @@ def check_conditions(
         broken = margin <= 0.0 if condition.strict else margin < 0.0
         if broken and (not row.part_of or joint[row.part_of] != 0.0):
             got = ", ".join(f"{name} = {joint[name]:g}" for name in condition.names)
-            problems.add(f"{path}.{row.section}.{row.key}", condition.text, got, condition.way_out)
+            problems.add(f"{path}.{row.section}.{row.key}", condition.text, got, condition.fix)
 
 
 def requirements(robot: Any) -> list[Requirement]:

@@ -232,7 +232,7 @@ def section_numbers(
     for row in (row for row in rows or section(part) if keys is None or row.key in keys):
         unit = row.unit(joint_type)
         options: dict[str, Any] = {"above": 0.0} if row.smallest == POSITIVE else {"at_least": row.smallest}
-        options |= {"at_most": row.largest, "way_out": row.way_out, "unit": "" if unit == "1" else unit}
+        options |= {"at_most": row.largest, "fix": row.fix, "unit": "" if unit == "1" else unit}
         if row.fold == "inertia":
             numbers[row.name] = _inertia(table, row, options)
         elif row.shape:
@@ -298,9 +298,7 @@ def in_paper_words(problems: Problems, joint: Any, path: str, kind: str = "") ->
             continue
         unit = unit_of(quantity, kind or joint.get("type", ""))
         table = Table(problems, {word: drive[word]}, f"{path}.drive", None)
-        value = table.number(
-            word, above=0.0, at_most=1e12, unit=unit, way_out=f"It is the {text[0].lower()}{text[1:]}."
-        )
+        value = table.number(word, above=0.0, at_most=1e12, unit=unit, fix=f"It is the {text[0].lower()}{text[1:]}.")
         value = 1.0 if math.isnan(value) else value  # one problem is enough for a wrong value
         if both := [key for key in keys if key in drive]:
             problems.add(

@@ -56,7 +56,7 @@ class Report(Findings):
                 "file": text.file or None,
                 "line": text.line or None,
                 "message": str(text),
-                "way_out": text.rule.way,
+                "fix": text.rule.way,
             }
             for text in (*self.problems, *self.notes)
         ]

@@ -126,8 +126,8 @@ class Archive:
                 opened.push(closing(self.file))
                 self._zip = self._directory()
             except FileNotFoundError:
-                way_out = ". Give another path, or write it by 'vdfmu ssp'" if label.endswith(".ssp") else ""
-                raise breach("PKG001", f"{label}: there is no such file{way_out}") from None
+                fix = ". Give another path, or write it by 'vdfmu ssp'" if label.endswith(".ssp") else ""
+                raise breach("PKG001", f"{label}: there is no such file{fix}") from None
             except (OSError, NotImplementedError, ValueError, zipfile.BadZipFile) as error:
                 _blame_disk(label, error)
                 text = f"{label}: cannot be read as a zip package: {error}. It may be cut off; "

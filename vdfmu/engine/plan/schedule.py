@@ -139,7 +139,7 @@ def make_schedule(
     names = sorted(descriptions, key=lambda name: name not in feeding) if ordered else list(descriptions)
     unit_edges = {(k.start[0], k.end[0]) for k in fresh}
     groups: dict[str, tuple[str, ...]] = {}
-    way_out = f"{DELAYED}, or {choice(repeats=True)}"
+    fix = f"{DELAYED}, or {choice(repeats=True)}"
     if not problems:
         joined = _joined(descriptions, links)
         for part, cycle in cycles(names, unit_edges):
@@ -149,7 +149,7 @@ def make_schedule(
                 inner = (k for k in links if k.stepped and {k.start[0], k.end[0]} <= set(group))
                 problems += [
                     f"{k}: is of type {k.source.type}, but must be real, because {', '.join(group)} depend on each "
-                    f"other within a step and are integrated together; use {way_out}"
+                    f"other within a step and are integrated together; use {fix}"
                     for k in inner
                     if {k.source.kind, k.sink.kind} != {"Real"}
                 ]
@@ -166,7 +166,7 @@ def make_schedule(
         listed_blocks = " and ".join(", ".join(block) for block in cycle[:-1])
         problems.append(
             f"{algorithm} cannot order {listed_blocks}: components that are integrated together read outputs within a "
-            f"step that depend on them; use {way_out}"
+            f"step that depend on them; use {fix}"
         )
     units = tuple(name for block in (listed if problems else topological(listed, between)) for name in block)
     ends = {k.end for k in fresh} | {k.end for k in links if k.stepped and k.end[0] in groups.get(k.start[0], ())}

@@ -251,7 +251,7 @@ class _Search:
                 correlation[shown.index(k)] = 0.0
                 partner = int(np.argmax(np.abs(correlation)))
                 share = float(deviation[k] / before[k])
-                way = "use encoders with a finer resolution" if names[k] in coarse else _way_out(names[k])
+                way = "use encoders with a finer resolution" if names[k] in coarse else _fix(names[k])
                 notes[names[k]] = Weak(share, names[shown[partner]], float(correlation[partner]), way)
         return notes
 
@@ -315,7 +315,7 @@ def _sizes(problem: IdentificationProblem) -> Floats:
     return sizes
 
 
-def _way_out(name: str) -> str:
+def _fix(name: str) -> str:
     return {
         "I_m": "log faster motions",
         "f_s": "log slow motions, below v_s",

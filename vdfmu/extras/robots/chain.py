@@ -120,8 +120,8 @@ def _root(tree: Tree) -> str | None:
     elif not roots:
         tree.problems.add("the file", "a link that no joint carries", "none", "The joints go in a circle.")
     elif len(roots) > 1:
-        way_out = "Join them by fixed joints, or delete what is not a part of the arm."
-        tree.problems.add("the file", "one link that no joint carries", ", ".join(roots), way_out)
+        fix = "Join them by fixed joints, or delete what is not a part of the arm."
+        tree.problems.add("the file", "one link that no joint carries", ", ".join(roots), fix)
     elif not tree.problems.lines:
         queue = roots[:]
         for link in queue:
@@ -190,8 +190,8 @@ def _path(tree: Tree, base: str, tip: str) -> list[Joint] | None:
         joint = tree.above.get(link)
         if joint is None:
             above = [joint.parent for joint in path]
-            way_out = f"Choose the base among {', '.join(above)}." if above else "It is the root of the file."
-            tree.problems.add("--tip", f"a link that hangs on {base}", tip, way_out)
+            fix = f"Choose the base among {', '.join(above)}." if above else "It is the root of the file."
+            tree.problems.add("--tip", f"a link that hangs on {base}", tip, fix)
             return None
         path.append(joint)
         link = joint.parent
@@ -204,8 +204,8 @@ def _refuse_joints(tree: Tree, moving: list[Joint]) -> None:
     for joint in moving:
         key = f"joint {joint.name}"
         if joint.kind not in MOVING:
-            way_out = f'Choose a base above it, --base {joint.child}, or make it type="fixed".'
-            tree.problems.add(key, f"one of {', '.join(MOVING)}, fixed", joint.kind, way_out)
+            fix = f'Choose a base above it, --base {joint.child}, or make it type="fixed".'
+            tree.problems.add(key, f"one of {', '.join(MOVING)}, fixed", joint.kind, fix)
         if joint.follows:
             tree.problems.add(
                 key,

@@ -70,9 +70,9 @@ class _UrdfReader:
         self.notes: list[str] = []
         self.lost: dict[str, None] = {}
 
-    def add(self, element: Any, label: str, expected: str, got: str, way_out: str) -> None:
+    def add(self, element: Any, label: str, expected: str, got: str, fix: str) -> None:
         """Add a problem about an element."""
-        self.problems.add(f"line {element.sourceline}: {label}", expected, got, way_out)
+        self.problems.add(f"line {element.sourceline}: {label}", expected, got, fix)
 
     def name(self, element: Any, taken: Mapping[str, Any]) -> str:
         """Return the name of a link or joint, adding a problem if it is already used."""

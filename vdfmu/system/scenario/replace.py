@@ -70,8 +70,8 @@ def with_units(scenario: Scenario, units: Mapping[str, Any], connections: Connec
     before, parts = scenario.resolved, dict(scenario.system.parts)
     for name, unit in units.items():
         if name not in parts:
-            way_out = f"There are: {', '.join(parts)}."
-            raise UsageError(f"units: the system {scenario.system.name} has no component {name!r}. {way_out}")
+            fix = f"There are: {', '.join(parts)}."
+            raise UsageError(f"units: the system {scenario.system.name} has no component {name!r}. {fix}")
         if not (issubclass(unit, Unit) if isinstance(unit, type) else isinstance(unit, (str, os.PathLike))):
             raise UsageError(f"units: {name}: expected a unit, its name or its file, got {unit!r}.")
         value = unit if isinstance(unit, type) else os.fspath(unit)

@@ -191,8 +191,8 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
         robot = _with_drive(file.optional_table("joints"), robot)
     if "motion" in file.data and robot is not None and system is not None:
         system, sections = _moved(file, robot, system, sections)
-    stop = file.number("stop", "s", above=0, way_out="Give the end of the run.")
-    step = file.number("step", "s", above=0, way_out="Give the communication step.")
+    stop = file.number("stop", "s", above=0, fix="Give the end of the run.")
+    step = file.number("step", "s", above=0, fix="Give the communication step.")
     if stop > 0 and step > 0:
         try:
             count_steps(step, stop)
@@ -200,10 +200,10 @@ def read_scenario(problems: Problems, data: object, robot: Robot | None, system:
             problems.take(error)
     algorithm = file.text("algorithm", DEFAULT, ALGORITHMS.names(file.data.get("algorithm", DEFAULT)))
     adaptive = _adaptive(file, algorithm)
-    way_out = f"{SOLVER_TOLERANCE:g} is a good start."
-    tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, way_out=way_out)
+    fix = f"{SOLVER_TOLERANCE:g} is a good start."
+    tolerance = file.number("tolerance", "", SOLVER_TOLERANCE, above=0, fix=fix)
     if tolerance >= 1:
-        problems.add("tolerance", "a relative tolerance < 1", value_text(tolerance), way_out)
+        problems.add("tolerance", "a relative tolerance < 1", value_text(tolerance), fix)
     inputs = Path(problems.where).parent / file.text("inputs") if "inputs" in file.data else None
     input_hold = file.flag("input_hold", False)
     factors = _factors(file.optional_table("plant_factors", FACTOR_FIELDS), n)
@@ -293,9 +293,9 @@ def _adaptive(file: Table, algorithm: str) -> float | None:
     if error >= 1:
         file.problems.add("adaptive", "a relative error < 1", value_text(error), "1e-6 is a good start.")
     if algorithm in ALGORITHMS and not ALGORITHMS[algorithm].continuous:
-        way_out = "Sampled control has a fixed step: leave adaptive out, or choose another algorithm."
+        fix = "Sampled control has a fixed step: leave adaptive out, or choose another algorithm."
         expected = f"algorithm = {' or '.join(map(repr, named(continuous=True)))}"
-        file.problems.add("adaptive", expected, repr(algorithm), way_out)
+        file.problems.add("adaptive", expected, repr(algorithm), fix)
     return error
 
 
@@ -305,11 +305,11 @@ def _factors(table: Table, n: int | None) -> dict[str, Floats | float]:
         if key not in FACTOR_FIELDS:
             continue  # noted by the table
         if as_number(value) is not None or not PARAMETERS[key].per_joint:
-            factors[key] = table.number(key, "", above=0, way_out="A factor of 1 changes nothing.")
+            factors[key] = table.number(key, "", above=0, fix="A factor of 1 changes nothing.")
         else:
             length = n or (shape_of(value) or (1,))[0]  # with an unknown robot, any number of joints is allowed
-            way_out = f"The robot has {n} joints." if n else ""
-            factors[key] = read_only(table.numbers(key, (length,), "", scalar=True, way_out=way_out, above=0))
+            fix = f"The robot has {n} joints." if n else ""
+            factors[key] = read_only(table.numbers(key, (length,), "", scalar=True, fix=fix, above=0))
     return factors
 
 
