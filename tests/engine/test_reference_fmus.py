@@ -96,6 +96,7 @@ def test_the_command_line_says_events_of_reference_fmus(built, tmp_path):
     happened = read_run(folder).summary["events"]
     assert happened["stair"]["times"] == [1.0, 2.0, 3.0, 4.0, 5.0]
     page = (folder / "report.html").read_text()
+    assert "last at 2.605 s; stair: 5 events" in page and "Wires from" not in page
     assert "stair at 1, 2, 3, 4, 5 s." in page and '["stair",[1.0,2.0,3.0,4.0,5.0]]' in page.replace(" ", "")
 
 

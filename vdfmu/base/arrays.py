@@ -109,7 +109,8 @@ def odeint(rate: Callable[[float, Floats], Floats], x: Floats, times: Floats, **
     """Integrate by LSODA from `x` at the first time. Return a row for each time, and the reason of a failure."""
     options |= {"full_output": 1, "tfirst": 1}
     with suppress(TypeError, ValueError):  # a scipy with other internals
-        states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate, x, times, **options)
+        # it changes the array of the start
+        states, _, state = scipy_part("scipy.integrate._odepack").odeint(rate, x.copy(), times, **options)
         if state == 2 and np.isfinite(states[-1]).all():
             return states, ""
     from scipy.integrate import odeint as whole
@@ -117,5 +118,6 @@ def odeint(rate: Callable[[float, Floats], Floats], x: Floats, times: Floats, **
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         states, info = whole(rate, x, times, **options)
-    solved = info["message"] == "Integration successful." and np.isfinite(states[-1]).all()
-    return states, "" if solved else info["message"]
+    if info["message"] != "Integration successful.":
+        return states, info["message"]
+    return states, "" if np.isfinite(states[-1]).all() else "no finite state."

@@ -108,6 +108,15 @@ BLIND = {"stability": {"reason": "pid: expected FMUs with directional derivative
 OWED = {"stability": {"reason": "the native FMUs cannot be built: no compiler", "expected": True}}
 
 
+@pytest.mark.parametrize(("more", "text"), [
+    ("", "Error of 2 %"),
+    ("limit 1 %", "Error of 2 %; limit 1 %"),
+    ("Use a shorter step.", "Error of 2 %. Use a shorter step."),
+])  # fmt: skip
+def test_whole_sentences_follow_a_full_stop(more, text):
+    assert Check("coupling", "Coupling error", "failed", "error of 2 %", more).text == text
+
+
 @pytest.mark.parametrize(("figures", "more", "headline"), [
     ({"unstable": UNSTABLE}, {}, "Failed: unstable from 0.49 s on, joint 5"),
     # at a limit there is no feedback: the cause is told, whichever came first

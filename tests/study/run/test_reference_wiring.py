@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from vdfmu.arm.fmus import build_fmus
-from vdfmu.base.errors import UsageError
+from vdfmu.base.errors import UsageError, VdfmuError
 from vdfmu.system.package.description import SystemDescription
 from vdfmu.system.reference.reference import reference
 from vdfmu.system.scenario import load_scenario
@@ -199,6 +199,34 @@ def test_an_algebraic_loop_is_named(name):
         UsageError, match=r"there is no reference: algebraic loop at the start: (a\.y -> b\.y|b\.y -> a\.y) -> "
     ):
         reference(name, system, step=0.1, stop=1.0)
+
+
+class Lag(Unit):
+    """A fast sensor."""
+
+    K = Parameter("1/s")
+    x = State("1", start=2.0)
+    x_dot = Derivative(x)
+    y = Output("1")
+
+    def outputs(self) -> None:
+        """Measured value."""
+        self.y = self.x
+
+    def derivatives(self) -> None:
+        """Tend to a cosine."""
+        self.x_dot = self.K * (np.cos(self.t) - self.x)
+
+
+@pytest.mark.parametrize("K", [1e6, 1e17])
+def test_a_stiff_unit_has_a_continuous_reference(K):
+    """Too stiff for an explicit method, in 1e5 steps of each 0.1 s."""
+    system = made({}, {"lag": {"K": K}}, lag=Lag)
+    solution = reference("continuous", system, step=0.1, stop=1.0)
+    exact = np.cos(solution.t[1:]) + np.sin(solution.t[1:]) / K
+    np.testing.assert_allclose(solution["lag.y"][1:, 0], exact, rtol=0.0, atol=1e-11)
+    with pytest.raises(VdfmuError, match=r"lag has no finite state after t = .* s, or is too stiff for its"):
+        reference("sampled", system, step=0.1, stop=1.0)
 
 
 def test_an_fmu_of_another_tool_has_no_reference(tmp_path):

@@ -22,6 +22,19 @@ def bowl(a, b):
     return 1.0 + (a - 2.0) ** 2 + 0.1 * (b - 3.0) ** 2
 
 
+@pytest.mark.parametrize(("state", "said"), [
+    (GOOD, "Its neighbour in the grid is good too, with a modulus margin of 0.7 or more."),
+    (FAILED, "Its neighbour in the grid is not good: point 1 fails."),
+])  # fmt: skip
+def test_the_only_neighbour_is_not_counted(tmp_path, monkeypatch, state, said):
+    def judge(study, point, value):
+        return JudgedPoint(point, value, state if point else GOOD, "", 0.7)
+
+    monkeypatch.setattr("vdfmu.study.sweeps.candidates.judge_point", judge)
+    monkeypatch.setattr(answers, "judge_point", judge)
+    assert said in study_of(tmp_path / "s", {"f.a": "1,2"}, lambda a: a).answer.sentences
+
+
 def test_a_study_says_best_and_largest_point_ranking_and_the_axis_that_matters(tmp_path):
     answer = study_of(tmp_path / "s", GRID, bowl, fail=[0, 24]).answer
     # a study of a function has no scenario to run, so its best point is not judged

@@ -48,7 +48,8 @@ class Check(NamedTuple):
             if first.islower() and first.replace("-", "").isalpha()
             else self.sentence
         )
-        return "; ".join(filter(None, (sentence, self.more)))
+        joint = ". " if self.more[:1].isupper() and self.more.endswith(".") else "; "  # after it, whole sentences
+        return joint.join(filter(None, (sentence, self.more)))
 
     @property
     def source(self) -> str:

@@ -58,7 +58,7 @@ def indices(study: StudyTable, measure: str | None = None) -> Indices:
     """Return the indices of a measure of a ``saltelli`` or ``morris`` study. UsageError unless it has all points."""
     sample, n, d = study.facts["sample"], study.facts["n"], len(study.axes)
     if sample not in ("saltelli", "morris"):
-        raise UsageError(f"{study.path}: indices need --sample saltelli or morris, got {sample}. Try 'sweep plot'.")
+        raise UsageError(f"{study.path}: indices need --sample saltelli or morris, got {sample}. Try 'sweep report'.")
     values = np.full(n, np.nan)
     values[study["point"]] = study.values(measure)
     missing = np.flatnonzero(~np.isfinite(values))

@@ -175,7 +175,8 @@ def facts_table(names: Sequence[str], runs: Sequence[ShownRun]) -> Iterator[str]
     """Yield the facts of runs, one column per run."""
     yield '<section class="card" id="facts"><h2>What was run</h2>'
     columns = [dict(_facts_of(run)) for run in runs]
-    rows = [(key, *(column.get(key, "") for column in columns)) for key in dict.fromkeys(k for c in columns for k in c)]
+    keys = dict.fromkeys(key for column in columns for key in column)
+    rows = [(key, *(column.get(key, "").replace("\n", "; ") for column in columns)) for key in keys]
     heads = ("", *(map(escape, names) if len(runs) > 1 else [""]))
     yield f'<div class="wide facts">{_table(heads, rows, "What was run")}</div></section>'
 

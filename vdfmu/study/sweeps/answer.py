@@ -128,15 +128,16 @@ def _around(study: StudyTable, values: Floats, best: JudgedPoint) -> Iterator[st
     bad = [candidate for candidate in judged if candidate.state != GOOD]
     smallest = min((c.margin for c in judged if math.isfinite(c.margin)), default=math.nan)
     margins = f", with a modulus margin of {smallest:.2g} or more" if math.isfinite(smallest) else ""
+    alone = len(beside) == 1
+    beside_it = "neighbour in the grid is" if alone else f"{len(beside)} neighbours in the grid are"
     if not bad:
-        yield f"Its {len(beside)} neighbours in the grid are good too{margins}."
+        yield f"Its {beside_it} good too{margins}."
         return
     worst = next((c for c in bad if c.state == FAILED), bad[0])
-    count = "1 of" if len(bad) == 1 else f"{len(bad)} of"
-    yield (
-        f"{count} its {len(beside)} neighbours in the grid {'is' if len(bad) == 1 else 'are'} not good: "
-        f"point {worst.point} {_how(worst)}."
-    )
+    if len(bad) == 1:
+        beside_it = beside_it.replace(" are", " is")
+    begin = "Its" if alone else f"{len(bad)} of its"
+    yield f"{begin} {beside_it} not good: point {worst.point} {_how(worst)}."
 
 
 def _of_search(

@@ -199,7 +199,7 @@ def _key(order: Sequence[str], links: Iterable[tuple[Port, Port]], coupling: Cou
         for k, names in enumerate(named)
         if names
     )
-    key = f'<p class="note keys">Wires from: {" ".join(keys)}</p>'
+    key = f'<p class="note keys">Wires from: {" ".join(keys)}</p>' if sources else ""
     if not coupling.errors:
         return key
     shares = [coupling.wanted * factor for factor in (0.01, 0.1, 1.0, 10.0)]

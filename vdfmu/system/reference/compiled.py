@@ -241,4 +241,7 @@ class CompiledContinuous(CompiledRows):
 
 def no_finite_state(name: str, t: float) -> VdfmuError:
     """Return the error of a unit after a time [s]."""
-    return VdfmuError(f"The reference failed: {name} has no finite state after t = {t:.9g} s.")
+    return VdfmuError(
+        f"The reference failed: {name} has no finite state after t = {t:.9g} s, or is too stiff for its solver. "
+        "Take a shorter step, or run without the reference."
+    )

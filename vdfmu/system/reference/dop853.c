@@ -12,7 +12,8 @@
 enum { DOP_STAGES = 12, ROW = 16, MOST_STEPS = 100000 };
 
 /* Error of a step over the tolerance, a root mean square over the states. */
-static double error_of(const Tables *tables, const Problem *problem, const double *x, const double *moved, const double *k, size_t n, double h)
+static double error_of(const Tables *tables, const Problem *problem, const double *x, const double *moved,
+                       const double *k, size_t n, double h)
 {
     double fifth = 0.0, third = 0.0;
     for (size_t i = 0; i < n; i++) {

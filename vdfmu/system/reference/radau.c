@@ -165,13 +165,13 @@ static int invert(const double *slopes, size_t n, double real, double imaginary,
         double *rows[] = {a, b, p, q};
         for (int i = 0; i < 4; i++) swap(rows[i] + k * n, rows[i] + pivot * n, pivot == k ? 0 : n);
         double *a_k = a + k * n, *b_k = b + k * n, *p_k = p + k * n, *q_k = q + k * n;
-        double re = 1.0 - a_k[k] / most, im = b_k[k] / most; /* subtracted from a row, they divide it by the pivot */
+        double re = a_k[k] / most, im = -b_k[k] / most; /* of 1 / pivot */
         for (size_t j = 0; j < n; j++) {
             double x = a_k[j], y = b_k[j], u = p_k[j], v = q_k[j];
-            a_k[j] -= re * x - im * y;
-            b_k[j] -= re * y + im * x;
-            p_k[j] -= re * u - im * v;
-            q_k[j] -= re * v + im * u;
+            a_k[j] = re * x - im * y;
+            b_k[j] = re * y + im * x;
+            p_k[j] = re * u - im * v;
+            q_k[j] = re * v + im * u;
         }
         for (size_t i = 0; i < n; i++) {
             double f_re = a[i * n + k], f_im = b[i * n + k];

@@ -3,9 +3,9 @@
 The three references (communication points t_k, step h, inputs held over a step):
 
 - ``sampled``: an output with feedthrough is calculated from all values at t_k, for the step from t_k, and read in the
-same step. Ordered masters must reproduce this. - ``sampled-delayed``: every unit reads other outputs one sample late.
-Other sampled masters must reproduce this. - ``continuous``: only the units' sampled states are sampled. Both others
-tend to this as the step shrinks.
+  same step. Ordered masters must reproduce this.
+- ``sampled-delayed``: every unit reads other outputs one sample late. Other sampled masters must reproduce this.
+- ``continuous``: only the units' sampled states are sampled. Both others tend to this as the step shrinks.
 
 They use the wiring and the traced functions of the units, compiled if a compiler is installed. The tests compare these
 with plain numpy. It also runs units that cannot be traced. The solvers are scipy's, or compiled and checked by scipy's.

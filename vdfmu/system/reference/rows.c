@@ -67,8 +67,9 @@ static int move(const Tables *tables, Mover *mover, double t, double to)
 }
 
 /* Calculate rows of a sampled reference over intervals with held inputs, `every` intervals a row. Before the last
- * interval of a row, the memory is kept in `before` and the movers' steps in `steps`, after it the states in `after`. `parts` are calculated before,
- * between and after the movers. Return the number of intervals without a failure; set `*failed` to the mover. */
+ * interval of a row, the memory is kept in `before` and the movers' steps in `steps`, after it the states in `after`.
+ * `parts` are calculated before, between and after the movers. Return the number of intervals without a failure; set
+ * `*failed` to the mover. */
 SHOWN size_t sampled_rows(const Memory *memory, Mover *movers, size_t count, const Calculate *parts, const double *times,
                           const double *inputs, size_t rows, size_t every, double *before, int *steps, double *after,
                           double *out, size_t *failed)

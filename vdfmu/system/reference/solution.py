@@ -45,6 +45,8 @@ _STRETCH_WITH_EVENTS = 50
 """The same with events, each of which ends a solution."""
 _MOST_STEPS = 100_000
 """Most steps of scipy in a communication step or between rows, far more than a finite solution needs."""
+_MOST_REPEATED = 1000
+"""Most steps of the explicit method in an interval that is solved again; it is stiff if it needs more."""
 _LONGEST = 0.05
 """Longest step of the continuous reference [s], so that it does not miss a late motion."""
 
@@ -73,11 +75,13 @@ class _RightHandSide:
 class _Dop853:
     """The states of a right-hand side by scipy's method of order 8."""
 
-    def __init__(self, right: _RightHandSide, x: Floats, tolerances: dict[str, Any]) -> None:
+    def __init__(
+        self, right: _RightHandSide, x: Floats, tolerances: dict[str, Any], most_steps: int = _MOST_STEPS
+    ) -> None:
         self._right, self._x = right, x
         self.rate = right.__call__  # faster than a callable object
         ode = scipy_part("scipy.integrate._ode").ode(right)
-        ode.set_integrator("dop853", **tolerances, nsteps=_MOST_STEPS)
+        ode.set_integrator("dop853", **tolerances, nsteps=most_steps)
         ode.set_solout(lambda t, x: None)  # otherwise the solver continues after an error
         self._solver = ode._integrator
         self._solver.reset(x.size, False)
@@ -293,13 +297,23 @@ class ContinuousReference(_Solution):
     def _compiled(self, t: Floats, run: Mapping[str, Run], shown: Places) -> CompiledRows | None:
         if self._updates or self._system.outside or any(unit.switches for unit in self._system.units.values()):
             return None
-        self._x = self._states()
-        self._dop853 = _Dop853(self._right(run), self._x, _LONG)
+        self._rate, self._x = self._right(run), self._states()
+        self._dop853 = _Dop853(self._rate, self._x, _LONG, _MOST_REPEATED)
         return CompiledContinuous(self._system, shown, run, _DENSE, float(t[-1]), _LONGEST)
 
     def _by_scipy(self, rows: CompiledRows, k: int) -> tuple[Floats, int, dict[str, Any]]:
+        t, to = rows.intervals[k].tolist()
         self._x[:] = rows.before[k]
-        return self._x, self._dop853.solve(*rows.intervals[k].tolist()), SHORT
+        steps = self._dop853.solve(t, to)
+        if steps >= 0:
+            return self._x, steps, SHORT
+        from scipy.integrate import solve_ivp  # takes long to import
+
+        rate = lambda t, x: self._rate(t, x).copy()  # noqa: E731 # solve_ivp keeps it
+        solved = solve_ivp(rate, (t, to), rows.before[k], method="Radau", **_LONG)  # near an equilibrium LSODA is slow
+        if not solved.success:
+            raise VdfmuError(f"The continuous reference failed after t = {t:.9g} s: {solved.message}")
+        return solved.y[:, -1], len(solved.t) - 1, SHORT
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
         """See :meth:`_Solution.solve`."""
@@ -341,7 +355,7 @@ class ContinuousReference(_Solution):
     def _motion(self, inputs: Run, rate: _RightHandSide | None, x: Floats) -> Motion:
         """Return the motion of the states between events."""
         if rate is None or not any(unit.switches for unit in self._system.units.values()):
-            return lambda t, start, times: _solved(rate, t, float(times[-1]), start.copy(), times[:-1])
+            return lambda t, start, times: _solved(rate, t, float(times[-1]), start, times[:-1])
         states = x.copy()
 
         def advance(t: float, duration: float) -> None:
