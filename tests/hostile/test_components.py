@@ -65,7 +65,7 @@ def test_memory_is_limited(unit, monkeypatch):
 def test_a_unit_that_never_answers_is_ended_and_findings_that_it_wrote_are_bounded(unit, monkeypatch):
     monkeypatch.setattr(check_run, "SECONDS", 3.0)
     (problem,) = check_run.run_apart(unit(CODE["hang"])).problems
-    assert problem == "load of a run of 10 steps did not end within 3 s"
+    assert problem == "load in the test of a run of 10 steps did not end within 3 s"
     # The process is the unit's: it may write any findings.
     monkeypatch.setattr(check_run, "_ANSWER_LIMIT", 10)
 

@@ -212,7 +212,7 @@ class PlanOptions(SeedOptions, ScenarioOptions, VariantOptions, total=False):
         "loop of trajectory, controller and plant is the RMS and peak position error and the peak torque of each "
         "joint.",
         metavar="NAME=EXPRESSION", typed=TEXTS)]
-    record: Annotated[Sequence[str], Option("Signals to store over time: 'plant.q[*]'. Repeatable.", "sequence of str",
+    record: Annotated[Sequence[str], Option("Signals to store in full: 'plant.q[*]'. Repeatable.", "sequence of str",
         "The table has a list for each point.", (), metavar="SIGNAL", typed=TEXTS)]
     engine: Annotated[str | None, Option(
         "batch runs several points at once.", choices=ENGINES,

@@ -168,5 +168,5 @@ def test_the_solver_of_a_state_looks_up_too(tmp_path):
 
 
 def test_a_table_over_time_in_derivatives_is_refused(tmp_path):
-    with pytest.raises(UnitError, match="reads a table by lookup, and the time"):
+    with pytest.raises(UnitError, match="depends on the time and reads a table by lookup"):
         build_fmus(None, tmp_path, units=[FedByTime])

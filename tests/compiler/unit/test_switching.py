@@ -178,7 +178,7 @@ def test_one_pulse_in_a_long_step_counts(motor, function, integral):
 @pytest.mark.parametrize(("function", "reason"), [
     ("where(np.sin(self.t) > 0.9, 1.0, 0.0)", "a condition is not linear in time"),
     ("np.floor(self.t**2)", "a condition is not linear in time"),
-    ("lookup(self.t, np.arange(3.0), np.arange(2.0))", "it reads a table by lookup, and the time"),
+    ("lookup(self.t, np.arange(3.0), np.arange(2.0))", "it depends on the time and reads a table by lookup"),
 ])  # fmt: skip
 def test_what_cannot_be_located_is_refused(motor, tmp_path, function, reason):
     with pytest.raises(UnitError, match=rf"motor\.py, line \d+: derivatives\(\) of One may switch by time: {reason}"):

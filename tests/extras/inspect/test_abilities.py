@@ -23,7 +23,7 @@ XML = """<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>"""
 BROKEN = (
     None,
-    r"the process crashed \(signal 11\) in setReal, in the test of the calls that it declares",
+    r"the process crashed \(signal 11\) in setReal in the test of the calls that it declares",
     "FMU state .canGetAndSetFMUState.: FMU failed .* in getFMUstate: this unit has no state",
     "repeated from the saved state, gives y = ",
     "FMU state .canSerializeFMUState.: FMU failed .* in deSerializeFMUstate: the bytes are of another version",

@@ -186,7 +186,7 @@ class Phase:
         """Return a function of a unit, wrapped so that it is noted while it runs."""
 
         def watched(*arguments: Any) -> Any:
-            self._note(f"{call}, in the test of {self._task}")
+            self._note(f"{call} in the test of {self._task}")
             try:
                 return function(*arguments)
             finally:
