@@ -85,7 +85,7 @@ def test_a_public_function_documents_its_parameters_and_what_it_returns(function
         assert parameter not in ("step", "stop", "start", "time_limit") or not kind or "[s]" in kind, parameter
     if signature.parameters and "Generator" not in str(signature.return_annotation):
         assert "Returns\n-------" in text and (
-            "Raises\n------" in text or re.search("errors as |with (its|the same) errors|errors: see", text)
+            "Raises\n------" in text or re.search("errors as of|with its errors|errors: see", text)
         )
 
 

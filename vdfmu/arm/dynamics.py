@@ -61,7 +61,7 @@ def forward_dynamics(
 ) -> Floats:
     """Joint accelerations of the rigid arm by the articulated recursion, Eq. (44)-(47) solved for them.
 
-    The inverse of :func:`inverse_dynamics`, with the same errors.
+    The inverse of :func:`inverse_dynamics`, with its errors.
 
     Parameters
     ----------

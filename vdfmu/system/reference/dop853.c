@@ -43,8 +43,8 @@ static void combine(double *x, const double *start, const double *weights, const
     for (size_t i = 0; i < n; i++) x[i] = start[i] + h * x[i];
 }
 
-/* Move the states `x` from `t` to `to`, at first by a step `h`. `rate` reads `x` and sets `x_dot`.
- * `work` has room for 14 n numbers. Return the number of accepted steps, or FAILED without a finite solution. */
+/* Move the states `x` from `t` to `to`, at first by a step `h`. Return the number of accepted steps, or FAILED
+ * without a finite solution. */
 int dop853(const Tables *tables, const Problem *problem, double t, double to, double h)
 {
     size_t n = problem->n;

@@ -176,25 +176,25 @@ class _Solution:
     def _states(self) -> Floats:
         return self._system.memory[self._system.x]
 
-    def _by_scipy(self, rows: Any, k: int) -> tuple[Floats, int, dict[str, Any]]:
-        """Return the states after an interval of a block, the steps to there and the tolerances, by scipy."""
+    def _by_scipy(self, rows: Any, k: int) -> tuple[Floats, int]:
+        """Return the states after an interval of a block, and the steps to there, by scipy."""
         raise NotImplementedError
 
     def repeat(self, back: int) -> None:
         """Solve the interval before the row `back` rows ago by scipy too, if it was solved in compiled code.
 
-        VdfmuError for a difference of more than 10 times the tolerance, of a norm over all states in each step. Where a
-        speed changes its sign, friction makes the errors of both some times as large as they estimate.
+        VdfmuError for a difference of more than 10 times the tolerance `SHORT`, of a norm over all states in each step.
+        Where a speed changes its sign, friction makes the errors of both some times as large as they estimate.
         """
         if self._rows is None:
             return
         memory = self._system.memory.copy()
         k, rows = -1 - back, self._rows
         t, to = rows.intervals[k].tolist()
-        x, steps, tolerances = self._by_scipy(rows, k)
+        x, steps = self._by_scipy(rows, k)
         self._system.memory[:] = memory
         apart = np.abs(rows.after[k] - x)
-        allowed = 10.0 * (steps + 1) * math.sqrt(x.size) * (tolerances["atol"] + tolerances["rtol"] * np.abs(x))
+        allowed = 10.0 * (steps + 1) * math.sqrt(x.size) * (SHORT["atol"] + SHORT["rtol"] * np.abs(x))
         if np.any(apart > allowed):
             raise VdfmuError(
                 f"The reference failed: from t = {t:.9g} s to {to:.9g} s its compiled solver and scipy's differ by "
@@ -261,12 +261,12 @@ class SampledReference(_Solution):
             move(begin, end)
             outputs(end)
 
-    def _by_scipy(self, rows: CompiledSampled, k: int) -> tuple[Floats, int, dict[str, Any]]:
+    def _by_scipy(self, rows: CompiledSampled, k: int) -> tuple[Floats, int]:
         self._system.memory[:] = rows.before[k]
         for mover, steps in zip(self._scipy_movers, rows.steps[k].tolist(), strict=True):
             mover.steps = steps
         self._step(*rows.intervals[k].tolist())
-        return self._states(), max(mover.steps for mover in self._scipy_movers), SHORT
+        return self._states(), max(mover.steps for mover in self._scipy_movers)
 
 
 class ContinuousReference(_Solution):
@@ -301,19 +301,19 @@ class ContinuousReference(_Solution):
         self._dop853 = _Dop853(self._rate, self._x, _LONG, _MOST_REPEATED)
         return CompiledContinuous(self._system, shown, run, _DENSE, float(t[-1]), _LONGEST)
 
-    def _by_scipy(self, rows: CompiledRows, k: int) -> tuple[Floats, int, dict[str, Any]]:
+    def _by_scipy(self, rows: CompiledRows, k: int) -> tuple[Floats, int]:
         t, to = rows.intervals[k].tolist()
         self._x[:] = rows.before[k]
         steps = self._dop853.solve(t, to)
         if steps >= 0:
-            return self._x, steps, SHORT
+            return self._x, steps
         from scipy.integrate import solve_ivp  # takes long to import
 
         rate = lambda t, x: self._rate(t, x).copy()  # noqa: E731 # solve_ivp keeps it
         solved = solve_ivp(rate, (t, to), rows.before[k], method="Radau", **_LONG)  # near an equilibrium LSODA is slow
         if not solved.success:
             raise VdfmuError(f"The continuous reference failed after t = {t:.9g} s: {solved.message}")
-        return solved.y[:, -1], len(solved.t) - 1, SHORT
+        return solved.y[:, -1], len(solved.t) - 1
 
     def solve(self, t: Floats, run: Mapping[str, Run]) -> Iterator[None]:
         """See :meth:`_Solution.solve`."""
